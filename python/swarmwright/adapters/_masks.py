@@ -5,7 +5,7 @@ is allowed and 0 for others, beside what is observed.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from gymnasium import spaces
@@ -39,7 +39,7 @@ def mask_width(observations: Any, actions: Any) -> int:  # noqa: ANN401 - spaces
 def mask_reader(
     observations: Any,  # noqa: ANN401 - as above
     actions: Any,  # noqa: ANN401
-    refuse: Callable[[Any], None],
+    refuse: Callable[[Any], NoReturn],
 ) -> Callable[[Any], Allowed | None]:
     """Return what reads the choices that an observation allows; None stands for all.
 
