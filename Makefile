@@ -126,7 +126,7 @@ test-python test-quick: $(VENV)/.engine $(VENV)/.dev protocol/node_modules/.pack
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
 	[ -e /usr/include/yaml-cpp/yaml.h ] || { $(call install,libyaml-cpp-dev); }
-	$(PYTEST) $(if $(filter test-quick,$@),-m "not long and not slow") tests/python tests/protocol
+	$(PYTEST) $(if $(filter test-quick,$@),-m "not long and not slow") tests/python tests/protocol tests/typing
 
 test-peers: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built $(JAVASCRIPT) $(GO)
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }

@@ -147,6 +147,18 @@ class Hold(sw.Simulation):
         return {"moved": float(self.x.sum())}
 
 
+class Calm(Hold):
+    """Agents that hardly drift; attributes in other forms than the base class has."""
+
+    parameters: ClassVar[Mapping[str, sw.Parameter]] = {  # type: ignore[misc] # pyright: ignore[reportIncompatibleVariableOverride]
+        "drift": sw.Parameter(0.01)
+    }
+
+    @property
+    def frame_seconds(self) -> float:  # type: ignore[override] # pyright: ignore[reportIncompatibleVariableOverride]
+        return 0.2
+
+
 def settings_of(experiment: sw.Experiment) -> list[float]:
     """Return options of kinds that are known."""
     found: list[float] = [experiment.method.generations]
