@@ -7,11 +7,13 @@ import numbers
 import operator
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
+from swarmwright.core.untrusted import one_line
 
 _LARGEST_SEED = 2**63 - 1
 """Of an experiment."""
@@ -61,14 +63,14 @@ def path_of(name: str, given: object, what: str) -> Path:
             raise InputError(f"{name}: a path cannot hold the character NUL, as {shown(path)} does")
         if isinstance(path, str):
             return Path(path)
-    raise InputError(f"{name}: must be the path of {what}, not {_shown(given)}")
+    raise InputError(f"{name}: must be the path of {what}, not {described(given)}")
 
 
 def text(name: str, given: object, what: str) -> str:
     """Return an argument that is a text. Raises InputError for others; what: it is, as "a name"."""
     if isinstance(given, str):
         return str(given)
-    raise InputError(f"{name}: must be {what}, not {_shown(given)}")
+    raise InputError(f"{name}: must be {what}, not {described(given)}")
 
 
 def integer(name: str, given: object) -> int:
@@ -79,7 +81,7 @@ def integer(name: str, given: object) -> int:
             return operator.index(found)
         except TypeError:
             pass
-    raise InputError(f"{name}: must be an integer, not {_shown(given)}")
+    raise InputError(f"{name}: must be an integer, not {described(given)}")
 
 
 def simulation_seed(name: str, given: object) -> int:
@@ -95,14 +97,14 @@ def number(name: str, given: object) -> float:
     found: Any = given
     if _is_finite(given):
         return found if type(found) in {int, float} else float(found)
-    raise InputError(f"{name}: must be a finite number, not {_shown(given)}")
+    raise InputError(f"{name}: must be a finite number, not {described(given)}")
 
 
 def flag(name: str, given: object) -> bool:
     """Return an argument that is True or False, also NumPy's. Raises InputError for others."""
     if isinstance(given, bool) or type(given).__name__ in {"bool", "bool_"}:
         return bool(given)
-    raise InputError(f"{name}: must be True or False, not {_shown(given)}")
+    raise InputError(f"{name}: must be True or False, not {described(given)}")
 
 
 def function(name: str, given: object, arguments: Sequence[str]) -> Callable[..., Any]:
@@ -112,7 +114,7 @@ def function(name: str, given: object, arguments: Sequence[str]) -> Callable[...
     """
     expected = f"{name}: must be a function that takes ({', '.join(arguments)})"
     if not callable(given):
-        raise InputError(f"{expected}, not {_shown(given)}")
+        raise InputError(f"{expected}, not {described(given)}")
     try:
         signature = inspect.signature(given)
     except (TypeError, ValueError):  # one that is written in C
@@ -138,7 +140,7 @@ def mapping(name: str, given: object, instead: str) -> Mapping[Any, Any]:
     """Return an argument that is a mapping. Raises InputError for others; instead: what to write."""
     if isinstance(given, Mapping):
         return given
-    raise InputError(f"{name}: must be a mapping, not {_shown(given)}; write {instead}")
+    raise InputError(f"{name}: must be a mapping, not {described(given)}; write {instead}")
 
 
 def listed(name: str, given: object, what: str) -> None:
@@ -147,22 +149,24 @@ def listed(name: str, given: object, what: str) -> None:
     A text would be taken for its characters. what: its items, as "run folders".
     """
     if isinstance(given, str | os.PathLike):
-        raise InputError(f"{name}: must be a list of {what}, not {_shown(given)}; write [{str(given)!r}]")
+        raise InputError(f"{name}: must be a list of {what}, not {described(given)}; write [{str(given)!r}]")
     if isinstance(given, bytes | Mapping) or not isinstance(given, Iterable):
-        raise InputError(f"{name}: must be a list of {what}, not {_shown(given)}")
+        raise InputError(f"{name}: must be a list of {what}, not {described(given)}")
 
 
 def instance(name: str, given: object, kind: type, instead: str) -> None:
     """Raise InputError unless an argument is of a class; instead: what to write, as "Run.open(folder)"."""
     if not isinstance(given, kind):
         raise InputError(
-            f"{name}: must be of the class {kind.__name__}, not {_shown(given)}; write {instead}"
+            f"{name}: must be of the class {kind.__name__}, not {described(given)}; write {instead}"
         )
 
 
-def _shown(given: object) -> str:
-    if given is None or isinstance(given, str | int | float | list | dict):
-        return shown(given)
+def described(given: object) -> str:
+    """Return what an object is, in a line: short values as they are written, others by their class."""
+    with suppress(Exception):  # a representation may fail, as that of an integer of 5,000 digits does
+        if given is None or isinstance(given, str | int | float | list | dict):
+            return one_line(shown(given))
     return f"an object of the class {type(given).__name__}"
 
 
@@ -183,7 +187,7 @@ def _servers(name: str, given: object) -> object:
         return integer(name, given)
     except InputError:
         raise InputError(
-            f"{name}: must be auto, local, in-process or a number from 1 on, not {_shown(given)}"
+            f"{name}: must be auto, local, in-process or a number from 1 on, not {described(given)}"
         ) from None
 
 
@@ -191,19 +195,19 @@ def _wait(name: str, given: object) -> float:
     found: Any = given
     if _is_finite(given) and found >= 0:
         return float(found)
-    raise InputError(f"{name}: is {given!r}, expected seconds: a finite number, at least 0")
+    raise InputError(f"{name}: is {described(given)}, expected seconds: a finite number, at least 0")
 
 
 def _axis(name: str, given: object) -> object:
     if isinstance(given, str) and given in {"evaluations", "generations"}:
         return given
-    raise InputError(f"{name}: must be one of evaluations, generations, not {_shown(given)}")
+    raise InputError(f"{name}: must be one of evaluations, generations, not {described(given)}")
 
 
 def _simulation(name: str, given: object) -> object:
     if isinstance(given, str | type):
         return given
-    raise InputError(f"{name}: must be a class, or 'FILE:Class', not {_shown(given)}")
+    raise InputError(f"{name}: must be a class, or 'FILE:Class', not {described(given)}")
 
 
 def _each(check: Callable[..., object], names: str, *more: object) -> dict[str, Callable[..., object]]:

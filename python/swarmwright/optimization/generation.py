@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmwright.core.arguments import described
 from swarmwright.core.errors import InputError
 from swarmwright.core.formatting import duration
 from swarmwright.core.statistics import figures_of, summarize
-from swarmwright.core.untrusted import one_line
 from swarmwright.experiment.budget import Budget, Limit
 from swarmwright.optimization.ahead import Produced
 from swarmwright.store import Evaluated
@@ -113,7 +113,8 @@ def goes_on(returned: object) -> bool:
     """
     if returned is None or isinstance(returned, bool | np.bool_):
         return returned is None or bool(returned)
+    what = described(returned)
     if inspect.iscoroutine(returned):
+        what = f"a coroutine, {returned.__qualname__}, which would not be awaited"
         returned.close()
-    shown = one_line(repr(returned))
-    raise InputError(f"on_generation: returned {shown}; return False to end the run, or else True or None")
+    raise InputError(f"on_generation: returned {what}; return False to end the run, or else True or None")

@@ -38,6 +38,31 @@ def test_asynchronous_callbacks_are_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+class Unprintable:
+    """As some proxies of other libraries."""
+
+    def __repr__(self) -> str:
+        raise ValueError("not available")
+
+
+@pytest.mark.parametrize(
+    ("returned", "words"),
+    [
+        ("x" * 100_000, f"'{'x' * 56}..."),
+        (np.zeros((1000, 1000)), "an object of the class ndarray"),
+        (Unprintable(), "an object of the class Unprintable"),
+        ([Unprintable()], "an object of the class list"),
+        (10**5000, "an object of the class int"),
+    ],
+    ids=["long", "array", "unprintable", "list", "digits"],
+)
+def test_anything_that_a_callback_returns_is_named_shortly(returned: Any, words: str, tmp_path: Path) -> None:
+    words = f"on_generation: returned {words}; return False to end the run, or else True or None"
+    with pytest.raises(InputError, match=f"^{re.escape(words)}$"):
+        optimize(HERE, lambda _: returned, out=tmp_path / "run")
+    assert Run.open(tmp_path / "run").sessions[-1].outcome == words
+
+
 @pytest.mark.parametrize("returned", [0, 1, "no", 0.0, []])
 def test_what_a_callback_returns_is_checked(returned: Any, tmp_path: Path) -> None:
     words = f"on_generation: returned {returned!r}; return False to end the run, or else True or None"
@@ -52,7 +77,7 @@ def test_what_a_callback_returns_is_checked(returned: Any, tmp_path: Path) -> No
 
 def test_a_coroutine_that_a_callback_returns_is_closed(tmp_path: Path) -> None:
     wrong: Any = lambda generation: asynchronous(generation)  # noqa: E731, PLW0108 - no coroutine function
-    with pytest.raises(InputError, match=r"^on_generation: returned <coroutine object asynchronous"):
+    with pytest.raises(InputError, match=r"^on_generation: returned a coroutine, asynchronous, which would"):
         optimize(HERE, wrong, out=tmp_path / "run")
 
 
