@@ -29,7 +29,7 @@ class TensorBoard(Callback):
     """
 
     def __init__(self, folder: str | PathLike[str], experiment: "Experiment | None" = None) -> None:
-        path_of("folder", folder, "a folder for event files")
+        path = path_of("folder", folder, "a folder for event files")
         try:
             from tensorboardX import SummaryWriter
         except ImportError:
@@ -38,9 +38,9 @@ class TensorBoard(Callback):
                 "pip install 'swarmwright[tensorboard]'"
             ) from None
         try:
-            self._writer = SummaryWriter(str(folder))
+            self._writer = SummaryWriter(str(path))
         except OSError as error:
-            raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from error
         if experiment is not None:
             lines = dump(experiment.to_mapping()).splitlines()
             self._writer.add_text("experiment", "\n".join(f"    {line}" for line in lines))

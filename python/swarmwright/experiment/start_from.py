@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Container, Iterator, Mapping, Sequence
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,8 @@ def entries(value: Any, folder: Path) -> list[Entry]:  # noqa: ANN401 - whatever
 
     Raises InputError when one cannot be read.
     """
-    if isinstance(value, str | Path):
-        return [_of_path(folder / value, str(value))]
+    if isinstance(value, str | PathLike):
+        return [_of_path(folder / value, fspath(value))]
     if isinstance(value, Mapping):
         return [_of_mapping(value, folder)]
     if isinstance(value, Sequence) and value:
@@ -42,14 +43,15 @@ def entries(value: Any, folder: Path) -> list[Entry]:  # noqa: ANN401 - whatever
 
 
 def _of_mapping(value: Mapping[str, Any], folder: Path) -> Entry:
-    if isinstance(value.get("run"), str | Path) and value.keys() <= _OF_RUN:
+    run = value.get("run")
+    if isinstance(run, str | PathLike) and value.keys() <= _OF_RUN:
         numbers = [value.get("candidate"), value.get("generation")]
         if any(
             one is not None and (isinstance(one, bool) or not isinstance(one, int) or one < 0)
             for one in numbers
         ):
             raise InputError("generation and candidate must be numbers from 0 on")
-        return _of_run(folder / value["run"], str(value["run"]), *numbers)
+        return _of_run(folder / run, fspath(run), *numbers)
     if isinstance(value.get("architecture"), Mapping) and isinstance(value.get("weights"), list):
         return dict(value)
     raise InputError("a mapping is written {run: PATH, generation: G, candidate: N}, the last two as wanted")

@@ -207,6 +207,16 @@ def test_options_of_the_program(program: Any, uri: str, tmp_path: Path) -> None:
     assert run.state == "done"
 
 
+def test_a_folder_that_is_a_path_of_another_class(tmp_path: Path) -> None:
+    class Other:
+        def __fspath__(self) -> str:
+            return str(tmp_path / "logs")
+
+    with callbacks.TensorBoard(Other()):
+        pass
+    assert list((tmp_path / "logs").iterdir())
+
+
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):

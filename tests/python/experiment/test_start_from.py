@@ -45,6 +45,15 @@ def test_the_first_candidate_is_the_given_one(where: str, first: Run, tmp_path: 
     assert run.record.genomes[1:12].tobytes() == usual[1:12].tobytes(), "the others are as ever"
 
 
+def test_paths_of_other_classes(first: Run) -> None:
+    class Other:
+        def __fspath__(self) -> str:
+            return str(first.path)
+
+    for given in (Other(), {"run": Other()}, first.path, [Other()]):
+        assert experiment(start_from=given).start_from == experiment(start_from=str(first.path)).start_from
+
+
 def test_several_take_the_first_places(first: Run, tmp_path: Path) -> None:
     given = [{"run": str(first.path), "generation": 0, "candidate": 3}, str(first.path / "best.json")]
     run = optimize(experiment(start_from=given), out=tmp_path / "run")
