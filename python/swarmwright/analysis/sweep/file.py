@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeGuard
 
 from swarmwright.analysis.sweep.effect import require_effect
 from swarmwright.analysis.sweep.variants import MOST_RUNS, Variant, variants_of
@@ -148,7 +148,7 @@ def _seeds(source: Source) -> tuple[int, ...]:
     seeds = source.values.get("seeds", _SEEDS)
     if _whole(seeds) and 1 <= seeds <= MOST_RUNS:
         return tuple(range(1, seeds + 1))
-    if isinstance(seeds, list) and seeds and all(_whole(seed) and seed >= 0 for seed in seeds):
+    if are_seeds(seeds):
         counts = Counter(seeds)
         if len(counts) < len(seeds):
             twice = next(seed for seed, count in counts.items() if count > 1)
@@ -161,6 +161,11 @@ def _seeds(source: Source) -> tuple[int, ...]:
         f"{source.place(('seeds',))}must be a number of seeds, from 1 on, or a list of seeds, which are "
         f"whole numbers from 0 on, not {shown(seeds)}"
     )
+
+
+def are_seeds(value: Any) -> TypeGuard[list[int]]:  # noqa: ANN401 - whatever a file says
+    """Return whether a value is a list of seeds, of which some may be the same."""
+    return isinstance(value, list) and bool(value) and all(_whole(seed) and seed >= 0 for seed in value)
 
 
 def _whole(value: Any) -> bool:  # noqa: ANN401 - whatever the file says

@@ -12,12 +12,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from swarmwright.analysis.sweep.file import Sweep
+from swarmwright.analysis.sweep.recorded import with_names
 from swarmwright.analysis.sweep.run import Task
+from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_whole
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.experiment.experiment import ELSEWHERE
 from swarmwright.store.folder import SWEEP
-from swarmwright.user_code.copying import display_name
 
 _LEFT_OUT = (ELSEWHERE - {"validate"}) | {"seed"}
 
@@ -39,7 +40,7 @@ def write(sweep: Sweep, tasks: Sequence[Task]) -> None:
 
 
 def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
-    experiments = [_kept(one.experiment) for one in sweep.variants]
+    experiments = [_kept(one) for one in sweep.variants]
     first = experiments[0]
     common = {
         key: value
@@ -66,7 +67,8 @@ def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
     }
 
 
-def _kept(experiment: Experiment) -> dict[str, Any]:
+def _kept(variant: Variant) -> dict[str, Any]:
+    """Return what the record has of a variant: a sweep that is repeated by it keeps the names of code."""
+    experiment = variant.experiment
     kept = {key: value for key, value in experiment.to_mapping().items() if key not in _LEFT_OUT}
-    # A sweep that is repeated by its record has the copies of its runs' code, each variant another one.
-    return {**kept, "simulation": display_name(kept["simulation"])}
+    return with_names(kept, variant.names)

@@ -1,32 +1,55 @@
 """Sweeps that are repeated or completed by the record that they wrote beside their runs, `sweep.json`."""
 
 import dataclasses
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from swarmwright.analysis.sweep.effect import leaves, value_at
+from swarmwright.analysis.sweep.file import are_seeds
 from swarmwright.analysis.sweep.run import comparable
 from swarmwright.analysis.sweep.variants import Variant
-from swarmwright.analysis.sweep_folders import names_of, no_record
+from swarmwright.analysis.sweep_folders import names_of
 from swarmwright.core.errors import InputError
+from swarmwright.core.modules import is_in_file
+from swarmwright.core.simulation_names import is_python
 from swarmwright.core.yaml import dotted_path
-from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.settings import parse_settings
-from swarmwright.runs.code import used_for
+from swarmwright.runs.code import copy_of, used_for
 from swarmwright.runs.edits import differences
 from swarmwright.runs.run import Run
 from swarmwright.store import FILE as STORE
-from swarmwright.user_code.copying import display_name
+from swarmwright.user_code.copying import digest_of, display_name
+from swarmwright.user_code.permission import require_file, require_named
 
-_Copies = dict[tuple[str, str], str]
-"""Names of simulations, by what they are called and the SHA-256 of their code."""
+_MODULES = ("behaviours", "conditions")
+"""Options of a controller that name modules, which may be in files."""
+
+
+@dataclass
+class _Code:
+    """The code of the runs beside a record."""
+
+    used: dict[str, str] = field(default_factory=dict)
+    """What is used of simulations, behaviours and conditions, by what the record calls them."""
+    runs: dict[str, tuple[str, Run]] = field(default_factory=dict)
+    """The SHA-256 of a simulation's code, and a run that was computed with it, likewise."""
+    copies: dict[tuple[str, str], str] = field(default_factory=dict)
+    """Simulations that are used, by what people call them and their code: equal ones are one simulation."""
 
 
 def is_record(values: Any) -> bool:  # noqa: ANN401 - whatever a file says
     """Return whether a file is the record of a sweep, rather than a sweep file."""
-    return isinstance(values, Mapping) and "variants" in values
+    return (
+        isinstance(values, Mapping)
+        and "variants" in values
+        and ("settings" in values or isinstance(values["variants"], list))
+        and not values.keys() & {"grid", "out"}
+    )
 
 
 def sweep_of(
@@ -34,8 +57,9 @@ def sweep_of(
 ) -> dict[str, Any]:
     """Return the fields of a `Sweep`, as the record of one has them.
 
-    A variant is what its runs beside the record hold, with the code that they were computed with; the record
-    alone where there are none.
+    A variant is what its runs beside the record hold, with the code that they were computed with. One without
+    a run is what the record says, with the code of other variants' runs; without any, with the code that the
+    record names, if that is trusted.
 
     Args:
         file: the record.
@@ -45,41 +69,87 @@ def sweep_of(
 
     Raises:
         InputError: the file is not such a record, a variant cannot be used here, its code is not trusted, a
-            run is not of its variant, or a setting would make variants the same.
+            run is not of its variant, runs were computed with different code, or a setting would make
+            variants the same.
     """
     settings = tuple(settings)
     try:
-        seeds = tuple(map(int, values["seeds"]))
-        earlier = tuple(map(str, values["settings"]))
+        seeds = _seeds(values["seeds"])
+        earlier = _texts(values["settings"], "settings")
         name = None if values["file"] is None else Path(values["file"])
         found = [
             (
                 str(one["label"]),
                 _folder(names_of(one["runs"]), seeds),
                 {**values["experiment"], **one["experiment"]},
-                tuple(map(str, one.get("keys", ()))),  # earlier versions did not write them
+                _texts(one.get("keys", []), "keys"),  # earlier versions did not write them
             )
             for one in values["variants"]
         ]
         if not found:
             raise ValueError("variants: none")
     except (ValueError, KeyError, TypeError, IndexError) as error:
-        raise no_record(file) from error
-    copies: _Copies = {}
-    variants = []
-    for label, folder, kept, keys in found:
-        folders = [file.parent / f"{folder}-{seed}" for seed in seeds]
+        what = f"without the key {error}" if isinstance(error, KeyError) else error
+        raise InputError(
+            f"{file}: is not a record of a sweep as Swarmwright writes it ({what}); start the sweep with its "
+            "sweep file"
+        ) from error
+    runs = [_first(file.parent / f"{folder}-{seed}" for seed in seeds) for _, folder, *_ in found]
+    code = _Code()
+    variants: dict[int, Variant] = {}
+    for place in sorted(range(len(found)), key=lambda place: runs[place] is None):
+        label, folder, kept, keys = found[place]
+        run = runs[place]
         try:
-            variants.append(Variant(label, folder, _experiment(folders, kept, copies), keys=keys))
+            recorded = Experiment.unasked(kept)
+            experiment = _without_run(kept, recorded, code) if run is None else _of_run(run, recorded, code)
+            experiment.check_new()
         except InputError as error:
             raise InputError(f"{file}: {label}: {error}") from error
+        called = dict(zip(_names(experiment), _names(recorded), strict=True))
+        variants[place] = Variant(label, folder, experiment, keys=keys, names=called)
     return {
-        "variants": _changed(variants, settings),
+        "variants": _changed(file, [variants[place] for place in range(len(found))], settings),
         "seeds": seeds,
         "out": out or file.parent,
         "file": name,
         "settings": (*earlier, *settings),
     }
+
+
+def with_names(values: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    """Return the keys of an experiment with other names of its simulation, behaviours and conditions."""
+    changed = {**values, "simulation": _named(values["simulation"], names)}
+    controller = values.get("controller")
+    if isinstance(controller, Mapping):
+        lists = {key: controller[key] for key in _MODULES if isinstance(controller.get(key), list)}
+        changed["controller"] = {
+            **controller,
+            **{key: [_named(one, names) for one in found] for key, found in lists.items()},
+        }
+    return changed
+
+
+def _named(name: Any, names: Mapping[str, str]) -> Any:  # noqa: ANN401 - whatever a file says
+    return names.get(name, name) if isinstance(name, str) else name
+
+
+def _names(experiment: Experiment) -> list[str]:
+    """Return the names of an experiment's simulation, behaviours and conditions."""
+    lists = (getattr(experiment.controller, key, None) for key in _MODULES)
+    return [experiment.simulation, *(name for one in lists if isinstance(one, list | tuple) for name in one)]
+
+
+def _seeds(seeds: Any) -> tuple[int, ...]:  # noqa: ANN401 - whatever a file says
+    if not are_seeds(seeds) or len(set(seeds)) < len(seeds):
+        raise ValueError("seeds: not a list of different whole numbers from 0 on")
+    return tuple(seeds)
+
+
+def _texts(texts: Any, key: str) -> tuple[str, ...]:  # noqa: ANN401 - whatever a file says
+    if not isinstance(texts, list) or not all(isinstance(one, str) for one in texts):
+        raise ValueError(f"{key}: not a list of texts")
+    return tuple(texts)
 
 
 def _folder(names: Sequence[str], seeds: Sequence[int]) -> str:
@@ -90,20 +160,31 @@ def _folder(names: Sequence[str], seeds: Sequence[int]) -> str:
     return folder
 
 
-def _experiment(folders: Iterable[Path], values: Mapping[str, Any], copies: _Copies) -> Experiment:
-    """Return the experiment of a variant.
+def _without_run(values: Mapping[str, Any], recorded: Experiment, code: _Code) -> Experiment:
+    """Return the experiment of a variant without a run.
 
     Args:
-        folders: of its runs.
         values: of the record.
-        copies: of code that other variants use; equal ones are one simulation, with the same servers.
+        recorded: the same, without its code.
+        code: of other variants' runs.
+
+    Raises InputError where code that the record names is not trusted, or the experiment cannot be used.
     """
-    run = _first(folders)
-    if run is None:
-        experiment = Experiment.from_mapping(values)
-        experiment.check_new()
-        return experiment
-    recorded = Experiment.unasked(values)
+    simulation, *modules = _names(recorded)
+    if simulation not in code.used and is_python(simulation):
+        require_named(simulation)
+    for name in modules:
+        if name not in code.used and is_in_file(name):
+            require_file(name)
+    return Experiment.from_mapping(with_names(values, code.used))
+
+
+def _of_run(run: Run, recorded: Experiment, code: _Code) -> Experiment:
+    """Return the experiment of a variant as a run of it holds it, and note its code.
+
+    Raises InputError where the run is of another experiment, its code is not trusted, or was not that of
+    other runs of the simulation.
+    """
     differing = [
         one for one in differences(comparable(run.experiment), comparable(recorded)) if one.key != "seed"
     ]
@@ -114,13 +195,21 @@ def _experiment(folders: Iterable[Path], values: Mapping[str, Any], copies: _Cop
         )
     experiment = used_for(run)
     simulation = experiment.simulation
-    if run.code:
-        key = display_name(simulation), run.code[max(run.code)]
-        simulation = copies.setdefault(key, simulation)
+    copy = copy_of(run)
+    if copy is not None and "simulation" in copy.parts:
+        digest = digest_of({"simulation": copy.parts["simulation"].digests})
+        known, other = code.runs.setdefault(recorded.simulation, (digest, run))
+        if known != digest:
+            raise InputError(
+                f"{run.path}: the code of {display_name(simulation)} is not that of {other.path}. Runs of "
+                "different code cannot be compared; move those of one of the two elsewhere"
+            )
+        simulation = code.copies.setdefault((display_name(simulation), digest), simulation)
     experiment = dataclasses.replace(
         experiment, simulation=simulation, validate=recorded.validate, seed=recorded.seed
     )
-    experiment.check_new()
+    for name, used in zip(_names(recorded), _names(experiment), strict=True):
+        code.used.setdefault(name, used)
     return experiment
 
 
@@ -133,7 +222,7 @@ def _first(folders: Iterable[Path]) -> Run | None:
     return None
 
 
-def _changed(variants: Sequence[Variant], settings: Sequence[str]) -> tuple[Variant, ...]:
+def _changed(file: Path, variants: Sequence[Variant], settings: Sequence[str]) -> tuple[Variant, ...]:
     """Return variants with settings. Raises InputError where these concern what differs between them."""
     experiments = [one.experiment for one in variants]
     for setting in parse_settings(settings):
@@ -143,12 +232,23 @@ def _changed(variants: Sequence[Variant], settings: Sequence[str]) -> tuple[Vari
                     f"{setting.text}: the variants of this sweep differ in {dotted_path(leaf)}; leave it "
                     "out, or change a copy of the sweep file"
                 )
-    changed = tuple(
-        dataclasses.replace(one, experiment=one.experiment.with_settings(settings)) for one in variants
-    )
-    if len({one.experiment for one in changed}) < len(changed):
-        raise InputError(
-            f"{', '.join(settings)}: several variants of this sweep would be the same experiment; leave it "
-            "out, or change a copy of the sweep file"
-        )
-    return changed
+    found: dict[str, Variant] = {}
+    for one in variants:
+        changed = dataclasses.replace(one, experiment=one.experiment.with_settings(settings))
+        same = found.setdefault(_asked(changed.experiment), changed)
+        if same is changed:
+            continue
+        if settings:
+            raise InputError(
+                f"{', '.join(settings)}: several variants of this sweep would be the same experiment; leave "
+                "it out, or change a copy of the sweep file"
+            )
+        raise InputError(f"{file}: two variants are the same experiment: {same.label}, {one.label}")
+    return tuple(found.values())
+
+
+def _asked(experiment: Experiment) -> str:
+    """Return what an experiment asks for, wherever it is computed."""
+    left_out = ELSEWHERE - {"validate"}
+    values = {key: value for key, value in experiment.to_mapping().items() if key not in left_out}
+    return json.dumps(values, sort_keys=True, default=str)

@@ -1,4 +1,4 @@
-"""Runs of a sweep: which are left to do, and the broker and servers that all of them share."""
+"""Runs of a sweep: which are left to do, and the brokers and servers that they share."""
 
 import dataclasses
 import json
@@ -26,6 +26,7 @@ from swarmwright.runs.edits import differences
 from swarmwright.runs.run import Run
 from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import is_due
+from swarmwright.simulations import catalogue
 from swarmwright.store import FILE
 from swarmwright.store.folder import check_folder, without_store
 from swarmwright.store.lock import is_locked
@@ -250,8 +251,22 @@ def reason(error: Exception) -> str:
     return str(error) if isinstance(error, SwarmwrightError) else f"{type(error).__name__}: {error}"
 
 
+def _check_titles(sweep: Sweep) -> None:
+    """Raise InputError where servers on one broker could not be told apart by their simulations' titles."""
+    found: dict[str, str] = {}
+    for simulation in dict.fromkeys(one.experiment.simulation for one in sweep.variants):
+        title = catalogue.title(simulation)
+        other = found.setdefault(title, simulation)
+        if other != simulation:
+            raise InputError(
+                f"the simulations {other} and {simulation} are both called {title!r} on the broker, so that "
+                "their servers cannot be told apart; give the classes different titles, or leave out the "
+                "broker"
+            )
+
+
 class Executor:
-    """Broker and servers for runs of a sweep, one after the other.
+    """Brokers and servers for runs of a sweep, one after the other.
 
     A context manager: what it started ends with it.
 
@@ -269,6 +284,7 @@ class Executor:
         self._broker = broker
         self._servers = servers
         self._started: list[LocalServers] = []
+        self._addresses: dict[str, str] = {}
         self._here: Servers = "local"
         self._launched: Entries | None = None
         self._stack = ExitStack()
@@ -281,6 +297,8 @@ class Executor:
         if wanted in HERE and self._broker is None:
             self._here = wanted
             return self
+        if self._broker is not None:
+            _check_titles(self._sweep)
         if isinstance(wanted, tuple):
             self._launched = wanted  # each run starts them, on this broker
             return self
@@ -292,22 +310,21 @@ class Executor:
         return self
 
     def _start(self, wanted: Chosen) -> None:
-        """Start the broker, and servers for every simulation that there is among the variants."""
+        """Start servers for every simulation that there is among the variants.
+
+        Each has a broker of its own, unless one is given: a run finds servers by the title of their
+        simulation, which is that of other versions of its code as well.
+        """
         experiments = {one.experiment.simulation: one.experiment for one in self._sweep.variants}
-        # Servers are started for the first simulation on the broker, then on the same one for the others.
-        started: Servers | None = self._servers
         for experiment in experiments.values():
             same = (one.experiment for one in self._sweep.variants)
             modules = opening.modules_of([one for one in same if one.simulation == experiment.simulation])
             address, local = opening.open_servers(
-                self._stack, experiment, self._broker, wanted, started=started, modules=modules
+                self._stack, experiment, self._broker, wanted, started=self._servers, modules=modules
             )
-            if local is None:
-                self._broker = address
-                return  # the servers of the broker
-            self._started.append(local)
-            self._broker = address
-            started = wanted = local.count
+            self._addresses[experiment.simulation] = address
+            if local is not None:
+                self._started.append(local)
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
@@ -322,10 +339,11 @@ class Executor:
         """
         for local in self._started:
             local.check()
-        where: dict[str, Any] = {"broker": self._broker, "on_progress": on_progress, "progress": False}
+        broker = self._addresses.get(task.experiment.simulation, self._broker)
+        where: dict[str, Any] = {"broker": broker, "on_progress": on_progress, "progress": False}
         if self._launched is not None:
             where = {**where, "servers": self._launched}
-        elif self._broker is None:
+        elif broker is None:
             where = {"servers": self._here, "on_progress": on_progress, "progress": False}
         try:
             found = task.found()

@@ -7,7 +7,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from swarmwright.analysis.labels import label_alone, labels_of, name_of
@@ -40,6 +40,8 @@ class Variant:
     """A name instead of that, with a digest of its values."""
     keys: tuple[str, ...] = ()
     """Those that the grid sets."""
+    names: Mapping[str, str] = field(default_factory=dict)
+    """What the record of the sweep calls the code that is used, where that is the copy of a run."""
 
 
 def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:

@@ -1,6 +1,7 @@
 """Sweeps by the record beside their runs: repeated in another folder, and completed in their own."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,9 @@ class Line(Simulation):
     def fitness(self):
         return -abs(self.at)
 """
+
+
+BASE_OF_LINE = {**BASE, "simulation": "line.py:Line", "parameters": {}}
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -92,8 +96,7 @@ def test_code_of_the_runs_is_used_once_it_is_trusted(
     program: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "line.py").write_text(SIMULATION)
-    base = {**BASE, "simulation": "line.py:Line", "parameters": {}}
-    (tmp_path / "base.json").write_text(json.dumps(base))
+    (tmp_path / "base.json").write_text(json.dumps(BASE_OF_LINE))
     sweep = {"experiment": "base.json", "grid": {"method.population": [4, 6]}, "seeds": 1, "out": "results"}
     (tmp_path / "sweep.yaml").write_text(json.dumps(sweep))
     made = program("sweep", "sweep.yaml", "--jobs", "1")
@@ -159,11 +162,125 @@ def test_another_run_in_the_place_of_one_is_refused(results: Path) -> None:
         {"variants": 3},
         {"seeds": None},
         {"seeds": ["x"]},
+        {"seeds": "38"},
+        {"seeds": [3.5, 8]},
+        {"seeds": [3, 3]},
+        {"settings": "servers=local"},
+        {"settings": [3]},
         {"experiment": []},
     ],
 )
 def test_what_is_no_record_is_refused(results: Path, change: dict[str, Any]) -> None:
     file = results / "sweep.json"
     file.write_text(json.dumps({**json.loads(file.read_text()), **change}))
-    with pytest.raises(InputError, match=r"sweep\.json: is not the record of a sweep"):
+    with pytest.raises(
+        InputError, match=r"sweep\.json: is not a record of a sweep .* start the sweep with its"
+    ):
         Sweep.load(file)
+
+
+def test_a_sweep_file_with_an_unknown_key_is_no_record(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.yaml"
+    for values in ({"variants": {"method.population": [6]}}, {"variants": [6], "out": "results"}):
+        file.write_text(json.dumps({"experiment": "base.yaml", **values}))
+        with pytest.raises(InputError, match=r"variants: unknown key"):
+            Sweep.load(file)
+
+
+def test_a_variant_that_is_there_twice_is_named(results: Path) -> None:
+    file = results / "sweep.json"
+    record = json.loads(file.read_text())
+    twice = {**record["variants"][0], "label": "again", "runs": ["a-3", "a-8"]}
+    file.write_text(json.dumps({**record, "variants": [*record["variants"], twice]}))
+    with pytest.raises(InputError, match=r"sweep\.json: two variants are the same .*: population 4, again$"):
+        Sweep.load(file)
+
+
+@pytest.fixture
+def line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of a sweep whose simulation is a class in a file, beside it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "line.py").write_text(SIMULATION)
+    sweep = {"experiment": BASE_OF_LINE, "grid": {"method.population": [4, 6]}, "seeds": 2}
+    return swarmwright.sweep(sweep, out=tmp_path / "results", jobs=1).path
+
+
+@pytest.mark.parametrize("edited", [True, False])
+def test_variants_without_a_run_have_the_code_of_the_others(
+    line: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, edited: bool
+) -> None:
+    before, record = digests(line), (line / "sweep.json").read_bytes()
+    for seed in (1, 2):
+        shutil.rmtree(line / f"population_6-{seed}")
+    if edited:
+        (tmp_path / "line.py").write_text(SIMULATION.replace("-abs", "-100 * abs"))
+    else:
+        (tmp_path / "line.py").unlink()
+    for folder in ("population_6-1", "population_4-2"):  # what is left is used again
+        completed = swarmwright.sweep(line / "sweep.json", jobs=1)
+        assert not completed.failures
+        assert digests(line) == before
+        assert (line / "sweep.json").read_bytes() == record
+        shutil.rmtree(line / folder)
+        (tmp_path / "elsewhere").mkdir(exist_ok=True)
+        monkeypatch.chdir(tmp_path / "elsewhere")
+
+
+def test_code_that_a_record_names_is_not_executed_unless_it_is_trusted(
+    line: Path, tmp_path: Path, program: Any
+) -> None:
+    shutil.rmtree(line / "population_4-1")
+    shutil.rmtree(line / "population_4-2")
+    for folder in line.glob("population_6-*"):
+        shutil.rmtree(folder)
+    evil = f"open({str(tmp_path / 'executed')!r}, 'w')\n{SIMULATION}"
+    (tmp_path / "line.py").write_text(evil)
+    refused = program("sweep", "results/sweep.json")
+    assert refused.returncode == 2
+    assert re.search(r"line\.py \(SHA-256 \w{16}\.\.\) is code that a run folder names", refused.stderr)
+    assert not (tmp_path / "executed").exists()
+    allowed = program("sweep", "results/sweep.json", "--trust", "--jobs", "1")
+    assert allowed.returncode == 0, allowed.stderr
+    assert (tmp_path / "executed").exists()
+
+
+def test_runs_of_different_code_are_not_repeated_as_one_sweep(line: Path, tmp_path: Path) -> None:
+    shutil.rmtree(line / "population_6-1")
+    shutil.rmtree(line / "population_6-2")
+    (tmp_path / "line.py").write_text(SIMULATION.replace("-abs", "-100 * abs"))
+    base = {**BASE_OF_LINE, "simulation": f"{tmp_path}/line.py:Line"}
+    sweep = {"experiment": base, "grid": {"method.population": [6]}, "seeds": 2}
+    other = swarmwright.sweep(sweep, out=tmp_path / "other", jobs=1).path
+    shutil.copytree(other / "population_6-1", line / "population_6-1")
+    with pytest.raises(InputError, match=r"population_6-1: the code of line\.py:Line is not that of .*_4-1"):
+        Sweep.load(line / "sweep.json")
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_simulations_of_one_title_are_computed_by_their_own_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jobs: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder, code in (("a", SIMULATION), ("b", SIMULATION.replace("-abs", "-1000 - abs"))):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "line.py").write_text(code)
+    grid = {"simulation": [f"{tmp_path}/{folder}/line.py:Line" for folder in "ab"]}
+    base = {**BASE_OF_LINE, "simulation": f"{tmp_path}/a/line.py:Line"}
+    made = swarmwright.sweep({"experiment": base, "grid": grid, "seeds": 2}, out="results", jobs=jobs)
+    for again in (made, swarmwright.sweep("results/sweep.json", out="again", jobs=jobs)):
+        fitness = [{bool((one.fitness < -500).any()) for one in run.store.rows()} for run in again.runs]
+        assert fitness == [{False}, {True}] * 2
+
+
+def test_simulations_of_one_title_cannot_share_a_broker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in "ab":
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "line.py").write_text(SIMULATION)
+    grid = {"simulation": [f"{folder}/line.py:Line" for folder in "ab"]}
+    base = {**BASE_OF_LINE, "simulation": "a/line.py:Line"}
+    sweep = {"experiment": {**base, "servers": "auto"}, "grid": grid, "seeds": 1}
+    with pytest.raises(InputError, match=r"both called 'line' on the broker"):
+        swarmwright.sweep(sweep, out="results", broker="mqtt://127.0.0.1:1", jobs=1)
