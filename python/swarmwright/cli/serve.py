@@ -84,8 +84,8 @@ LARGEST_ID = 2**31 - 1
     default=3.0,
     show_default=True,
     metavar="SECONDS",
-    help="On SIGTERM, how long a server may go on with the request that it computes; a second signal ends it "
-    "at once.",
+    help="On SIGTERM, how long a server may go on with the request or the episode that it computes; a second "
+    "signal ends it at once.",
 )
 @click.option(
     "--modules",

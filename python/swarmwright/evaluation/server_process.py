@@ -12,8 +12,9 @@ Events are what `_engine.serve` reports, {"event": "waiting", "server", "message
 {"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails, and
 {"event": "error", "message"} when the server does. Standard input is a pipe from the parent: when it closes
 the parent is done or gone, however it ended, and so is this process; for simulations it is empty. On
-SIGTERM, which schedulers send to all processes of a job that they preempt, the request under way is finished;
-then the process leaves the broker and ends by this signal. A second SIGTERM ends it at once.
+SIGTERM, which schedulers send to all processes of a job that they preempt, the request under way, or the
+episode that is stepped, is finished; then the process leaves the broker and ends by this signal. A second
+SIGTERM ends it at once.
 """
 
 import faulthandler
@@ -38,9 +39,9 @@ from swarmwright.supervision.progress import Sample
 DISCONNECT_S = 2.0
 """Seconds for disconnecting from the broker."""
 PREEMPTION_GRACE_S = 3.0
-"""Seconds for finishing a request on SIGTERM, unless `grace` says otherwise."""
+"""Seconds for finishing a request or an episode on SIGTERM, unless `grace` says otherwise."""
 _POLL_S = 0.01
-"""Seconds between two checks whether the request has ended."""
+"""Seconds between two checks whether what was computed has ended."""
 
 
 def _take_standard_input() -> int:
@@ -70,6 +71,8 @@ class _Preemption:
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
         self.has_come = False
+        self._server, self._broker = int(settings["id"]), str(settings["broker"])
+        self._prefix = str(settings.get("prefix", ""))
         self._progress: int | None = settings.get("progress")
         self._grace = float(settings.get("grace", PREEMPTION_GRACE_S))
         signal.signal(signal.SIGTERM, self._begin)
@@ -80,15 +83,25 @@ class _Preemption:
         threading.Thread(target=self._end, daemon=True).start()
 
     def _end(self) -> None:
-        """Wait for the end of the request under way, then interrupt the main thread, which disconnects."""
+        """Wait for the end of what is computed, then interrupt the main thread, which disconnects."""
         deadline = time.monotonic() + self._grace
         before = self._sample()
-        while (now := self._sample()).candidates and now.request == before.request:
-            if time.monotonic() > deadline:
-                break
+        while self._sample().goes_on_with(before) and time.monotonic() <= deadline:
             time.sleep(_POLL_S)
+        if before.is_stepped or self._sample().is_stepped:
+            self._leave_at_once()
         os.kill(os.getpid(), signal.SIGINT)
         threading.Event().wait(DISCONNECT_S)
+        self.finish()
+
+    def _leave_at_once(self) -> None:
+        """Leave the broker and end: the next episode has begun already.
+
+        An interrupt would be raised in the simulation's code and count as a failure of that episode, and a
+        server that is lost counts against it, too. The episodes of one that has left are given to others.
+        """
+        with suppress(SwarmwrightError), engine_errors():
+            _engine.forget(self._broker, [self._server], prefix=self._prefix)
         self.finish()
 
     def _sample(self) -> Sample:

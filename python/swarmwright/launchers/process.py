@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 _GRACE_S = 3600.0
-"""Seconds for which a process that is to be replaced may go on with its evaluation."""
+"""Seconds for which a process that is to be replaced may finish what it computes."""
 _WARNINGS = {"warning", "waiting", "lost"}
 """Events of servers that say what is wrong with them."""
 _KEPT_WARNINGS = 5
@@ -31,8 +31,9 @@ class ProcessOptions(LauncherOptions):
     launcher: Literal["process"] = "process"
     recycle: int = Field(default=0, ge=0)
     """Evaluations after which a server's process is ended and another one started, for simulations that lose
-    memory; 0 for never. The request under way is finished first; in the modes stepwise and batched, a server
-    that has an episode goes on."""
+    memory; 0 for never. The request, or the episode, under way is finished first. A batch of the mode batched
+    counts as one. Of servers that start together, some are replaced earlier at first, so that they are not
+    all replaced at once."""
 
 
 class Process(Launcher):

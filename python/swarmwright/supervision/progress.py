@@ -42,6 +42,17 @@ class Sample:
         return self.candidates > 0 or self.episode is not None
 
     @property
+    def is_stepped(self) -> bool:
+        """Whether episodes were being stepped."""
+        return self.is_at_work and not self.candidates
+
+    def goes_on_with(self, before: Self) -> bool:
+        """Whether the request or the stepped episodes of a sample before were still being computed."""
+        if before.candidates:
+            return self.candidates > 0 and self.request == before.request
+        return before.is_stepped and self.is_stepped and self.ended == before.ended
+
+    @property
     def place(self) -> tuple[int, int, int, int | None] | None:
         """What was computed, as `_engine.Supervision.ended` takes it; None for nothing."""
         return (self.request, self.first, self.candidates, self.episode) if self.candidates else None

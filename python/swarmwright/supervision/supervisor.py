@@ -1,15 +1,16 @@
 """Keeps simulation servers alive: starts them, ends those that hang, starts again those that have ended."""
 
 import logging
+import signal
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.errors import RunError
 from swarmwright.supervision.news import Ended, Event, News, Restarted
 from swarmwright.supervision.output import Output
+from swarmwright.supervision.place import LONGEST_PAUSE_S, Limits, Place, quotas
 from swarmwright.supervision.process import Process
 from swarmwright.supervision.progress import Sample
 from swarmwright.supervision.server_exit import ServerExit
@@ -27,41 +28,6 @@ FAST_CHECK_S = 0.01
 START_S = 30.0
 """Seconds that a server has to start, at least."""
 
-FIRST_PAUSE_S = 0.1
-"""Seconds before a server is started again; doubled with each end in a row before which it did nothing."""
-LONGEST_PAUSE_S = 5.0
-LONGEST_PAUSE_AT_WORK_S = 1.0
-"""For servers that ended while they evaluated: these ends are counted by candidate."""
-
-MOST_STARTS = 5
-"""Starts in a row that fail before a server is given up; also ends in a row at nothing, twice as many."""
-
-
-@dataclass
-class _Place:
-    """A server's id, and the process that has it now."""
-
-    settings: Mapping[str, Any]
-    process: Process | None = None
-    again_at: float | None = None
-    """When it is to be started again."""
-    was_ready: bool = False
-    """Whether one of its processes was ready once."""
-    failed_starts: int = 0
-    fruitless: int = 0
-    """Ends in a row at no evaluation, without any before."""
-    ends: int = 0
-    """Ends in a row without an evaluation before."""
-    sample: Sample = field(default_factory=Sample)
-    since: float = 0.0
-    """When it was first seen to be there."""
-    episode_since: float = 0.0
-    last: ServerExit | None = None
-    given_up: bool = False
-    """Whether it will not be started again."""
-    left: bool = False
-    """Whether it was ready and left by itself for a reason that lasts: another server has its id."""
-
 
 class Supervisor:
     """Servers of these settings, from `start` to `stop`.
@@ -76,7 +42,8 @@ class Supervisor:
         episode_timeout: seconds that one evaluation may take.
         start_timeout: seconds that a server may take until it is on the broker.
         environment: further variables of the processes.
-        recycle: evaluations after which a process is replaced; 0 for never.
+        recycle: evaluations after which a process is replaced; 0 for never. The first processes of servers
+            that start together are replaced one after another, some after fewer.
     """
 
     def __init__(
@@ -93,13 +60,13 @@ class Supervisor:
         environment: Mapping[str, str] | None = None,
         recycle: int = 0,
     ) -> None:
-        self._places = {int(one["id"]): _Place(one) for one in settings}
+        self._places = self._placed(settings, recycle)
         self._environment = dict(environment or {})
         self._leaving: set[int] = set()
         self._draws, self._restart, self._recycle = draws, restart, recycle
         self._output = output
         self._tell = tell
-        self._step, self._episode, self._start = step_timeout, episode_timeout, start_timeout
+        self._limits = Limits(start_timeout, step_timeout, episode_timeout)
         self._supervision: _engine.Supervision | None = None
         self._last: _engine.Supervision | None = None
         self._stopping = threading.Event()
@@ -109,6 +76,11 @@ class Supervisor:
         self._failure: Exception | None = None
         self.restarts = 0
         """Servers that were started again."""
+
+    @staticmethod
+    def _placed(settings: Sequence[Mapping[str, Any]], recycle: int) -> dict[int, Place]:
+        first = quotas(len(settings), recycle)
+        return {int(one["id"]): Place(one, quota) for one, quota in zip(settings, first, strict=True)}
 
     @property
     def identifiers(self) -> list[int]:
@@ -151,10 +123,9 @@ class Supervisor:
     def add(self, settings: Sequence[Mapping[str, Any]]) -> None:
         """Start further servers. Raises OSError when the system does not allow another process."""
         with self._lock:
-            for one in settings:
-                place = _Place(one)
+            for server, place in self._placed(settings, self._recycle).items():
                 self._begin(place)
-                self._places = {**self._places, int(one["id"]): place}  # others iterate over it
+                self._places = {**self._places, server: place}  # others iterate over it
             self._count()
 
     def remove(self, servers: Collection[int]) -> None:
@@ -174,7 +145,7 @@ class Supervisor:
     def stop(self, grace: float = 0.0) -> None:
         """End all servers: ask all, then wait for each, then kill.
 
-        grace: seconds for which each may go on with the request that it computes.
+        grace: seconds for which each may go on with the request or the episode that it computes.
         """
         self._stopping.set()
         self._news.set()
@@ -186,7 +157,7 @@ class Supervisor:
             place.process = None
 
     def _finish(self, grace: float) -> None:
-        """Ask each server to end when it has answered the request that it computes; wait for that."""
+        """Ask each server to end when it has finished what it computes; wait for that."""
         deadline = time.monotonic() + grace
         computing = {}
         for place in self._places.values():
@@ -195,7 +166,7 @@ class Supervisor:
         while computing and time.monotonic() < deadline:
             for process, before in list(computing.items()):
                 now = process.progress.read()
-                if not now.candidates or now.request != before.request:
+                if not now.goes_on_with(before):
                     process.dismiss()
                     del computing[process]
             time.sleep(FAST_CHECK_S)
@@ -213,7 +184,7 @@ class Supervisor:
                 )
             self._count()
 
-    def _begin(self, place: _Place) -> None:
+    def _begin(self, place: Place) -> None:
         place.sample, place.since = Sample(), time.monotonic()
         place.again_at = None
         place.process = Process(
@@ -290,7 +261,7 @@ class Supervisor:
         supervision = self._supervision
         return set() if supervision is None else set(supervision.take_overdue())
 
-    def _look(self, place: _Place, now: float, *, overdue: bool) -> None:
+    def _look(self, place: Place, now: float, *, overdue: bool) -> None:
         process = place.process
         if process is None:
             if place.again_at is not None and place.again_at <= now:
@@ -301,57 +272,27 @@ class Supervisor:
                 self._supervision.is_alive(process.identifier)
             else:
                 process.end_hung("did not answer in time")
-        elif process.hung is None and (why := self._hangs(place, process, now)) is not None:
+        elif process.hung is None and (why := place.hangs(process, now, self._limits)) is not None:
             process.end_hung(why)
-        elif self._is_to_be_replaced(process):
+        elif place.is_to_be_replaced(process):
             process.recycle()
         server_exit = process.end()
         if server_exit is not None:
             self._ended(place, process, server_exit)
 
-    def _is_to_be_replaced(self, process: Process) -> bool:
-        if not self._recycle or process.recycled or process.hung is not None:
-            return False
-        sample = process.progress.read()
-        # An episode that is stepped from elsewhere would be lost.
-        is_stepped = sample.is_at_work and not sample.candidates
-        return sample.ended >= self._recycle and not is_stepped
-
-    def _hangs(self, place: _Place, process: Process, now: float) -> str | None:
-        """Why a process is to be ended, if it is."""
-        if not process.ready:
-            most = self._start + float(place.settings.get("wait", 0.0))
-            late = place.was_ready and now - process.started > most
-            return f"did not start within {most:g} s" if late else None
-        sample = process.progress.read()
-        if sample != place.sample:
-            if (sample.place, sample.ended) != (place.sample.place, place.sample.ended):
-                place.episode_since = now
-            place.sample, place.since = sample, now
-        if not sample.candidates:
-            return None
-        if self._step is not None and now - place.since > self._step:
-            return f"made no step for {self._step:g} s"
-        if (
-            self._episode is not None
-            and sample.episode is not None
-            and now - place.episode_since > self._episode
-        ):
-            return f"was at one episode for {self._episode:g} s"
-        return None
-
-    def _ended(self, place: _Place, process: Process, server_exit: ServerExit) -> None:
+    def _ended(self, place: Place, process: Process, server_exit: ServerExit) -> None:
         """Handle the end of a process: report it, and set when it is started again."""
         sample = process.progress.read()
         with self._lock:
             place.process, place.last = None, server_exit
-            pause = self._pause(place, process, server_exit, sample)
+            pause = place.pause(process, server_exit, sample) if self._restart else None
             supervision = self._supervision
         place_of = None if supervision is None else supervision.place(sample.request)
         whose = ""
         if place_of is not None and sample.candidates == 1:
             whose = self._output.named(place_of, sample.first, sample.episode or 0)
-        is_recycled = process.recycled and server_exit.outside
+        # Asked to end it finishes its work and ends by this signal; the system may kill it meanwhile.
+        is_recycled = process.recycled and server_exit.status == -signal.SIGTERM
         how = "has had its evaluations (recycle)" if is_recycled else server_exit.how
         self._output.say(server_exit.server, f"[{how}]", whose)
         if supervision is not None:
@@ -371,27 +312,12 @@ class Supervisor:
             self._count()
         self._news.set()
 
-    def _pause(
-        self, place: _Place, process: Process, server_exit: ServerExit, sample: Sample
-    ) -> float | None:
-        """How long to wait before it is started again; None: not at all."""
-        # Never ready: the cause is permanent, unless a user or a scheduler has ended it.
-        if not self._restart or place.left or not (place.was_ready or server_exit.outside):
-            return None
-        place.failed_starts = 0 if process.ready else place.failed_starts + 1
-        place.ends = 0 if sample.ended else place.ends + 1
-        wasted = not sample.ended and not sample.is_at_work and not server_exit.outside
-        place.fruitless = place.fruitless + 1 if wasted else 0
-        if place.failed_starts >= MOST_STARTS or place.fruitless >= 2 * MOST_STARTS:
-            return None
-        longest = LONGEST_PAUSE_AT_WORK_S if sample.is_at_work else LONGEST_PAUSE_S
-        return min(FIRST_PAUSE_S * 2.0 ** max(place.ends - 1, 0), longest)
-
-    def _begin_again(self, place: _Place) -> None:
+    def _begin_again(self, place: Place) -> None:
         try:
             with self._lock:
                 if self._stopping.is_set():
                     return
+                place.quota = self._recycle
                 self._begin(place)
                 self.restarts += 1
                 process = place.process

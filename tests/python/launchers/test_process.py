@@ -20,6 +20,7 @@ from swarmwright.launchers import LauncherError, Specification
 from swarmwright.launchers._slot import Slot
 from swarmwright.launchers.process import Process, ProcessOptions
 from swarmwright.supervision import Supervisor
+from swarmwright.supervision.process import Process as ServerProcess
 from swarmwright.testing import check_launcher
 from tests.paced_simulation import written
 from tests.python.records import same_record
@@ -66,22 +67,46 @@ def test_a_killed_server_is_started_again() -> None:
     assert not any(Path(f"/proc/{pid}").exists() for pid in first)
 
 
-def test_processes_are_replaced_after_some_evaluations(tmp_path: Path) -> None:
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize(("mode", "recycle"), [("auto", 10), ("stepwise", 10), ("batched", 1)])
+def test_processes_are_replaced_after_some_evaluations(
+    mode: str, recycle: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[tuple[int, int]] = []
+    ask = ServerProcess.recycle
+
+    def noted(process: ServerProcess) -> None:
+        told.append((process.identifier, process.progress.read().ended))
+        ask(process)
+
+    monkeypatch.setattr(ServerProcess, "recycle", noted)
     slow = Experiment.from_mapping(
         {
             "simulation": written(tmp_path / "simulation"),
+            "mode": mode,
             "method": {"population": 20, "generations": 4},
             "validate": False,
-            "servers": {"launcher": "process", "count": 2, "recycle": 5},
+            "servers": {"launcher": "process", "count": 2, "recycle": recycle},
         }
     )
     recycled = optimize(slow, out=tmp_path / "recycled", progress=False)
     same_record(optimize(slow, out=tmp_path / "here", servers="in-process", progress=False), recycled)
-    assert "[has had its evaluations (recycle)]" in (tmp_path / "recycled" / "servers.log").read_text()
+    log = (tmp_path / "recycled" / "servers.log").read_text()
+    assert "[has had its evaluations (recycle)]" in log
+    if mode != "batched":  # where a server may get no second batch
+        # Those that begin together are not replaced together.
+        (early, first), (late, second) = told[:2]
+        assert early != late
+        assert 5 <= first < 10 <= second
+    with closing(sqlite3.connect(recycled.path / "run.sqlite")) as store:
+        errors = [error for (error,) in store.execute("SELECT error FROM attempt WHERE error NOT NULL")]
+    # What had begun was given back: it counts against no candidate.
+    assert all(error.endswith((" left", " was faster")) for error in errors), errors
 
 
 @pytest.mark.timeout(120)
-def test_a_preempted_server_finishes_what_it_computes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("mode", ["auto", "stepwise"])
+def test_a_preempted_server_finishes_what_it_computes(mode: str, tmp_path: Path) -> None:
     name = written(tmp_path / "simulation")
     file = tmp_path / "simulation" / "paced.py"
     begun = tmp_path / "begun"
@@ -98,7 +123,7 @@ def test_a_preempted_server_finishes_what_it_computes(tmp_path: Path) -> None:
     beside = threading.Thread(target=preempt)
     beside.start()
     made = experiment(count=1, environment={"BEGUN": str(begun)}).replace(
-        simulation=name, method={"population": 3, "generations": 1}
+        simulation=name, mode=mode, method={"population": 3, "generations": 1}
     )
     run = optimize(made, out=tmp_path / "run", progress=False)
     beside.join()
