@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from swarmwright.analysis.labels import Wording, name_of, telling
+from swarmwright.analysis.labels import Wording, kind_of, name_of, telling
 from swarmwright.analysis.sweep_folders import keys_of_grid
 from swarmwright.core.errors import InputError
 from swarmwright.core.flatten import flat
@@ -109,12 +109,13 @@ def names_in_sweep(groups: Sequence[tuple[Mapping[str, Any], Sequence[Run]]]) ->
         return None
     keys = iter(of_grid)
     titles = written_missions(run for _, members in groups for run in members)
-    named = []
+    named, kinds = [], []
     for differs, members in groups:
         values = {**as_written(flattened_of(members[0]), members[0], titles), **differs}
         of_runs = {next(keys) for _ in members}
         if len(of_runs) > 1:
             return None
+        kinds.append(values)
         named.append(
             {
                 key: value
@@ -123,7 +124,7 @@ def names_in_sweep(groups: Sequence[tuple[Mapping[str, Any], Sequence[Run]]]) ->
                 if key == name or (key in differs and key.startswith(f"{name}."))
             }
         )
-    with_runs = zip(telling(named), groups, strict=True)
+    with_runs = zip(telling(named, kinds), groups, strict=True)
     names = names_of([(differs, members[0]) for differs, (_, members) in with_runs])
     return names if all(names) and len(set(names)) == len(names) else None
 
@@ -336,7 +337,7 @@ def differing_keys(flat: Sequence[Mapping[str, Any]]) -> list[list[str]]:
             for key, among in kinds.items()
             if key.startswith("parameters.")
             or "." not in key
-            or (key in values and _kind(key, values) in among)
+            or (key in values and kind_of(key, values) in among)
         ]
         for values in flat
     ]
@@ -350,17 +351,8 @@ def _varying(flat: Sequence[Mapping[str, Any]]) -> dict[str, set[Any]]:
         for values in flat:
             if key in values or not key.startswith("code."):
                 text = json.dumps(values.get(key), sort_keys=True, default=str)
-                values_of.setdefault(_kind(key, values), set()).add(text)
+                values_of.setdefault(kind_of(key, values), set()).add(text)
         kinds = {kind for kind, texts in values_of.items() if len(texts) > 1}
         if kinds:
             found[key] = kinds
     return found
-
-
-def _kind(key: str, values: Mapping[str, Any]) -> Any:  # noqa: ANN401 - whatever the experiment says
-    """Return the kind of the component that a key is an option of; None of a kind itself, and without one."""
-    section, _, last = key.rpartition(".")
-    kind_key = f"{section}.kind"
-    if section == "code":  # of a component, which its kind names, or of the simulation
-        kind_key = "simulation" if last == "simulation" else f"{last}.kind"
-    return None if key == kind_key else values.get(kind_key)

@@ -7,6 +7,7 @@ from typing import Any
 
 from swarmwright.core.flatten import flat
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.user_code.parts import SECTIONS
 
 _LONGEST_VALUE = 24
 """Characters of a value in a label."""
@@ -40,44 +41,60 @@ class Wording:
             yield text if _is_kind(key) else f"{_shortest(key, among)} {text}"
 
 
-def labels_of(groups: Sequence[Mapping[str, Any]]) -> list[str]:
+def labels_of(
+    groups: Sequence[Mapping[str, Any]], kinds: Sequence[Mapping[str, Any]] | None = None
+) -> list[str]:
     """Return what groups are called, by the values that keys of the experiment have in each of them.
 
     Keys that tell no group from others are left out, see `telling`.
     """
-    told = telling(groups)
+    told = telling(groups, kinds)
     wording = Wording(told)
     return [", ".join(wording.words(differs, differs)) for differs in told]
 
 
-def telling(groups: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
+def telling(
+    groups: Sequence[Mapping[str, Any]], kinds: Sequence[Mapping[str, Any]] | None = None
+) -> Sequence[Mapping[str, Any]]:
     """Return groups without the keys that have one value in all of them.
 
     Of an option of a component, in all that have its kind: that others lack it follows from the kind. The
     groups as they are where they would then be alike, or one would have no key.
+
+    kinds: keys of each group among which those of kinds are, also where these do not differ; by default the
+    groups, where one that does not say its kind may have any.
     """
+    kinds = groups if kinds is None else kinds
     values: dict[tuple[str, Any], list[str]] = defaultdict(list)
-    for one in groups:
+    for one, known in zip(groups, kinds, strict=True):
         for key, value in one.items():
-            values[key, _kind(key, one)].append(_identity(value))
-    sections = {key.partition(".")[0] for key, _ in values}
-    sizes = Counter((section, one.get(f"{section}.kind")) for one in groups for section in sections)
+            values[key, kind_of(key, known)].append(_identity(value))
+    sizes = {key: Counter(kind_of(key, known) for known in kinds) for key, _ in values}
     constant = {
         (key, kind)
         for (key, kind), found in values.items()
-        if len(set(found)) == 1
-        and len(found) == (len(groups) if _is_kind(key) else sizes[key.partition(".")[0], kind])
+        if len(set(found)) == 1 and len(found) == sizes[key][kind] + (0 if kind is None else sizes[key][None])
     }
     told = [
-        {key: value for key, value in one.items() if (key, _kind(key, one)) not in constant} for one in groups
+        {key: value for key, value in one.items() if (key, kind_of(key, known)) not in constant}
+        for one, known in zip(groups, kinds, strict=True)
     ]
     distinct = {_identity(one) for one in told}
     return told if all(told) and len(distinct) == len({_identity(one) for one in groups}) else groups
 
 
-def _kind(key: str, group: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as in a file
-    """Return the kind of the component that a key is an option of; None of a kind itself, and without one."""
-    return None if _is_kind(key) else group.get(f"{key.partition('.')[0]}.kind")
+def kind_of(key: str, values: Mapping[str, Any]) -> str | None:
+    """Return the kind of the component that a key is an option of; None of a kind itself, and without one.
+
+    values: of the experiment's keys, among them those of kinds.
+    """
+    section, _, last = key.rpartition(".")
+    first = key.partition(".")[0]
+    kind_key = f"{first if first in SECTIONS else section}.kind"
+    if section == "code":  # of a component, which its kind names, or of the simulation
+        kind_key = "simulation" if last == "simulation" else f"{last}.kind"
+    kind = None if key == kind_key else values.get(kind_key)
+    return kind if isinstance(kind, str) else None
 
 
 def label_alone(values: Mapping[str, Any]) -> str:

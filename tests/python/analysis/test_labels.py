@@ -1,7 +1,8 @@
 from pathlib import Path
 
-from swarmwright.analysis.groups import group
+from swarmwright.analysis.groups import differing_keys, group
 from swarmwright.analysis.labels import abbreviations, labels_of
+from swarmwright.core.flatten import flat
 from tests.python.analysis.runs import KnownRun
 
 FORMULAS = [
@@ -84,3 +85,32 @@ def test_labels_leave_out_what_tells_no_variant_from_others_of_its_kind() -> Non
     less = {key: value for key, value in evostick.items() if key != "method.population"}
     assert labels_of([evostick, {**less, "method.elites": 3}]) == ["population 20", "elites 3"]
     assert labels_of([evostick]) == ["evostick, evaluations 300, population 20"]
+
+
+def test_an_option_is_told_where_others_may_have_its_kind_from_the_file() -> None:
+    groups = [
+        {"method.kind": "cma_es", "method.step": 0.5},
+        {"method.population": 20},
+        {"method.population": 50},
+    ]
+    whole = ["cma_es, step 0.5", "population 20", "population 50"]
+    assert labels_of(groups) == whole
+    for kind, labels in (("cma_es", whole), ("nnga", ["cma_es", *whole[1:]])):
+        assert labels_of(groups, [{"method.kind": kind, **one} for one in groups]) == labels
+
+
+def test_nested_options_are_those_of_the_method() -> None:
+    measures = {"speed": {"range": [0, 1], "bins": 5}}
+    elites, others = (
+        [
+            {"kind": "map_elites", "measures": measures, "evaluations": 9},
+            {"kind": "map_elites", "measures": measures, "evaluations": 12},
+        ],
+        {"kind": "nnga", "population": 4},
+    )
+    flattened = [flat({"method": one}) for one in (*elites, others)]
+    assert differing_keys(flattened) == [
+        ["method.kind", "method.evaluations"],
+        ["method.kind", "method.evaluations"],
+        ["method.kind"],
+    ]

@@ -59,7 +59,9 @@ def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
     for index, one in enumerate(grids):
         at = ("grid", index) if isinstance(grid, list) and grid else ("grid",)
         combinations += [(at, changes) for changes in _combinations(source, one, at)]
-    labels = labels_of([changes for _, changes in combinations])
+    kinds = {f"{section}.kind": getattr(base, section).kind for section in REGISTRIES}
+    every = [changes for _, changes in combinations]
+    labels = labels_of(every, [{**kinds, **changes} for changes in every])
     found: dict[Experiment, tuple[str, dict[str, Any], Experiment]] = {}  # grids may overlap
     for (at, changes), label in zip(combinations, labels, strict=True):
         try:
