@@ -13,12 +13,12 @@ Lines that do not begin with { are output like any other.
 
 A second answer to a message fails the episode. The `id` is optional in answers, in all of a process or none.
 With it, a second answer is recognised whenever it comes, and one to the last message of an episode does no
-harm, nor does an error in it. Without it, one that comes late is taken for that to the next message: the
+harm. Without it, one that comes late is taken for that to the next message: the
 program is then one message behind, and says the end of the episode twice, which fails the episode, too. Where
 that is seen only when the next episode begins, there is a warning, and the process is replaced.
 
-So it is where the process ends with another exit status than 0 after an episode. That never fails an episode:
-which one would depend on when it is seen.
+So it is where the process ends with another exit status than 0, or reports an error, after an episode. That
+never fails an episode: which one would depend on when it is seen.
 """
 
 import contextlib
@@ -93,7 +93,7 @@ class Dialogue:
         if self._pipes is not None and (
             self._has_ended() or (self._recycle and self._episodes >= self._recycle)
         ):
-            self._check_end_between()
+            self._check_end_between(self._ended)
             self.close()
         if self._pipes is not None and not self._ids.are_repeated and self._has_surplus():
             self._end_for_surplus()
@@ -103,6 +103,8 @@ class Dialogue:
         self._watch.begin_again()
         self._episodes += 1
         self._looks.begin_episode()
+        late: CommandFailure | None = None
+        ended: Ended | None = None
         try:
             answer = self.ask(message)
             if fresh or answer.get("done") is not True or self._ids.are_repeated:
@@ -111,14 +113,19 @@ class Dialogue:
                 return answer
             # What came is the end of the episode before, said twice.
             self._end_for_surplus()
-        except ProcessEnded:
-            # It may have done so because of the episode before. What this one causes comes again.
+        except (ProcessEnded, ReportedFailure) as failure:
+            # It may be because of the episode before. What this one causes comes again.
             if fresh:
                 raise
-            self._check_end_between()
+            late, ended = failure, self._ended
         self._begin()
         self._episodes = 1
-        return self.ask(message)
+        answer = self.ask(message)
+        if isinstance(late, ReportedFailure):
+            self._note_late(late.reason)
+        elif late is not None:
+            self._check_end_between(ended)
+        return answer
 
     def ask(self, message: Mapping[str, Any]) -> dict[str, Any]:
         """Send a message and return the answer."""
@@ -134,7 +141,7 @@ class Dialogue:
                 is_end = answer.get("done") is True
                 seconds = self._looks.seconds(time.monotonic() - began, is_reset=is_reset, is_end=is_end)
                 if not (is_reset and is_end):  # `reset` looks for what belongs to the episode before
-                    self._look_for_surplus(seconds)
+                    self._look_for_surplus(seconds, is_end=is_end)
             return answer
         except BaseException as error:
             self.abandon(0.0 if not isinstance(error, CommandFailure) else 0.5)
@@ -147,19 +154,30 @@ class Dialogue:
             if self._ids.takes(answer):
                 return self._accepted(answer)
             if "error" in answer:
-                self._warn("the command reports an error after the end of an episode: %s", answer["error"])
+                self._note_late(answer["error"])
 
-    def _look_for_surplus(self, seconds: float) -> None:
-        """Raise CommandFailure for a second answer within so many seconds."""
-        if self._has_surplus(seconds):
-            self._refuse_surplus()
+    def _note_late(self, error: object) -> None:
+        """Warn of an error that the command reports after the end of an episode, which has been counted."""
+        self._warn("the command reports an error after the end of an episode: %s", error)
 
-    def _check_end_between(self) -> None:
-        """Warn of a process that has failed after an episode, perhaps at a message that it did not expect."""
-        if self._ended is None or not self._ended.status or self._ids.are_repeated:
+    def _look_for_surplus(self, seconds: float, *, is_end: bool) -> None:
+        """Raise CommandFailure for a second answer within so many seconds; log an error after the end."""
+        if not self._has_surplus(seconds):
             return
         try:
-            check_end(self._ended, self._limits)
+            self._refuse_surplus()
+        except ReportedFailure as failure:
+            if not is_end:
+                raise
+            self._note_late(failure.reason)
+            self.abandon()
+
+    def _check_end_between(self, ended: Ended | None) -> None:
+        """Warn of a process that has failed after an episode, perhaps at a message that it did not expect."""
+        if ended is None or not ended.status or self._ids.are_repeated:
+            return
+        try:
+            check_end(ended, self._limits)
         except CommandFailure as failure:
             self._doubt(f"{failure} after the end of an episode")
 

@@ -331,20 +331,36 @@ def test_a_process_that_fails_after_the_end_fails_no_episode(
         assert len(caplog.records) == 1
 
 
-def test_a_process_that_fails_in_a_reset_does_so_by_its_parameters(traced: Traced) -> None:
-    script = f"speed == 0.5 and sys.exit(3); {WELL}; number == 1 and sys.exit(4)"
-    fitness = evaluate(stepped(traced, script), [[0.0], [0.25], [0.5], [0.75]])
+@pytest.mark.parametrize("fails", ["sys.exit(3)", 'print(\'{"error": "no motor"}\', flush=True)'])
+def test_a_reset_that_fails_because_of_its_parameters(
+    traced: Traced, caplog: pytest.LogCaptureFixture, fails: str
+) -> None:
+    experiment = stepped(traced, f"speed == 0.5 and {fails}; {WELL}")
+    fitness = evaluate(experiment, [[0.0], [0.25], [0.5], [0.75]])
     assert [str(value) for value in fitness] == ["0.25", "0.5", "nan", "1.0"]
+    assert "after the end of an episode" not in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("late", "repeats"),
+    [
+        ('say(error="no paper", id=answer["id"])', True),
+        ('say(error="no paper")', True),
+        ('say(error="no paper")', False),
+        ('(time.sleep(0.06), say(error="no paper"))', False),
+    ],
+)
 @pytest.mark.parametrize("servers", ["in-process", 2])
 def test_an_error_after_the_end_fails_no_episode(
-    traced: Traced, caplog: pytest.LogCaptureFixture, servers: Any
+    traced: Traced, caplog: pytest.LogCaptureFixture, servers: Any, late: str, repeats: bool
 ) -> None:
-    genomes = np.random.default_rng(4).normal(size=(8, 2))
+    """Whenever it comes."""
+    genomes = np.random.default_rng(4).normal(size=(5, 2))
     well = evaluate(behind(traced), genomes)
-    late = behind(traced, repeats=True, after='say(error="no paper", id=answer["id"])')
-    assert evaluate(late, genomes, servers=servers).tolist() == well.tolist()
+    reports = behind(
+        traced, repeats=repeats, after=late if repeats else late.replace(', id=answer["id"]', "")
+    )
+    assert evaluate(reports, genomes, servers=servers).tolist() == well.tolist()
     if servers == "in-process":
         assert [one.getMessage() for one in caplog.records] == [
             "the command reports an error after the end of an episode: no paper"
