@@ -6,28 +6,41 @@
         return f"{best.fitness} of generation {best.generation}"
 
 These names stay where they are; the modules that define them may change. They are returned, not constructed.
-`ComparedGroup` is a group of runs in a comparison, unlike `swarmwright.Group`, agents of one kind.
+`ComparedGroup` is a group of runs in a comparison, `RunGroup` one in a transfer; `swarmwright.Group` is one
+of agents. `Candidate` is one in a transfer, `Axis` and `Grid` are of an archive, `Subject` is exported.
 """
 
 from swarmwright.analysis.comparison import Group as ComparedGroup
 from swarmwright.analysis.comparison import Pair, Task
+from swarmwright.analysis.groups import RunGroup
 from swarmwright.analysis.indicators import Indicator
 from swarmwright.analysis.significance import Difference, Kruskal
 from swarmwright.analysis.sweep.result import Failure
+from swarmwright.analysis.transfer.result import GroupLoss, GroupPair, GroupTask
+from swarmwright.core.correlation import Correlation
+from swarmwright.core.ranges import Range
 from swarmwright.core.statistics import Estimate, Summary
 from swarmwright.evaluation.episodes import Observation
-from swarmwright.runs.elites import Elite, Elites
+from swarmwright.export.sequences import Sequences
+from swarmwright.export.subject import Channel, Subject
+from swarmwright.export.verification import Verification
+from swarmwright.methods.archive import Axis, Grid
+from swarmwright.runs.elites import Elite, Elites, Outside
 from swarmwright.runs.page import ReplayPage
 from swarmwright.runs.run import Best
-from swarmwright.runs.transfer.transferred import Transferred
+from swarmwright.runs.transfer.transferred import Candidate, Transferred
 from swarmwright.store import Evaluation
 from swarmwright.store.rows import Attempt, Event, Session
 from swarmwright.store.table import RecordTable
 
 __all__ = [
     "Attempt",
+    "Axis",
     "Best",
+    "Candidate",
+    "Channel",
     "ComparedGroup",
+    "Correlation",
     "Difference",
     "Elite",
     "Elites",
@@ -35,14 +48,24 @@ __all__ = [
     "Evaluation",
     "Event",
     "Failure",
+    "Grid",
+    "GroupLoss",
+    "GroupPair",
+    "GroupTask",
     "Indicator",
     "Kruskal",
     "Observation",
+    "Outside",
     "Pair",
+    "Range",
     "RecordTable",
     "ReplayPage",
+    "RunGroup",
+    "Sequences",
     "Session",
+    "Subject",
     "Summary",
     "Task",
     "Transferred",
+    "Verification",
 ]

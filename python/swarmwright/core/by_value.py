@@ -20,22 +20,23 @@ class ComparedByValue:
         if type(other) is not type(self):
             return NotImplemented
         compared: list[str] = [one.name for one in fields(self) if one.compare]  # type: ignore[arg-type]
-        return all(_same(getattr(self, name), getattr(other, name)) for name in compared)
+        return all(same(getattr(self, name), getattr(other, name)) for name in compared)
 
     def __ne__(self, other: object) -> bool:
-        same = self.__eq__(other)
-        return same if same is NotImplemented else not same
+        equal = self.__eq__(other)
+        return equal if equal is NotImplemented else not equal
 
 
-def _same(one: Any, other: Any) -> bool:  # noqa: ANN401 - any values
+def same(one: Any, other: Any) -> bool:  # noqa: ANN401 - any values
+    """Return whether two values are equal; arrays and NaN are among them."""
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         return _same_arrays(one, other)
     if isinstance(one, str | bytes) or type(one) is not type(other):
         return bool(one == other)
     if isinstance(one, Mapping):
-        return one.keys() == other.keys() and all(_same(value, other[key]) for key, value in one.items())
+        return one.keys() == other.keys() and all(same(value, other[key]) for key, value in one.items())
     if isinstance(one, Sequence):
-        return len(one) == len(other) and all(map(_same, one, other))
+        return len(one) == len(other) and all(map(same, one, other))
     return bool(one == other or (one != one and other != other))
 
 

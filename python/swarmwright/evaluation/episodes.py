@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from swarmwright import _engine
 from swarmwright.core.arguments import checked, function, listed, mapping, simulation_seed
 from swarmwright.core.arrays import float32_of
+from swarmwright.core.by_value import same
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.processes import use_threads
 from swarmwright.core.suggestions import did_you_mean
@@ -24,8 +25,8 @@ from swarmwright.representations.controller import ControlledEpisodes, Controlle
 from swarmwright.simulations import catalogue
 
 
-class Observation(NamedTuple):
-    """What the agents sense that act next, a row each."""
+class Observation(NamedTuple):  # noqa: PLW1641 - arrays have no hash, nor have tuples of them
+    """What the agents sense that act next, a row each. Equal to another one with the same values."""
 
     episodes: NDArray[np.uint32]
     """(rows,), the index of the episode among `seeds`."""
@@ -33,6 +34,12 @@ class Observation(NamedTuple):
     """(rows,), the number of the agent in its episode, from 0."""
     sensors: NDArray[np.float32]
     """(rows, sensors), what it senses."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, tuple) and same(tuple(self), tuple(other))
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
 
 
 class Episodes:

@@ -21,6 +21,7 @@ from swarmwright import (
 )
 from swarmwright.core.by_value import ComparedByValue
 from swarmwright.core.html import facts
+from swarmwright.results import Observation
 from tests.python.records import EXPERIMENT
 
 
@@ -40,6 +41,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         *(post_evaluate(run, controller=run.best.controller, episodes=3), exported),
         *(compare([run]), run.history[0], run.sessions[0]),
         transfer([run], vary={"parameters.speedAgents": (0.01, 0.02)}, seeds=3),
+        Episodes(experiment, seeds=[1, 2]).observe(),
     ]
     return {type(one).__name__: one for one in objects}
 
@@ -51,7 +53,7 @@ def test_results_are_compared_by_their_values(results: dict[str, Any]) -> None:
         assert ((one == other), (one != other)) in {(True, False), (False, True)}, name
         assert one in [None, one]
         assert one != name
-        if isinstance(one, ComparedByValue):
+        if isinstance(one, ComparedByValue | Observation):
             assert one == other, name
             with pytest.raises(TypeError, match="unhashable"):
                 hash(one)
@@ -88,6 +90,17 @@ def test_equality_of_values(one: Any, other: Any, same: bool) -> None:
     assert (Values(one) == Values(other)) is same
     assert (Values(one) != Values(other)) is not same
     assert (Values(0, (one,)) == Values(0, (other,))) is same
+
+
+def test_equality_of_observations() -> None:
+    noisy = {"placement": "random"}
+    seen = Episodes("minisim", noisy, seeds=[1, 2]).observe()
+    assert seen == tuple(seen)
+    assert tuple(seen) == seen
+    assert seen != Episodes("minisim", noisy, seeds=[1, 3]).observe()
+    assert seen != seen[:2]
+    episodes, agents, sensors = seen
+    assert (episodes.shape, agents.shape, sensors.shape) == ((2,), (2,), (2, 4))
 
 
 def test_printed_results_are_short_and_the_same_in_every_session(results: dict[str, Any]) -> None:
