@@ -47,6 +47,11 @@ class Record(ComparedByValue):
     genomes: NDArray[np.float32]
     """(evaluations, genome_size)"""
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its numbers, but for those that say which evaluations they are."""
+        return sum(int(getattr(self, name).nbytes) for name in _COLUMNS)
+
 
 def joined(parts: list[Record], metrics: int) -> Record:
     """Return consecutive parts as one. Raises ValueError when they do not fit together.

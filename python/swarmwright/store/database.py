@@ -190,7 +190,7 @@ def reading(file: Path) -> Iterator[sqlite3.Connection]:
     Raises InputError when it is not a store, damaged, or of another version.
     """
     with errors(file, InputError):
-        connection = _connect_to_read(file)
+        connection = connect_to_read(file)
         try:
             # One snapshot for all that is read here, whatever is committed meanwhile.
             connection.execute("BEGIN")
@@ -210,7 +210,8 @@ def reading_on(connection: sqlite3.Connection, file: Path) -> Iterator[sqlite3.C
             raise InputError(f"{file}: is damaged: {error}") from error
 
 
-def _connect_to_read(file: Path) -> sqlite3.Connection:
+def connect_to_read(file: Path) -> sqlite3.Connection:
+    """Return a connection that reads a store, see `reading`. Raises InputError and sqlite3.Error."""
     try:
         return _connect_checked(file, "mode=ro")
     except sqlite3.OperationalError:
@@ -221,7 +222,10 @@ def _connect_to_read(file: Path) -> sqlite3.Connection:
 
 
 def _connect_checked(file: Path, how: str) -> sqlite3.Connection:
-    connection = sqlite3.connect(f"{file.absolute().as_uri()}?{how}", uri=True, isolation_level=None)
+    # An iterator may go on, or be thrown away, in another thread than it was begun in.
+    connection = sqlite3.connect(
+        f"{file.absolute().as_uri()}?{how}", uri=True, isolation_level=None, check_same_thread=False
+    )
     try:
         _check(connection, file)
     except BaseException:

@@ -5,7 +5,6 @@ import math
 import sqlite3
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -352,16 +351,37 @@ class Generations:
         )
         return [int(number) for _, _, number in entries[:most]]
 
-    def checked_evaluations(self, row: Row) -> Iterator[Record]:
-        """Yield the evaluations of a generation, all of which have been compared before."""
-        parts = self.evaluations(row)
-        first = list(islice(parts, 2))
-        if len(first) < 2:
-            yield from first
-            return
+    def compared(self, row: Row, most: int) -> list[Record] | None:
+        """Compare the evaluations of a generation and return them, block by block.
+
+        most: bytes; None is returned where several blocks have more.
+        """
+        parts: list[Record] = []
+        size = 0
+        for part in self.evaluations(row):
+            size += part.nbytes
+            if parts and size > most:
+                break
+            parts.append(part)
+        else:
+            return parts
+        parts.clear()
         for _ in self.evaluations(row, made=False):
             pass
-        yield from self.evaluations(row)
+        return None
+
+    def block(self, row: Row, number: int, sample: _engine.Sample | None) -> Record:
+        """Return the evaluations of the block that begins with this number, compared with nothing.
+
+        sample: of the generation.
+        """
+        found = self._connection.execute(_BLOCKS, (number, number + 1)).fetchone()
+        if found is None:
+            raise self.damaged(f"the evaluations from {number} on are missing", row.generation)
+        try:
+            return decoded(found, row.first, sample)
+        except _WRONG as error:
+            raise self.damaged(_DISAGREE, row.generation) from error
 
     def damaged(self, what: str, generation: int | None = None) -> DamageError:
         """Return the error for a damaged place."""

@@ -1,13 +1,13 @@
 """How a run went: its attempts and events, what servers did, and why attempts failed."""
 
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from swarmwright.core.attempts import OVERTAKEN
 from swarmwright.core.formatting import counted
 from swarmwright.core.message_kinds import kind_of
+from swarmwright.store.pieces import Begin
 from swarmwright.store.rows import FailureReason, ServerShare, journal_line
 
 _SHARES = """
@@ -40,18 +40,11 @@ _LINES = 1000
 """Lines that are read at once."""
 
 
-def lines(
-    reading: Callable[[], AbstractContextManager[sqlite3.Connection]], kind: type[Any], table: str, last: int
-) -> Iterator[Any]:
-    """Yield the lines of a table up to the row `last`, in order.
-
-    The store is open only while some of them are read: who stops in the middle keeps no process from writing.
-
-    reading: opens the store.
-    """
+def lines(begin: Begin, kind: type[Any], table: str, last: int) -> Iterator[Any]:
+    """Yield the lines of a table up to the row `last`, in order."""
     after, found = 0, _LINES
     while found == _LINES:
-        with reading() as connection:
+        with begin() as connection:
             cursor = connection.execute(
                 f"SELECT rowid, * FROM {table} WHERE rowid > ? AND rowid <= ? ORDER BY rowid LIMIT ?",  # noqa: S608 - our own names
                 (after, last, _LINES),

@@ -22,7 +22,7 @@ from swarmwright.core.order import best_first
 from swarmwright.core.place import Place
 from swarmwright.core.server_use import ServerUse, read
 from swarmwright.core.statistics import Summary
-from swarmwright.store import journal
+from swarmwright.store import journal, pieces
 from swarmwright.store.best_of_equals import BestOfEquals
 from swarmwright.store.blocks import Record, joined
 from swarmwright.store.database import BEST, FILE, FRONT, checked_facts, reading, reading_on
@@ -86,9 +86,6 @@ class _Whole:
 _LOOKED_AT = 50
 """Evaluations that are read for each of the leading ones, at most: many may have the same genome."""
 
-_TOGETHER = 4096
-"""Evaluations of small generations that are read at once."""
-
 
 class StoreReader:
     """Reads the store in a run folder: what is in it at any time, or at one moment, see `opened`.
@@ -143,7 +140,19 @@ class StoreReader:
     @contextmanager
     def _generations(self) -> Iterator[Generations]:
         with self._reading() as connection:
-            yield Generations(connection, self.file, self._end)
+            yield self._opened(connection)
+
+    def _opened(self, connection: sqlite3.Connection) -> Generations:
+        return Generations(connection, self.file, self._end)
+
+    @contextmanager
+    def _pieces(self) -> Iterator[pieces.Begin]:
+        """Yield what begins to read a piece of much that is yielded, see `in_pieces`."""
+        if self._connect is not None:
+            yield self._reading
+            return
+        with pieces.in_pieces(self.file) as begin:
+            yield begin
 
     @property
     def _end(self) -> int:
@@ -216,15 +225,18 @@ class StoreReader:
 
     def generations(self) -> Iterator[Evaluated]:
         """Yield the generations in order, one in memory at a time; genomes as the store has them."""
-        with self._generations() as generations:
-            rows = generations.rows()
-        for row in rows:
-            yield self._evaluated(row)
+        with self._pieces() as begin:
+            with begin() as connection:
+                rows = self._opened(connection).rows()
+            for row in rows:
+                with begin() as connection:
+                    one = self._evaluated(self._opened(connection), row)
+                yield one
+                del one  # before the next one is read
 
-    def _evaluated(self, row: Row) -> Evaluated:
-        with self._generations() as generations:
-            sample = generations.sample(row)
-            record = self._joined(list(generations.evaluations(row, made=False)))
+    def _evaluated(self, generations: Generations, row: Row) -> Evaluated:
+        sample = generations.sample(row)
+        record = self._joined(list(generations.evaluations(row, made=False)))
         return Evaluated(
             generation=row.generation,
             seeds=self._parsed(row.seeds),
@@ -240,8 +252,9 @@ class StoreReader:
         """Yield a generation, if it is there."""
         with self._generations() as generations:
             row = generations.row(generation)
-        if row is not None:
-            yield self._evaluated(row)
+            one = None if row is None else self._evaluated(generations, row)
+        if one is not None:
+            yield one
 
     def used_seeds(self) -> set[int]:
         """Return every simulation seed of the finished generations, compared with nothing."""
@@ -315,26 +328,10 @@ class StoreReader:
 
         None of a generation is yielded before all of it has been compared with its digest.
         """
-        for rows in self._batches():
-            with self._generations() as generations:
-                if len(rows) == 1 and rows[0].count > _TOGETHER:
-                    yield from generations.checked_evaluations(rows[0])
-                    continue
-                parts = [part for row in rows for part in generations.checked_evaluations(row)]
-            yield from parts
-
-    def _batches(self) -> Iterator[list[Row]]:
-        """Yield the generations, small ones together: between them, the store is not open."""
-        with self._generations() as generations:
-            rows = generations.rows()
-        batch: list[Row] = []
-        for row in rows:
-            if batch and row.summary.evaluations - batch[0].first > _TOGETHER:
-                yield batch
-                batch = []
-            batch.append(row)
-        if batch:
-            yield batch
+        with self._pieces() as begin:
+            with begin() as connection:
+                rows = self._opened(connection).rows()
+            yield from pieces.evaluations(begin, rows, self._opened)
 
     def episodes_left_out(self, evaluations: int | None = None) -> int:
         """Return how many episodes candidates did not go through that have not failed: dropped in a race.
@@ -531,7 +528,8 @@ class StoreReader:
 
     def attempts(self) -> Iterator[Attempt]:
         """Yield every attempt at evaluations, in the order in which they ended."""
-        return journal.lines(self._reading, Attempt, "attempt", self._last_attempt)
+        with self._pieces() as begin:
+            yield from journal.lines(begin, Attempt, "attempt", self._last_attempt)
 
     @property
     def _last_attempt(self) -> int:
@@ -550,7 +548,8 @@ class StoreReader:
     def events(self) -> Iterator[Event]:
         """Yield the warnings, in order."""
         last = LARGEST if self._moment is None else self._moment.events
-        return journal.lines(self._reading, Event, "event", last)
+        with self._pieces() as begin:
+            yield from journal.lines(begin, Event, "event", last)
 
     def _joined(self, parts: list[Record]) -> Record:
         try:
