@@ -203,9 +203,7 @@ def test_a_mask_is_no_sensor_and_allows_choices(mask: Any) -> None:
     with pytest.raises(SimulationError, match=r"x\['action_mask'\]: the observation array.* is not in"):
         allowed({"observation": 1, "action_mask": np.ones(4)})
     for without in ({"observation": 1}, {"observation": 1, "action_mask": None}, np.ones(3)):
-        with pytest.raises(
-            SimulationError, match=r"^x: an observation without 'action_mask', which its"
-        ):
+        with pytest.raises(SimulationError, match=r"^x: an observation without 'action_mask', which its"):
             allowed(without)
 
 
