@@ -1,10 +1,19 @@
 """Episodes that the evaluations of a run took: what they cost to simulate."""
 
+from typing import TypeAlias
+from weakref import WeakKeyDictionary
+
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmwright.analysis.after_evaluations import by_generation
 from swarmwright.rankings.race import RaceOptions
 from swarmwright.runs.run import Run
+
+_Numbers: TypeAlias = NDArray[np.int64]
+
+_known: WeakKeyDictionary[Run, tuple[_Numbers, _Numbers]] = WeakKeyDictionary()
+"""What `_by_generation` has found, for which every evaluation of a run is read."""
 
 
 def episodes_of(run: Run, evaluations: int) -> int:
@@ -13,31 +22,48 @@ def episodes_of(run: Run, evaluations: int) -> int:
     Those that a race left out do not count, nor do validations and what a ranking's other simulation ran.
     """
     ranking = run.experiment.ranking
-    every = evaluations * ranking.episodes
     if not isinstance(ranking, RaceOptions):
-        return every
-    if evaluations == run.evaluations:
-        return every - run.episodes_saved
-    return every - run.store.episodes_left_out(evaluations)
+        return evaluations * ranking.episodes
+    ends, taken = _by_generation(run)
+    generation = int(np.searchsorted(ends, evaluations, side="right")) - 1
+    rest = evaluations - int(ends[generation])
+    return int(taken[generation]) + (int(_taken_in(run, generation)[:rest].sum()) if rest else 0)
 
 
 def evaluations_within(run: Run, episodes: int) -> int:
     """Return how many of a run's first evaluations took at most so many episodes."""
     ranking = run.experiment.ranking
-    if episodes >= episodes_of(run, run.evaluations):
-        return run.evaluations
     if not isinstance(ranking, RaceOptions):
-        return episodes // ranking.episodes
-    found, left = 0, episodes
-    for part in run.store.rows():
-        left_out = np.isnan(part.episodes).sum(axis=1)
-        used = np.cumsum(ranking.episodes - np.where(np.isfinite(part.fitness), left_out, 0))
-        within = int(np.searchsorted(used, left, side="right"))
-        found += within
-        if within < len(used):
-            break
-        left -= int(used[-1])
-    return found
+        return min(episodes // ranking.episodes, run.evaluations)
+    ends, taken = _by_generation(run)
+    generation = int(np.searchsorted(taken, episodes, side="right")) - 1
+    left = episodes - int(taken[generation])
+    within = np.searchsorted(np.cumsum(_taken_in(run, generation)), left, side="right")
+    return int(ends[generation] + within)
+
+
+def _by_generation(run: Run) -> tuple[_Numbers, _Numbers]:
+    """Return the evaluations of a race before each generation and at the end, and the episodes of these."""
+    if run not in _known:
+        counts, taken = np.zeros((2, run.generations), np.int64)
+        for part in run.store.rows():
+            known = part.generation < run.generations  # a run that goes on may have more by now
+            np.add.at(counts, part.generation[known], 1)
+            np.add.at(taken, part.generation[known], _taken(part.episodes, part.fitness)[known])
+        _known[run] = np.concatenate([[0], np.cumsum(counts)]), np.concatenate([[0], np.cumsum(taken)])
+    return _known[run]
+
+
+def _taken_in(run: Run, generation: int) -> _Numbers:
+    """Return how many episodes each evaluation of a generation took; none where there is no such one."""
+    found = [_taken(one.episodes, one.fitness) for one in run.store.one_generation(generation)]
+    return np.concatenate(found) if found else np.zeros(0, np.int64)
+
+
+def _taken(episodes: NDArray[np.float64], fitness: NDArray[np.float64]) -> _Numbers:
+    """Return how many episodes evaluations took: a candidate that failed went through all of them."""
+    taken: _Numbers = np.where(np.isfinite(fitness), (~np.isnan(episodes)).sum(axis=1), episodes.shape[1])
+    return taken
 
 
 def episodes_to_begin(run: Run) -> int:

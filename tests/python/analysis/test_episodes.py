@@ -1,6 +1,7 @@
 """Episodes that the evaluations of compared runs took."""
 
 import csv
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 
 import swarmwright
 from swarmwright import InputError, Run, compare
+from swarmwright.store import Record, StoreReader
 from tests.python.analysis.runs import runs
 
 EIGHT = {"ranking": {"episodes": 8}}
@@ -115,3 +117,29 @@ def test_episodes_that_a_race_left_out_do_not_count(tmp_path: Path) -> None:
         (group,) = compare([raced], at_episodes=episodes).groups
         assert group.counts == ((used <= episodes).sum(),)
         assert group.episodes == (used[group.counts[0] - 1],)
+
+
+def test_a_race_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    experiment = swarmwright.Experiment.from_mapping(
+        {
+            "simulation": "minisim",
+            "parameters": {"maxSteps": 10, "placement": "random"},
+            "method": {"population": 6, "generations": 3},
+            "ranking": {"kind": "race", "seeds": "new"},
+        }
+    )
+    for seed in (1, 2):
+        swarmwright.optimize(experiment.replace(seed=seed), servers="in-process", out=tmp_path / str(seed))
+    read: list[Path] = []
+    rows = StoreReader.rows
+
+    def noting(store: StoreReader) -> Iterator[Record]:
+        read.append(store.file.parent)
+        return rows(store)
+
+    monkeypatch.setattr(StoreReader, "rows", noting)
+    raced = [Run.open(tmp_path / str(seed)) for seed in (1, 2)]
+    compare(raced)
+    compare(raced, at_episodes=50)
+    compare(raced, at=8)
+    assert sorted(read) == [run.path for run in raced]

@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 from swarmwright.analysis.groups import differing_keys, group
 from swarmwright.analysis.labels import abbreviations, labels_of
@@ -88,7 +89,7 @@ def test_labels_leave_out_what_tells_no_variant_from_others_of_its_kind() -> Non
 
 
 def test_an_option_is_told_where_others_may_have_its_kind_from_the_file() -> None:
-    groups = [
+    groups: list[dict[str, Any]] = [
         {"method.kind": "cma_es", "method.step": 0.5},
         {"method.population": 20},
         {"method.population": 50},
