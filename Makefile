@@ -68,6 +68,7 @@ ATTACHED_SOURCES := $(shell find wrappers/argos wrappers/stage -name build -prun
 ROS1_SOURCES := $(wildcard wrappers/ros1/*/src/*.[ch] wrappers/ros1/*/src/*.cpp python/swarmwright/export/templates/ros*/src/*.[ch]pp)
 MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
 ENGINE := $(shell find engine -name target -prune -o -path 'engine/*/tests' -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
+LICENSES := python/swarmwright/third-party-licenses.txt
 
 ROS1 := ros-core catkin rosbash ros-message-generation libroscpp-dev libgeometry-msgs-dev libnav-msgs-dev libsensor-msgs-dev libstd-msgs-dev \
 	libstd-srvs-dev python3-geometry-msgs python3-nav-msgs python3-rospy python3-sensor-msgs python3-std-srvs
@@ -510,11 +511,14 @@ $(VENV)/.bench: $(VENV)/.dev pyproject.toml
 	$(BIN)/python -m pip install --quiet --group bench
 	touch $@
 
+# Texts for binaries: what they say does not change the engine.
+$(LICENSES): engine/licenses.py $(filter %/Cargo.lock %/Cargo.toml,$(ENGINE)) | $(VENV)/.tools
+	$(BIN)/python engine/licenses.py $@
+
 # The engine, compiled into the package, and the package's dependencies.
-$(VENV)/.engine: $(VENV)/.tools $(ENGINE)
+$(VENV)/.engine: $(VENV)/.tools $(ENGINE) | $(LICENSES)
 	@mkdir -p build
 	$(BIN)/maturin develop --release --extras conformance
 	$(CARGO) rustc $(MANIFEST) --release --package swarmwright-fmi --lib -- -C strip=symbols
 	install "$${CARGO_TARGET_DIR:-engine/target}/release/libswarmwright_fmi.so" python/swarmwright/fmu/
-	$(BIN)/python engine/licenses.py python/swarmwright/third-party-licenses.txt
 	touch $@
