@@ -333,19 +333,9 @@ class StoreReader:
                 rows = self._opened(connection).rows()
             yield from pieces.evaluations(begin, rows, self._opened)
 
-    def episodes_left_out(self, evaluations: int | None = None) -> int:
-        """Return how many episodes candidates did not go through that have not failed: dropped in a race.
-
-        evaluations: of the first so many; None: of all.
-        """
-        found, left = 0, evaluations
-        for part in self.rows():
-            if left == 0:
-                break
-            episodes, fitness = part.episodes[:left], part.fitness[:left]
-            found += int(np.isnan(episodes[np.isfinite(fitness)]).sum())
-            left = None if left is None else max(left - len(fitness), 0)
-        return found
+    def episodes_left_out(self) -> int:
+        """Return how many episodes candidates did not go through that have not failed: dropped in a race."""
+        return sum(int(np.isnan(one.episodes[np.isfinite(one.fitness)]).sum()) for one in self.rows())
 
     def measured(self, metric: str) -> int:
         """Return how many evaluations have a metric."""
