@@ -68,8 +68,8 @@ class Run:
 
     All of it is as it was when it was opened, whatever is added later: generations, sessions, attempts,
     validation. Only `state`, and with it `interrupted` and `ended`, tell of a run that goes on what has
-    become of it. `Run.open(run.path)` has what was added. Two of these objects are equal when they are the
-    same object.
+    become of it; `validation_is_due` and `transfer_is_due` say what is missing now. `Run.open(run.path)` has
+    what was added. Two of these objects are equal when they are the same object.
     """
 
     _values: dict[str, Any] | None = None
@@ -187,10 +187,13 @@ class Run:
 
     @property
     def validation_is_due(self) -> bool:
-        """Whether the validation was interrupted, or a run that is done lacks it: `resume` does it."""
+        """Whether the validation was interrupted, or a run that is done lacks it: `resume` does it.
+
+        As the run is now, also where it has gone on since it was opened.
+        """
         from swarmwright.runs.validation import is_due
 
-        run = self._later()
+        run = Run(self.path)
         if run.state != "done":
             stored = run.store.validation()
             return stored is not None and stored["state"] == "due"
@@ -209,17 +212,16 @@ class Run:
 
     @property
     def transfer_is_due(self) -> bool:
-        """Whether the run has ended and simulations that `validate` names are missing: `resume` does them."""
+        """Whether the run has ended and simulations that `validate` names are missing: `resume` does them.
+
+        As the run is now, also where it has gone on since it was opened.
+        """
         from swarmwright.runs.transfer.at_end import is_due
 
-        run = self._later()
+        run = Run(self.path)
         if not run.experiment.validate.transfers or run.state not in {"done", "stopped"}:
             return False
         return is_due(run.experiment, run.store)
-
-    def _later(self) -> "Run":
-        """Return the run as it is now, if it went on when it was opened."""
-        return Run(self.path) if self._outcome is None else self
 
     @property
     def unseen(self) -> "PostEvaluation | None":
