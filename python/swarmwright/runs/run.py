@@ -26,7 +26,7 @@ from swarmwright.runs.instances import best_words
 from swarmwright.store import Attempt, Evaluation, Event, Session, StoreReader
 from swarmwright.store.folder import find_store
 from swarmwright.store.lock import is_locked
-from swarmwright.store.reader import nothing
+from swarmwright.store.lookup import nothing
 from swarmwright.store.table import RecordTable
 from swarmwright.user_code.trust import trusting
 

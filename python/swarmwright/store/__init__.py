@@ -7,7 +7,8 @@ experiment and seed; sessions, attempts and events, which describe how the run w
 
 from swarmwright.store.blocks import Record
 from swarmwright.store.database import FILE, FORMAT
-from swarmwright.store.reader import Best, Evaluation, StoreReader
+from swarmwright.store.lookup import Best, Evaluation
+from swarmwright.store.reader import StoreReader
 from swarmwright.store.rows import Attempt, AttemptEntry, Evaluated, Event, Journal, Session, WarningEntry
 from swarmwright.store.writer import StoreWriter
 

@@ -4,21 +4,16 @@ import hashlib
 import json
 import operator
 import sqlite3
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, SupportsIndex
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swarmwright import _engine
-from swarmwright.core.by_value import ComparedByValue
 from swarmwright.core.channels import problem_of
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.order import best_first
+from swarmwright.core.errors import InputError
 from swarmwright.core.place import Place
 from swarmwright.core.server_use import ServerUse, read
 from swarmwright.core.statistics import Summary
@@ -27,6 +22,7 @@ from swarmwright.store.best_of_equals import BestOfEquals
 from swarmwright.store.blocks import Record, joined
 from swarmwright.store.database import BEST, FILE, FRONT, checked_facts, reading, reading_on
 from swarmwright.store.generations import LARGEST, Generations, Row
+from swarmwright.store.lookup import Best, Evaluation, Lookup
 from swarmwright.store.moment import Moment, session_rows
 from swarmwright.store.rows import (
     Attempt,
@@ -38,53 +34,6 @@ from swarmwright.store.rows import (
     journal_line,
 )
 from swarmwright.typing import Genome
-
-
-@dataclass(frozen=True, eq=False)
-class Evaluation(ComparedByValue):
-    """One line of the record."""
-
-    number: int
-    """In the whole run, from 0."""
-    generation: int
-    candidate: int
-    fitness: float
-    """As the ranking made it; NaN when it failed."""
-    seeds: list[int]
-    """Simulation seed of each episode."""
-    episodes: NDArray[np.float64]
-    """(episodes,) fitness"""
-    metrics: NDArray[np.float64]
-    """(episodes, metrics)"""
-    genome: Genome
-
-
-@dataclass(frozen=True, eq=False)
-class Best(ComparedByValue):
-    """The evaluation that leads in the end; of equals, the first, in a run of `nsga2` one of the front."""
-
-    fitness: float
-    generation: int
-    candidate: int
-    genome: Genome
-
-
-@dataclass(frozen=True)
-class _Whole:
-    """A generation that was read."""
-
-    row: Row
-    sample: _engine.Sample | None
-    """What its genomes are made from; None where `part` has them."""
-    part: Record
-
-    def __contains__(self, number: int) -> bool:
-        """Return whether the evaluation of this number in the run belongs to it."""
-        return self.row.first <= number < self.row.summary.evaluations
-
-
-_LOOKED_AT = 50
-"""Evaluations that are read for each of the leading ones, at most: many may have the same genome."""
 
 
 class StoreReader:
@@ -349,112 +298,14 @@ class StoreReader:
 
     def seeds(self, generation: int) -> list[int]:
         """Return the simulation seed of each episode of a generation."""
-        with self._generations() as generations:
-            seeds: list[int] = self._parsed(self._row(generations, generation).seeds)
+        with self._lookup() as lookup:
+            seeds: list[int] = self._parsed(lookup.row(generation).seeds)
         return seeds
 
-    def leading(
-        self,
-        count: int,
-        *,
-        last_only: bool = False,
-        by_instance: bool = False,
-        key: Callable[[Genome], object] = bytes,
-    ) -> list[Evaluation]:
-        """Return the best evaluation of the run, and the next best with other genomes, the best first.
-
-        Args:
-            count: how many, at most. Fewer where there are fewer genomes whose evaluation has not failed.
-            last_only: whether those beside the best are of the last generation only.
-            by_instance: whether genomes were evaluated on one instance after the other, so that those with
-                the most evaluations are the best.
-            key: the same for genomes that count as one, such as those of the same controller.
-        """
+    @contextmanager
+    def _lookup(self) -> Iterator[Lookup]:
         with self._generations() as generations:
-            row, number = self._place(generations, None, None)
-            whole = self._whole(generations, row)
-            best = self._line(whole, number)
-            found, known = [best], {key(best.genome)}
-            last = generations.last()
-            first = last.first if last_only and last is not None else 0
-            numbers: Sequence[int] = ()
-            if count > 1 and by_instance:
-                numbers = generations.by_instances(_LOOKED_AT * count)
-            elif count > 1:
-                numbers = generations.by_fitness(first, _LOOKED_AT * count).tolist()
-            for number in numbers:
-                if len(found) >= count:
-                    break
-                if number not in whole:  # the best ones are often of the same generation
-                    whole = self._whole(generations, self._place(generations, number, None)[0])
-                one = self._line(whole, number)
-                if key(one.genome) not in known:
-                    known.add(key(one.genome))
-                    found.append(one)
-        return found
-
-    def evaluation(self, candidate: SupportsIndex | None, generation: SupportsIndex | None) -> Evaluation:
-        """Return one evaluation; None as in `Run.evaluation`."""
-        which, of = (None if one is None else operator.index(one) for one in (candidate, generation))
-        with self._generations() as generations:
-            return self._evaluation(generations, which, of)
-
-    def evaluations_of(self, one: Evaluation) -> list[Evaluation]:
-        """Return the evaluations of the same genome up to `one`, which is the last of them."""
-        with self._generations() as generations:
-            numbers = generations.of_genome(one.genome.astype("<f4").tobytes(), one.number)
-            return [self._evaluation(generations, number, None) for number in numbers[:-1]] + [one]
-
-    def _evaluation(
-        self, generations: Generations, candidate: int | None, generation: int | None
-    ) -> Evaluation:
-        row, number = self._place(generations, candidate, generation)
-        return self._line(self._whole(generations, row), number)
-
-    def _whole(self, generations: Generations, row: Row) -> "_Whole":
-        """Read a generation, compared with its digest."""
-        sample = generations.sample(row)
-        return _Whole(row, sample, self._joined(list(generations.evaluations(row, made=False))))
-
-    def _line(self, whole: "_Whole", number: int | None) -> Evaluation:
-        """Return an evaluation of a generation by its number in the run; None: the best."""
-        row, part = whole.row, whole.part
-        index = int(best_first(part.fitness)[0]) if number is None else number - row.first
-        return Evaluation(
-            row.first + index,
-            row.generation,
-            index,
-            float(part.fitness[index]),
-            self._parsed(row.seeds),
-            part.episodes[index],
-            part.metrics[index],
-            part.genomes[index] if whole.sample is None else whole.sample.genomes(index, 1)[0],
-        )
-
-    def _place(
-        self, generations: Generations, candidate: int | None, generation: int | None
-    ) -> tuple[Row, int | None]:
-        """Return the generation of the evaluation that is meant, and its number; None for the best there."""
-        if generation is None:
-            if candidate is None:
-                last = generations.last()
-                if last is None:
-                    raise RunError(nothing(self._folder))
-                equals = self._best_of_equals
-                candidate = last.leader if equals is None else equals.number(generations, last)
-            row = generations.of_evaluation(candidate)
-            if row is None:
-                last = generations.last()
-                there = _range(0 if last is None else last.summary.evaluations, "evaluation")
-                raise InputError(f"{self._folder}: holds {there}, not {candidate}")
-            return row, candidate
-        row = self._row(generations, generation)
-        if candidate is None:
-            return row, None
-        if not 0 <= candidate < row.count:
-            there = _range(row.count, "candidate")
-            raise InputError(f"{self._folder}: generation {generation} has {there}, not {candidate}")
-        return row, row.first + candidate
+            yield Lookup(generations, self._folder, len(self.metrics), self._best_of_equals)
 
     @cached_property
     def _best_of_equals(self) -> BestOfEquals | None:
@@ -464,22 +315,33 @@ class StoreReader:
         goals: dict[str, str] = self._parsed(self._facts["experiment"])["method"]["objectives"]
         return BestOfEquals(goals, self.metrics)
 
-    def _row(self, generations: Generations, generation: int) -> Row:
-        """Return a generation. Raises InputError without that one."""
-        row = generations.row(generation)
-        if row is None:
-            last = generations.last()
-            there = _range(0 if last is None else last.generation + 1, "generation")
-            raise InputError(f"{self._folder}: holds {there}, not {generation}")
-        return row
+    def leading(
+        self,
+        count: int,
+        *,
+        last_only: bool = False,
+        by_instance: bool = False,
+        key: Callable[[Genome], object] = bytes,
+    ) -> list[Evaluation]:
+        """Return the best evaluation of the run, and the next best with other genomes: `Lookup.leading`."""
+        with self._lookup() as lookup:
+            return lookup.leading(count, last_only=last_only, by_instance=by_instance, key=key)
+
+    def evaluation(self, candidate: SupportsIndex | None, generation: SupportsIndex | None) -> Evaluation:
+        """Return one evaluation; None as in `Run.evaluation`."""
+        which, of = (None if one is None else operator.index(one) for one in (candidate, generation))
+        with self._lookup() as lookup:
+            return lookup.evaluation(which, of)
+
+    def evaluations_of(self, one: Evaluation) -> list[Evaluation]:
+        """Return the evaluations of the same genome up to `one`, which is the last of them."""
+        with self._lookup() as lookup:
+            return lookup.evaluations_of(one)
 
     def best(self) -> Best | None:
         """Return the best evaluation; None when there is none."""
-        with self._generations() as generations:
-            if generations.last() is None:
-                return None
-            one = self._evaluation(generations, None, None)
-        return Best(one.fitness, one.generation, one.candidate, one.genome)
+        with self._lookup() as lookup:
+            return lookup.best()
 
     def sessions(self) -> list[Session]:
         """Return the sessions of the run, in order."""
@@ -546,14 +408,3 @@ class StoreReader:
             return joined(parts, len(self.metrics))
         except ValueError as error:
             raise InputError(f"{self.file}: is damaged: {error}") from error
-
-
-def nothing(folder: Path) -> str:
-    """Say that there is no best candidate yet."""
-    return f"{folder}: holds no finished generation, so there is no best candidate"
-
-
-def _range(count: int, what: str) -> str:
-    if count == 0:
-        return f"no finished {what}"
-    return f"one {what}, number 0" if count == 1 else f"the {what}s 0 to {count - 1}"
