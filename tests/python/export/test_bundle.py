@@ -191,6 +191,7 @@ class Odd(Simulation):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(180)
 def test_where_the_run_was_is_not_in_it(program: Any, tmp_path: Path) -> None:
     """With the code of a user, which the run has a copy of."""
     (tmp_path / "odd.py").write_text(ODD, encoding="utf-8")
