@@ -14,6 +14,7 @@ from typing import Any, Self
 from swarmwright.export.c import C
 from swarmwright.export.ros1 import Ros1
 from swarmwright.export.subject import Subject
+from tests.python.cli.processes import children
 from tests.python.export.specifications import Specification, network
 from tests.python.ros.conversation import EXPORTED
 
@@ -113,7 +114,9 @@ class Master:
             time.sleep(0.05)
 
     def kill(self) -> None:
-        """End it at once."""
+        """End it at once, with the master that it has started in a group of its own."""
+        for process in children(self._process.pid):
+            os.kill(process, signal.SIGKILL)
         end(self._process, signal.SIGKILL)
 
     def __exit__(self, *_: object) -> None:
