@@ -46,6 +46,8 @@ _ENCODER = json.JSONEncoder(separators=(",", ":"))
 _log = logging.getLogger("swarmwright")
 _SURPLUS_S = 0.05
 """Seconds in which the answer to a reset comes that seems to be the end of the episode before."""
+_LINE_END_S = 0.2
+"""Seconds in which the rest of a line comes that nothing was asked for."""
 _GRACE_S = 2.0
 """Seconds that a process has to end when its standard input is closed."""
 
@@ -200,27 +202,50 @@ class Dialogue:
             # Of what is printed without end, the rest is read when an answer is waited for.
             if self._ended is not None or (has_read and not left):
                 return False
-            # Not by poll, whose times are whole milliseconds.
-            if not select.select([self._pipes[1]], [], [], left)[0]:
+            if not self._read_more(left):
                 return False
-            data = os.read(self._pipes[1], CHUNK_BYTES)
-            self._lines.add(data)
             has_read = True
-            if not data:
-                return False
+
+    def _read_more(self, patience: float) -> bool:
+        """Read what comes within so many seconds; False for nothing, or the end of the output."""
+        assert self._pipes is not None
+        # Not by poll, whose times are whole milliseconds.
+        if not select.select([self._pipes[1]], [], [], patience)[0]:
+            return False
+        data = os.read(self._pipes[1], CHUNK_BYTES)
+        self._lines.add(data)
+        return bool(data)
 
     def _refuse_surplus(self) -> NoReturn:
         """Raise CommandFailure for an answer that nothing was asked for: an error may come at any time."""
         text = self._lines.beginning
-        line = self._lines.take()
-        if line is not None:
-            self._accepted(self._parsed(line))
+        if (reported := self._surplus_error()) is not None:
+            raise ReportedFailure(reported)
         self._looks.suspect()
         raise CommandFailure(f"answered a message twice: {text}")
 
+    def _surplus_error(self) -> str | None:
+        """Take an answer that nothing was asked for; return the error that it reports, None if it does not.
+
+        Its line may come in pieces: programs that do not buffer write the line end apart.
+        """
+        deadline = time.monotonic() + _LINE_END_S
+        while (line := self._lines.take()) is None:
+            left = deadline - time.monotonic()
+            if left <= 0 or self._ended is not None or not self._read_more(left):
+                return None
+        answer = self._parsed(line)
+        return str(answer["error"]) if "error" in answer else None
+
     def _end_for_surplus(self) -> None:
         """End a process whose next answers would be those to earlier messages."""
-        self._doubt(f"sent another answer after the end of an episode ({self._lines.beginning})")
+        text, reported = self._lines.beginning, None
+        with contextlib.suppress(CommandFailure):  # of a line that is no JSON
+            reported = self._surplus_error()
+        if reported is not None:
+            self._note_late(reported)
+        else:
+            self._doubt(f"sent another answer after the end of an episode ({text})")
         self.abandon()
 
     def _doubt(self, what: str) -> None:

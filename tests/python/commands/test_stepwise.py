@@ -348,6 +348,12 @@ def test_a_reset_that_fails_because_of_its_parameters(
         ('say(error="no paper")', True),
         ('say(error="no paper")', False),
         ('(time.sleep(0.06), say(error="no paper"))', False),
+        # As programs that do not buffer, which write the line end apart.
+        (
+            """(print('{"error": "no paper"', end="", flush=True), time.sleep(0.04), print("}"), """
+            "sys.stdout.flush())",
+            False,
+        ),
     ],
 )
 @pytest.mark.parametrize("servers", ["in-process", 2])
