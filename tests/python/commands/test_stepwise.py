@@ -270,7 +270,8 @@ def test_two_answers_to_a_message_fail_the_episode(traced: Traced, caplog: pytes
 
 BEHIND = """
 import json, os, sys, time
-def say(**words): print(json.dumps(words), flush=True)
+def say_rest(text): print(text, flush=True)
+def say(**words): say_rest(json.dumps(words))
 number = 0
 for line in sys.stdin:
     message = json.loads(line)
@@ -349,11 +350,7 @@ def test_a_reset_that_fails_because_of_its_parameters(
         ('say(error="no paper")', False),
         ('(time.sleep(0.06), say(error="no paper"))', False),
         # As programs that do not buffer, which write the line end apart.
-        (
-            """(print('{"error": "no paper"', end="", flush=True), time.sleep(0.04), print("}"), """
-            "sys.stdout.flush())",
-            False,
-        ),
+        ("""(print('{"error": "no paper"', end="", flush=True), time.sleep(0.04), say_rest("}"))""", False),
     ],
 )
 @pytest.mark.parametrize("servers", ["in-process", 2])
