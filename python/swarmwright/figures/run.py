@@ -141,8 +141,32 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
         text, (places[found], best[found]), xytext=(0, 8), textcoords="offset points",
         ha="center" if found else "left", color=_BEST, fontsize=11.5, fontweight="bold",
     )  # fmt: skip
+    low, high = drawn.min(axis=0), drawn.max(axis=0)
+    held_out = _held_out(axes, run, float(places[-1]))
+    if held_out is not None:
+        low[-1], high[-1] = np.fmin(low[-1], held_out[0]), np.fmax(high[-1], held_out[1])
     axes.margins(x=0.02, y=0.14)
-    zoom(axes, [(places, drawn.min(axis=0), drawn.max(axis=0))])
+    zoom(axes, [(places, low, high)])
+
+
+def _held_out(axes: "Axes", run: "Run", place: float) -> tuple[float, float] | None:
+    """Draw the fitness of the best on held-out seeds at a place; return the ends of its interval.
+
+    None where it was not validated, or has the same fitness with any seed.
+    """
+    validation = run.validation
+    if validation is None or not validation.depends_on_seed:
+        return None
+    best = validation.best.fitness
+    if not math.isfinite(best.mean) or best.low is None or best.high is None:
+        return None
+    mean, low, high = drawable(np.array([best.mean, best.low, best.high])).tolist()
+    axes.errorbar(
+        place, mean, yerr=[[mean - low], [high - mean]], fmt="D", markersize=6, color=INK,
+        ecolor=INK, elinewidth=1.6, capsize=4, zorder=6, clip_on=False,
+        label=f"best on held-out seeds ({len(validation.seeds):,} episodes, 95 % interval)",
+    )  # fmt: skip
+    return low, high
 
 
 def _number(value: float, among: "NDArray[np.float64]") -> str:

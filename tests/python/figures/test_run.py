@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from matplotlib.container import ErrorbarContainer
 from PIL import Image
 
 from swarmwright import Experiment, compare, optimize
@@ -141,3 +142,36 @@ def test_huge_fitness_is_drawn(tmp_path: Path) -> None:
         runs[0].plot(tmp_path / "one.png")
         compare(runs).plot(tmp_path / "all.png")
     assert (tmp_path / "one.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize("placement", ["random", "fixed"])
+def test_the_best_on_held_out_seeds_is_drawn_where_seeds_matter(tmp_path: Path, placement: str) -> None:
+    run = optimize(
+        Experiment.from_mapping(
+            {
+                "simulation": "minisim",
+                "parameters": {"placement": placement, "numAgents": 3},
+                "method": {"kind": "cma_es", "population": 6, "generations": 4},
+                "ranking": {"episodes": 2, "seeds": "new"},
+                "validate": {"episodes": 12},
+                "servers": "in-process",
+            }
+        ),
+        out=tmp_path / "run",
+    )
+    upper, _ = draw(run, diversity(run)).axes
+    labels = [str(one.get_label()) for one in upper.containers]
+    assert labels == ["best on held-out seeds (12 episodes, 95 % interval)"] * (placement == "random")
+    if labels:
+        assert run.validation is not None
+        best = run.validation.best.fitness
+        (held_out,) = upper.containers
+        assert isinstance(held_out, ErrorbarContainer)
+        point, _, (bar,) = held_out.lines
+        assert point is not None
+        assert np.asarray(point.get_xydata()).tolist() == [[24, best.mean]]
+        assert isinstance(bar, LineCollection)
+        ends = bar.get_segments()[0][:, 1].tolist()
+        assert ends == pytest.approx([best.low, best.high])
+        low, high = upper.get_ylim()
+        assert low < ends[0] < ends[1] < high
