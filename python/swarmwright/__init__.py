@@ -94,6 +94,7 @@ if TYPE_CHECKING:
     from swarmwright.export.exporting import Exported, export_controller
     from swarmwright.optimization.optimize import Generation, optimize, resume
     from swarmwright.representations.controller import Controller
+    from swarmwright.runs.learning_curve import LearningCurve, learning_curve
     from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, post_evaluate
     from swarmwright.runs.repeat import Repeated, repeat
     from swarmwright.runs.run import Run
@@ -121,6 +122,7 @@ __all__ = [
     "Generation",
     "Group",
     "InputError",
+    "LearningCurve",
     "Parameter",
     "Physics",
     "PlugInError",
@@ -144,6 +146,7 @@ __all__ = [
     "export_bundle",
     "export_controller",
     "frevo",
+    "learning_curve",
     "methods",
     "modules",
     "optimize",
@@ -174,6 +177,7 @@ _LAZY = {
     "Exported": "export.exporting",
     "Generation": "optimization.optimize",
     "Group": "simulations.groups",
+    "LearningCurve": "runs.learning_curve",
     "Parameter": "simulations.parameters",
     "Physics": "simulations.physics",
     "ControllerEvaluation": "runs.post_evaluation",
@@ -189,6 +193,7 @@ _LAZY = {
     "evaluate_episodes": "evaluation.evaluate",
     "export_bundle": "export.bundle",
     "export_controller": "export.exporting",
+    "learning_curve": "runs.learning_curve",
     "optimize": "optimization.optimize",
     "post_evaluate": "runs.post_evaluation",
     "repeat": "runs.repeat",

@@ -26,6 +26,7 @@ from swarmwright.export.subject import Channel, Subject
 from swarmwright.export.verification import Verification
 from swarmwright.methods.archive import Axis, Grid
 from swarmwright.runs.elites import Elite, Elites, Outside
+from swarmwright.runs.learning_curve import CurvePoint
 from swarmwright.runs.page import ReplayPage
 from swarmwright.runs.run import Best
 from swarmwright.runs.transfer.transferred import Candidate, Transferred
@@ -41,6 +42,7 @@ __all__ = [
     "Channel",
     "ComparedGroup",
     "Correlation",
+    "CurvePoint",
     "Difference",
     "Elite",
     "Elites",

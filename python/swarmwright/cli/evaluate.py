@@ -10,6 +10,8 @@ import click
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     ExistingPath,
+    OutputFile,
+    OutputOption,
     Servers,
     WholeNumber,
     broker_option,
@@ -45,6 +47,7 @@ _NOT_EVALUATED = (
     "swarmwright evaluate runs/minisim-1 --episodes 100 --seed 5000\n"
     "swarmwright evaluate runs/minisim-1 --episodes 100 --set parameters.speedDefenders=0.5\n"
     "swarmwright evaluate runs/minisim-1 --episodes 100 --metrics all --json\n"
+    "swarmwright evaluate runs/minisim-1 --curve 20 --out curve.png\n"
     "swarmwright evaluate minisim.yaml --controller mine.json --episodes 100",
 )
 @click.argument("run", type=ExistingPath(folder=None), metavar="RUN")
@@ -69,6 +72,22 @@ _NOT_EVALUATED = (
     help="Simulation seed of the first of these episodes; the others have S + 1, S + 2, .. Default: the "
     "held-out seeds of the run's validation, which evolution did not use; name another S for fresh ones.",
 )
+@click.option(
+    "--curve",
+    type=WholeNumber(min=1, max=100_000),
+    metavar="N",
+    help="Evaluate what the run would have returned after N of its generations, evenly spaced, on the same "
+    "held-out seeds: its learning curve without the luck that the record has. 100 episodes unless "
+    "--episodes says otherwise.",
+)
+@click.option(
+    "--out",
+    "file",
+    cls=OutputOption,
+    type=OutputFile(),
+    metavar="FILE",
+    help="With --curve, draw it (.png, .svg or .pdf), or write it as a table (.csv).",
+)
 @candidate_options
 @set_option("With --episodes, another value than the run's: parameters.maxSteps=40.")
 @click.option(
@@ -92,6 +111,8 @@ def command(
     controller_file: Path | None,
     episodes: int | None,
     seed: int | None,
+    curve: int | None,
+    file: Path | None,
     candidate: int | None,
     generation: int | None,
     settings: tuple[str, ...],
@@ -113,6 +134,9 @@ def command(
     With --controller, that controller is evaluated in the same way, in the simulation of RUN or of an
     experiment file, on seeds that the run did not use.
 
+    With --curve, the best so far of several generations is evaluated, not only the best of the run: its
+    fitness on held-out seeds falls where evolution adapts to the seeds that it uses.
+
     Where the code of the simulation was edited after the run, the copy in RUN is used, with a message.
     """
     from swarmwright import Run
@@ -123,6 +147,7 @@ def command(
 
     output = Output(as_json=as_json)
     show_warnings()
+    _check_curve(curve, file, controller_file, candidate, generation, metrics)
     if controller_file is not None:
         _require_no_candidate(candidate, generation, simulation)
         if episodes is None and seed is None:
@@ -153,7 +178,7 @@ def command(
             "--controller FILE --episodes 100"
         )
     opened = Run.open(run)
-    again = episodes is None and seed is None
+    again = episodes is None and seed is None and curve is None
     only = ELSEWHERE - {"validate"} if again else _evaluated()
     reason = (
         "--set changes the conditions, so that the result cannot be compared with the record; add "
@@ -171,6 +196,12 @@ def command(
         if metrics is not None:
             raise click.UsageError("--metrics: add --episodes N; metrics are measured in new episodes only")
         return _repeated(output, opened, experiment, candidate, generation, broker, servers)
+    if curve is not None:
+        from swarmwright.cli._learning_curve import show_learning_curve
+
+        where = (broker, servers)
+        _show_settings(output, settings)
+        return show_learning_curve(output, opened, curve, file, episodes, seed, experiment, settings, where)
     from swarmwright import post_evaluate
     from swarmwright.cli._progress import episodes as shown_episodes
     from swarmwright.runs.post_evaluation import EPISODES
@@ -206,6 +237,29 @@ def _show_settings(output: Output, settings: Sequence[str]) -> None:
     """Print what was set: the result depends on it."""
     if settings:
         output.text(f"Settings: {', '.join(settings)}")
+
+
+def _check_curve(
+    curve: int | None,
+    file: Path | None,
+    controller: Path | None,
+    candidate: int | None,
+    generation: int | None,
+    metrics: str | None,
+) -> None:
+    """Raise a UsageError for options that mean nothing with --curve, or only with it."""
+    if curve is None:
+        if file is not None:
+            raise click.UsageError("--out: add --curve N, the curve that is drawn")
+        return
+    for option, given in (
+        ("--controller", controller), ("--candidate", candidate), ("--generation", generation),
+        ("--metrics", metrics),
+    ):  # fmt: skip
+        if given is not None:
+            raise click.UsageError(f"{option}: has no meaning with --curve; leave it out")
+    if file is not None and file.suffix.lower() not in {".csv", ".png", ".svg", ".pdf"}:
+        raise click.UsageError(f"--out {file}: ends with .png, .svg or .pdf, or with .csv for a table")
 
 
 def _require_no_candidate(candidate: int | None, generation: int | None, simulation: str | None) -> None:

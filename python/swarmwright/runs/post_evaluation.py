@@ -26,6 +26,7 @@ from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.rankings import Ranking
 from swarmwright.representations.controller import Controller
 from swarmwright.runs.code import used_for
+from swarmwright.store import Evaluation
 from swarmwright.typing import Genomes
 
 if TYPE_CHECKING:
@@ -296,9 +297,7 @@ def post_evaluate(
 
     if experiment is not None:
         experiment = experiment_of(experiment)
-    if episodes < 1:
-        raise InputError(f"episodes: must be at least 1, not {episodes}")
-    where = _Where(episodes, None if seed is None else index(seed), broker, servers, on_progress, metrics)
+    where = Where.of(episodes, seed, broker, servers, on_progress, metrics)
     if controller is not None:
         if candidate is not None or generation is not None:
             raise InputError("controller: is evaluated instead of a candidate; leave out one of them")
@@ -310,10 +309,13 @@ def post_evaluate(
         return _of_controller(controller, experiment, where, used)
     if isinstance(run, Experiment | Mapping):
         raise InputError("run: is an experiment, which has no candidates; name a controller=..")
-    return _of_candidate(run_of(run), candidate, generation, experiment, where)
+    run = run_of(run)
+    evaluation = run.evaluation(candidate, generation)
+    experiment = experiment or used_for(run, evaluation.generation)
+    return of_candidates(run, [evaluation], experiment, where)[0]
 
 
-class _Where(NamedTuple):
+class Where(NamedTuple):
     """In which episodes, and where, a controller is evaluated; as in `post_evaluate`."""
 
     episodes: int
@@ -322,6 +324,21 @@ class _Where(NamedTuple):
     servers: Servers | None
     on_progress: Progress | None
     metrics: Sequence[str] | Literal["all"]
+
+    @classmethod
+    def of(
+        cls,
+        episodes: int,
+        seed: SupportsIndex | None,
+        broker: str | None,
+        servers: Servers | None,
+        on_progress: Progress | None,
+        metrics: Sequence[str] | Literal["all"] = (),
+    ) -> Self:
+        """Return it from the arguments of `post_evaluate`. Raises InputError for no episode."""
+        if episodes < 1:
+            raise InputError(f"episodes: must be at least 1, not {episodes}")
+        return cls(episodes, None if seed is None else index(seed), broker, servers, on_progress, metrics)
 
     def seeds(self, experiment: Experiment, used: set[int]) -> list[int]:
         """Return the seed of each episode; used: by evolution. Raises InputError for one out of range."""
@@ -343,43 +360,43 @@ class _Where(NamedTuple):
             )
 
 
-def _of_candidate(
-    run: "Run",
-    candidate: int | None,
-    generation: int | None,
-    experiment: Experiment | None,
-    where: _Where,
-) -> PostEvaluation:
-    """Evaluate a candidate of a run, with another experiment than the run's where it is given."""
-    evaluation = run.evaluation(candidate, generation)
+def of_candidates(
+    run: "Run", candidates: Sequence[Evaluation], experiment: Experiment, where: Where
+) -> list[PostEvaluation]:
+    """Evaluate candidates of a run in the same episodes, by an experiment; raises as `post_evaluate`."""
     used = run.store.used_seeds()
     validated = set((run.store.validation() or {}).get("seeds", ()))
     seeds = where.seeds(run.experiment, used)
-    experiment = experiment or used_for(run, evaluation.generation)
     where.check(experiment)
-    asked = asked_for(experiment, where.metrics)
     with open_backend(
-        experiment, broker=where.broker, servers=where.servers, most=len(seeds), metrics=asked
+        experiment,
+        broker=where.broker,
+        servers=where.servers,
+        most=len(seeds) * len(candidates),
+        metrics=asked_for(experiment, where.metrics),
     ) as backend:
-        genomes = evaluation.genome[np.newaxis]
+        genomes = np.stack([one.genome for one in candidates])
         results = evaluated(experiment, backend, genomes, seeds, where.on_progress)
         names = backend.metrics
-    return PostEvaluation(
-        number=evaluation.number,
-        generation=evaluation.generation,
-        candidate=evaluation.candidate,
-        recorded=evaluation.fitness,
-        seeds=seeds,
-        seen=len(used.intersection(seeds)),
-        validated=len(validated.intersection(seeds)),
-        episodes=results.fitness[0] + 0.0,
-        ranking=experiment.new_ranking(),
-        metrics=dict(zip(names, results.metrics[0].T + 0.0, strict=True)),
-    )
+    return [
+        PostEvaluation(
+            number=one.number,
+            generation=one.generation,
+            candidate=one.candidate,
+            recorded=one.fitness,
+            seeds=seeds,
+            seen=len(used.intersection(seeds)),
+            validated=len(validated.intersection(seeds)),
+            episodes=results.fitness[index] + 0.0,
+            ranking=experiment.new_ranking(),
+            metrics=dict(zip(names, results.metrics[index].T + 0.0, strict=True)),
+        )
+        for index, one in enumerate(candidates)
+    ]
 
 
 def _of_controller(
-    given: Controller | str | PathLike[str], experiment: Experiment, where: _Where, used: set[int]
+    given: Controller | str | PathLike[str], experiment: Experiment, where: Where, used: set[int]
 ) -> ControllerEvaluation:
     """Evaluate a controller from elsewhere. used: seeds that are not taken unless they are asked for."""
     from swarmwright.evaluation.evaluate import check_fit  # noqa: PLC0415 - takes long, not for reading runs

@@ -127,6 +127,13 @@ class Lookup:
         row, number = self._place(candidate, generation)
         return self._line(self._whole(row), number)
 
+    def leader(self, generation: int) -> Evaluation:
+        """Return the evaluation that would be the best of the run if it had ended after this generation."""
+        row = self.row(generation)
+        equals = self._equals
+        number = row.leader if equals is None else equals.number(self._generations, row)
+        return self.evaluation(number, None)
+
     def evaluations_of(self, one: Evaluation) -> list[Evaluation]:
         """Return the evaluations of the same genome up to `one`, which is the last of them."""
         numbers = self._generations.of_genome(one.genome.astype("<f4").tobytes(), one.number)

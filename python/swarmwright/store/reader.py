@@ -333,6 +333,11 @@ class StoreReader:
         with self._lookup() as lookup:
             return lookup.evaluation(which, of)
 
+    def leader(self, generation: int) -> Evaluation:
+        """Return the evaluation that would be the best of the run if it had ended after this generation."""
+        with self._lookup() as lookup:
+            return lookup.leader(generation)
+
     def evaluations_of(self, one: Evaluation) -> list[Evaluation]:
         """Return the evaluations of the same genome up to `one`, which is the last of them."""
         with self._lookup() as lookup:

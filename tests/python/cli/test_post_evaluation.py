@@ -229,3 +229,40 @@ def test_a_controller_of_a_file(program: Any, noisy: Path) -> None:
     ):
         refused = program("evaluate", *arguments)
         assert (refused.returncode, words in refused.stderr) == (2, True), refused.stderr
+
+
+def test_a_learning_curve(program: Any, noisy: Path) -> None:
+    run = optimize(Experiment.load(noisy, ["method.generations=5"]), out=noisy.parent / "run")
+    result = program("evaluate", "run", "--curve", "3", "--episodes", "20", "--out", "curve.svg")
+    assert result.returncode == 0, result.stderr
+    lines = result.stdout.splitlines()
+    assert lines[0].endswith("best so far, in 20 episodes with the seeds 1000000000 to 1000000019:")
+    assert [line.split()[:2] for line in lines[2:5]] == [["0", "20"], ["2", "60"], ["4", "100"]]
+    assert "<svg" in noisy.with_name("curve.svg").read_text()
+    values = json.loads(
+        program("evaluate", "run", "--curve", "3", "--episodes", "20", "--out", "c.csv", "--json").stdout
+    )
+    (_, _, last) = values["points"]
+    assert last["best"]["number"] == run.evaluation().number
+    assert last["best"]["fitness"] == post_evaluate(run, episodes=20).fitness.mean
+    assert len(noisy.with_name("c.csv").read_text().splitlines()) == 4
+    assert (
+        "Settings: parameters.speedDefenders=0.2"
+        in program("evaluate", "run", "--curve", "2", "--set", "parameters.speedDefenders=0.2").stdout
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--out", "c.png"], "--out: add --curve N"),
+        (["--curve", "3", "--candidate", "1"], "--candidate: has no meaning with --curve"),
+        (["--curve", "3", "--metrics", "all"], "--metrics: has no meaning with --curve"),
+        (["--curve", "3", "--out", "c.txt"], "ends with .png, .svg or .pdf, or with .csv for a table"),
+        (["--curve", "0"], "--curve"),
+    ],
+)
+def test_mistakes_with_learning_curves(program: Any, noisy: Path, options: list[str], words: str) -> None:
+    optimize(Experiment.load(noisy, ["method.generations=1", "validate=false"]), out=noisy.parent / "run")
+    result = program("evaluate", "run", *options)
+    assert (result.returncode, words in result.stderr) == (2, True), result.stderr

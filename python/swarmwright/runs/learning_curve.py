@@ -1,0 +1,183 @@
+"""Learning curves: what the best so far of a run was worth on held-out seeds, generation after generation."""
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, SupportsIndex
+
+import numpy as np
+
+from swarmwright.core.arguments import checked
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.files import write_text
+from swarmwright.core.html import table
+from swarmwright.evaluation.base import Progress, Servers
+from swarmwright.experiment.experiment import Experiment, experiment_of
+from swarmwright.runs.code import used_for
+from swarmwright.runs.post_evaluation import EPISODES, PostEvaluation, Where, of_candidates
+from swarmwright.store.lookup import nothing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from swarmwright.runs.run import Run
+
+POINTS = 20
+"""Of a curve, unless another number is given."""
+_HEAD = ("generation", "evaluations", "best", "recorded", "held-out", "low", "high")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvePoint:
+    """The candidate that the run would have returned after a generation."""
+
+    generation: int
+    evaluations: int
+    """Candidates evaluated since the start of the run, at the end of the generation."""
+    best: PostEvaluation
+    """The candidate's recorded fitness, and its fitness on the held-out seeds."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class LearningCurve:
+    """Fitness of the best so far of a run on the same held-out seeds, over its generations.
+
+    In the record the best so far can only rise where fitness depends on the seed, also by luck. Here it falls
+    where evolution adapts to the seeds that it uses.
+    """
+
+    run: "Run"
+    points: list[CurvePoint]
+    """With ascending generations; the last is that of the last finished one."""
+
+    def __repr__(self) -> str:
+        """Say where it ends."""
+        return f"<LearningCurve of {self.run.path.name}: {self.points[-1].best.result} at the end>"
+
+    def _repr_html_(self) -> str:
+        """Return it as a table, for notebooks."""
+        return table(_HEAD, self._rows())
+
+    @property
+    def seeds(self) -> list[int]:
+        """Simulation seed of each episode."""
+        return self.points[-1].best.seeds
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values, without those of each episode."""
+        return {
+            "run": str(self.run.path),
+            "seeds": self.seeds,
+            "points": [
+                {"generation": one.generation, "evaluations": one.evaluations, "best": one.best.summary()}
+                for one in self.points
+            ],
+        }
+
+    def figure(self) -> "Figure":
+        """Return a matplotlib figure: recorded and held-out fitness of the best so far over evaluations."""
+        from swarmwright.figures.learning_curve import draw  # noqa: PLC0415 - takes long
+
+        return draw(self)
+
+    @checked
+    def plot(self, path: str | PathLike[str]) -> Path:
+        """Draw `figure` into a file (.png, .svg or .pdf); return its path.
+
+        Raises InputError for another ending or a file that cannot be written.
+        """
+        from swarmwright.figures.style import save  # noqa: PLC0415 - takes long
+
+        return save(self.figure(), Path(path))
+
+    @checked
+    def export(self, path: str | PathLike[str]) -> Path:
+        """Write a table as CSV, a row for each point; return its path.
+
+        Columns: generation, evaluations, best (generation:candidate), its recorded fitness, its mean fitness
+        on the held-out seeds, and the ends of the 95 % confidence interval (Student's t).
+
+        Raises InputError for a file that cannot be written.
+        """
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(_HEAD)
+        writer.writerows(self._rows())
+        write_text(Path(path), text.getvalue())
+        return Path(path)
+
+    def _rows(self) -> list[tuple[object, ...]]:
+        return [
+            (
+                one.generation,
+                one.evaluations,
+                one.best.label,
+                one.best.recorded,
+                one.best.fitness.mean,
+                one.best.fitness.low,
+                one.best.fitness.high,
+            )
+            for one in self.points
+        ]
+
+
+@checked
+def learning_curve(
+    run: "Run | str | PathLike[str]",
+    points: int = POINTS,
+    *,
+    episodes: int = EPISODES,
+    seed: SupportsIndex | None = None,
+    experiment: Experiment | Mapping[str, Any] | str | PathLike[str] | None = None,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    on_progress: Progress | None = None,
+) -> LearningCurve:
+    """Evaluate what a run would have returned after several of its generations, on the same held-out seeds.
+
+    Nothing is added to the run. A candidate that stays the best for several points is evaluated once.
+
+    Args:
+        run: a run with at least one finished generation, or its folder.
+        points: how many generations, from 1 on, evenly spaced from the first to the last finished one; all of
+            them where the run has fewer.
+        episodes: of each candidate, as in `post_evaluate`.
+        seed: as in `post_evaluate`; by default the seeds are those of the run's validation.
+        experiment: as in `post_evaluate`.
+        broker: as in `optimize`.
+        servers: as in `optimize`.
+        on_progress: as in `optimize`.
+
+    Raises:
+        InputError: a number is out of range, or the experiment does not fit the run's controllers.
+        SimulationError: every episode failed, the last in the code of the simulation.
+        RunError: the run has no finished generation; or as in `post_evaluate`.
+    """
+    from swarmwright.runs.run import run_of  # noqa: PLC0415 - it imports this module's
+
+    run = run_of(run)
+    if points < 1:
+        raise InputError(f"points: must be at least 1, not {points}")
+    where = Where.of(episodes, seed, broker, servers, on_progress)
+    history = run.history
+    if not history:
+        raise RunError(nothing(run.path))
+    places = np.unique(np.linspace(len(history) - 1, 0, points).round().astype(int)).tolist()
+    leaders = {place: run.store.leader(history[place].generation) for place in places}
+    distinct = list({one.number: one for one in leaders.values()}.values())
+    experiment = used_for(run, history[-1].generation) if experiment is None else experiment_of(experiment)
+    found = {one.number: one for one in of_candidates(run, distinct, experiment, where)}
+    return LearningCurve(
+        run=run,
+        points=[
+            CurvePoint(
+                generation=history[place].generation,
+                evaluations=history[place].evaluations,
+                best=found[leader.number],
+            )
+            for place, leader in leaders.items()
+        ],
+    )
