@@ -5,6 +5,7 @@ import io
 import json
 import math
 import re
+import stat
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -79,6 +80,7 @@ _SHOWN_CHARACTERS = 60
 """Characters of a line that a message shows."""
 _PLAIN = re.compile(r"[0-9A-Za-z.+-]+")
 """A number, NaN or infinity, or another word."""
+_KINDS = {stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
 _WORDS = {"true": 1.0, "false": 0.0}
 
 
@@ -88,9 +90,10 @@ def format_of(path: str, given: str) -> str:
 
 
 def find(folder: Path, logs: Sequence[str]) -> list[Path]:
-    """Return the files of the logs, patterns in the order of names.
+    """Return the files of the logs, patterns in the order of names; some formats have folders.
 
-    Raises CommandFailure when there is none.
+    Raises CommandFailure when there is none, and for what is not a file: reading a named pipe or a device may
+    never end.
     """
     found: list[Path] = []
     for log in logs:
@@ -98,8 +101,20 @@ def find(folder: Path, logs: Sequence[str]) -> list[Path]:
         files = [file for file in files if file.exists()]
         if not files:
             raise CommandFailure(f"ended without writing {log} (simulation.log); {_what_is_there(folder)}")
+        for file in files:
+            _require_regular(file, folder)
         found += files
     return found
+
+
+def _require_regular(file: Path, folder: Path) -> None:
+    """Raise CommandFailure for what is neither a file nor a folder, of a folder for anything in it."""
+    for one in (file, *file.rglob("*")) if file.is_dir() else (file,):
+        with suppress(OSError):  # a link to nothing, which is reported when it is read
+            kind = stat.S_IFMT(one.stat().st_mode)
+            if kind not in {stat.S_IFREG, stat.S_IFDIR}:
+                name = one.relative_to(folder).as_posix()
+                raise CommandFailure(f"{name}: is {_KINDS.get(kind, 'a device')}, expected a file")
 
 
 def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str]) -> Columns:

@@ -2,12 +2,18 @@
 
 import os
 import sys
+import time
 from collections import deque
+
+from swarmwright.core.formatting import counted
 
 LINES, _LINE = 20, 400
 """Lines that are kept of the end, and characters of each."""
 _LOGGED_CHARACTERS = 4096
 """Characters of a line that are logged."""
+_LOGGED_LINES, _LOGGED_S = 10_000, 60.0
+"""Lines that are logged in so many seconds. Each is marked and read on its way into the log, which takes
+longer than to print it; and meanwhile no limit of the process is looked after."""
 _CHUNK_BYTES = 1 << 16
 """Read at a time."""
 _SUMMARY_LINES = 3
@@ -27,6 +33,8 @@ class Printed:
         self._count = 0
         self._line = b""
         self._last: deque[str] = deque(maxlen=LINES)
+        self._logged, self._omitted = 0, 0
+        self._logs_since = time.monotonic()
         self.all = bytearray() if keep else None
 
     @property
@@ -59,16 +67,32 @@ class Printed:
         if self._line:
             self._tell(self._line)
             self._line = b""
+        self._tell_omitted()
 
     def _tell(self, data: bytes) -> None:
         """Log lines, and keep the last of them: all at once, as a program may print millions."""
+        now = time.monotonic()
+        if now - self._logs_since >= _LOGGED_S:
+            self._tell_omitted()
+            self._logged, self._logs_since = 0, now
         lines = data.decode("utf-8", "replace").replace("\r\n", "\n").removesuffix("\r").split("\n")
         for line in lines[-LINES:]:
             self._last.append(line if len(line) <= _LINE else f"{line[: _LINE - 3]}...")
-        if len(data) > _LOGGED_CHARACTERS:
-            lines = [line[:_LOGGED_CHARACTERS] for line in lines]
-        lines.append("")
-        sys.stderr.write("\n".join(lines))
+        logged = lines[: _LOGGED_LINES - self._logged]
+        self._logged += len(logged)
+        self._omitted += len(lines) - len(logged)
+        if logged:
+            sys.stderr.write("".join(f"{line[:_LOGGED_CHARACTERS]}\n" for line in logged))
+
+    def _tell_omitted(self) -> None:
+        """Log how many lines are left out, and the last of them."""
+        if self._omitted:
+            last = list(self._last)[-self._omitted :]
+            if len(last) < self._omitted:
+                count = counted(self._omitted - len(last), "line")
+                last.insert(0, f"[{count} left out: more than {_LOGGED_LINES} in {_LOGGED_S:g} s]")
+            sys.stderr.write("".join(f"{line}\n" for line in last))
+            self._omitted = 0
 
     @property
     def tail(self) -> str:

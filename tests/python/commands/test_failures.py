@@ -234,6 +234,20 @@ def test_no_log(traced: Traced) -> None:
     assert "its last output: written" in reason
 
 
+@pytest.mark.parametrize(
+    ("script", "log", "reason"),
+    [
+        ("mkfifo log.csv", "log.csv", "log.csv: is a named pipe, expected a file"),
+        ("ln -s /dev/zero log.csv", "log.csv", "log.csv: is a device, expected a file"),
+        ("mkfifo one.csv", "*.csv", "one.csv: is a named pipe, expected a file"),
+        ("mkdir bag.csv; mkfifo bag.csv/x", "bag.csv", "bag.csv/x: is a named pipe, expected a file"),
+    ],
+)
+def test_a_log_that_is_not_a_file(traced: Traced, script: str, log: str, reason: str) -> None:
+    """Reading it might never end, whatever the time-out is."""
+    assert reason in traced.fails(script, log=log)
+
+
 def test_half_an_object(traced: Traced) -> None:
     reason = traced.fails('printf \'{"fitness": 1}\\n{"fitne\' > log.jsonl', log="log.jsonl")
     assert "log.jsonl:2: is not valid JSON" in reason
