@@ -29,7 +29,7 @@ from swarmwright.cli._output import Output, show_warnings
 from swarmwright.cli._server_output import server_output_option
 
 if TYPE_CHECKING:
-    from swarmwright import ControllerEvaluation, Experiment, PostEvaluation, Run
+    from swarmwright import ControllerEvaluation, PostEvaluation
     from swarmwright.core.statistics import Estimate
 
 
@@ -123,21 +123,23 @@ def command(
     simulation: str | None,
     as_json: bool,
 ) -> int:
-    """Evaluate a candidate of a run again, or a controller.
+    """Repeat an evaluation, or evaluate on held-out seeds.
 
-    The candidate is the best one of RUN unless another is named. Without --episodes and --seed, the seeds
-    are those of the record, and the command reports whether the fitness is the same: the exit status is 0
-    if every episode is bit-identical, else 1. With one of them, the candidate is evaluated in other
-    episodes: the best of a run was chosen by its fitness, so its recorded fitness is biased upwards
-    wherever fitness depends on the seed.
+    The candidate is the best one of RUN unless another is named.
 
-    With --controller, that controller is evaluated in the same way, in the simulation of RUN or of an
-    experiment file, on seeds that the run did not use.
+    Without --episodes and --seed, the recorded episodes are repeated: the exit status is 0 if every one is
+    bit-identical, else 1.
 
-    With --curve, the best so far of several generations is evaluated, not only the best of the run: its
-    fitness on held-out seeds falls where evolution adapts to the seeds that it uses.
+    With --episodes or --seed, the candidate is evaluated on seeds that the run did not use. Where fitness
+    depends on the seed, report this fitness: the recorded one is biased upwards by selection.
 
-    Where the code of the simulation was edited after the run, the copy in RUN is used, with a message.
+    With --controller, that controller is evaluated instead, in the simulation of RUN or of an experiment
+    file.
+
+    With --curve, the best candidates of several generations are evaluated: fitness on held-out seeds falls
+    where evolution adapts to the seeds that it uses.
+
+    If the code of the simulation was edited after the run, the copy in RUN is used, and a message says so.
     """
     from swarmwright import Run
     from swarmwright.experiment.experiment import ELSEWHERE
@@ -195,7 +197,9 @@ def command(
     if again:
         if metrics is not None:
             raise click.UsageError("--metrics: add --episodes N; metrics are measured in new episodes only")
-        return _repeated(output, opened, experiment, candidate, generation, broker, servers)
+        from swarmwright.cli._repetition import show_repetition
+
+        return show_repetition(output, opened, experiment, candidate, generation, broker, servers)
     if curve is not None:
         from swarmwright.cli._learning_curve import show_learning_curve
 
@@ -321,45 +325,6 @@ def _names(text: str | None) -> list[str] | Literal["all"]:
     if text == "all":
         return "all"
     return [] if text is None else [name.strip() for name in text.split(",") if name.strip()]
-
-
-def _repeated(
-    output: Output,
-    run: "Run",
-    experiment: "Experiment",
-    candidate: int | None,
-    generation: int | None,
-    broker: str | None,
-    servers: Servers | None,
-) -> int:
-    from swarmwright import repeat
-
-    found = repeat(run, candidate, generation, experiment=experiment, broker=broker, servers=servers)
-    output.json(
-        {
-            "number": found.number,
-            "generation": found.generation,
-            "candidate": found.candidate,
-            "seeds": found.seeds,
-            "recorded": found.recorded.tolist(),
-            "repeated": found.repeated.tolist(),
-            "same": found.same,
-            "left_out": found.left_out,
-        }
-    )
-    output.text(f"Candidate {found.candidate} of generation {found.generation}, evaluation {found.number}.")
-    for episode, (before, now) in enumerate(
-        zip(found.recorded.tolist(), found.repeated.tolist(), strict=True)
-    ):
-        output.text(f"  episode {episode}: recorded {before!r}, now {now!r}")
-    if found.left_out:
-        ran = len(found.recorded)
-        output.text(
-            f"It was dropped from the race after {ran} of {ran + found.left_out} episodes, "
-            "which are compared."
-        )
-    output.text("The fitness is the same, to the bit." if found.same else "The fitness is NOT the same.")
-    return 0 if found.same else 1
 
 
 def _evaluated() -> frozenset[str]:

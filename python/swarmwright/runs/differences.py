@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 
 def first_difference(one: "Run", other: "Run") -> str | None:
     """Return in words where the records of two runs differ first; None when they are the same bytes."""
+    empty = [run for run in (one, other) if not run.generations]
+    if len(empty) == 1:
+        return f"{empty[0].path} has no finished generation"
     if _begin_alike(one, other):
         return _ends(one, other, min(one.evaluations, other.evaluations))
     lines = zip_longest(csv_lines(one.store), csv_lines(other.store))

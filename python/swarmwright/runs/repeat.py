@@ -1,6 +1,7 @@
 """Repeating an evaluation from its record."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.arguments import checked
+from swarmwright.core.attempts import is_overtaken
 from swarmwright.core.by_value import ComparedByValue
 from swarmwright.evaluation.base import Controllers, Servers
 from swarmwright.evaluation.evaluate import tell_failures
@@ -21,6 +23,9 @@ from swarmwright.store import Evaluation
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
+
+_VARYING = re.compile(r"\b0x[0-9a-fA-F]+\b|\bserver \d+|[^\s(]*/(?=[^\s/])")
+"""What differs between two failures for one reason: addresses, servers, and folders of files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +45,29 @@ class Repeated(ComparedByValue):
     """Episodes of the generation that the candidate did not go through, since it was dropped from a race"""
     seeds: list[int] = field(default_factory=list)
     """Simulation seed of each episode"""
+    recorded_errors: list[str] = field(default_factory=list)
+    """Why episodes failed as recorded, each reason once"""
+    errors: list[str] = field(default_factory=list)
+    """Why episodes fail now, each reason once"""
 
     @property
     def same(self) -> bool:
-        """Whether every episode came out the same, to the bit; failed again counts as the same."""
-        return bool(np.array_equal(self.recorded, self.repeated, equal_nan=True))
+        """Whether every episode came out the same, to the bit; those that failed, for a reason as recorded.
+
+        Addresses of objects, numbers of servers and folders in the reasons may differ.
+        """
+        failed = np.isnan(self.recorded)
+        if (failed != np.isnan(self.repeated)).any():
+            return False
+        # -0.0 and 0.0 are equal numbers, but other bits.
+        if self.recorded[~failed].tobytes() != self.repeated[~failed].tobytes():
+            return False
+        return not self.failed_again or bool(_plain(self.errors) & _plain(self.recorded_errors))
+
+    @property
+    def failed_again(self) -> int:
+        """Episodes that failed as recorded and now."""
+        return int((np.isnan(self.recorded) & np.isnan(self.repeated)).sum())
 
 
 @checked
@@ -99,7 +122,26 @@ def repeat(
         results.fitness[0],
         len(recorded.seeds) - ran,
         seeds,
+        _recorded_errors(run, parts) if np.isnan(before).any() else [],
+        list(dict.fromkeys(results.journal.errors)),
     )
+
+
+def _recorded_errors(run: "Run", parts: Sequence[Evaluation]) -> list[str]:
+    """Return why episodes of these evaluations failed, each reason once."""
+    of = {(one.generation, one.candidate) for one in parts}
+    errors = [
+        one.error
+        for one in run.attempts()
+        if one.error is not None
+        and not is_overtaken(one.error)
+        and any((one.generation, one.candidate + index) in of for index in range(one.candidates))
+    ]
+    return list(dict.fromkeys(errors))
+
+
+def _plain(errors: Sequence[str]) -> set[str]:
+    return {_VARYING.sub("", one) for one in errors}
 
 
 def _ran(run: "Run", recorded: Evaluation) -> int:

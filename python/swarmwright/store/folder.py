@@ -76,7 +76,8 @@ def without_store(folder: Path) -> InputError:
     if (folder / NEW).exists():
         if is_locked(folder):
             return InputError(
-                f"{folder}: {who_else(folder)} is just creating this run; try again in a moment"
+                f"{folder}: {who_else(folder)} is just beginning a run here; name another folder for another "
+                "run, or wait a moment to look at this one"
             )
         return InputError(
             f"{folder}: is not a run folder: the process that began it ended in its first second, before "

@@ -55,7 +55,8 @@ def remember(files: Mapping[str, str], name: str) -> None:
     kept = folder()
     if kept is None:
         logging.getLogger("swarmwright").warning(
-            "HOME and XDG_STATE_HOME are not set: in another process this code is not known to be trusted"
+            "HOME and XDG_STATE_HOME are not set, so later commands ask whether the code of this run is to "
+            "be trusted, or need --trust"
         )
         return
     file = kept / digest
@@ -65,7 +66,8 @@ def remember(files: Mapping[str, str], name: str) -> None:
             file.write_text(f"{name}\n", encoding="utf-8", errors="backslashreplace")
     except OSError as error:
         logging.getLogger("swarmwright").warning(
-            "%s: cannot be written: %s; in another process this code is not known to be trusted",
+            "%s: cannot be written: %s; so later commands ask whether the code of this run is to be trusted, "
+            "or need --trust",
             file, error.strerror,
         )  # fmt: skip
 

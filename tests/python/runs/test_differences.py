@@ -50,3 +50,11 @@ def test_damage_below_equal_digests_is_found(finished: Run, copy: Path) -> None:
 def test_other_runs_differ_in_a_value(finished: Run, tmp_path: Path) -> None:
     other = optimize(EXPERIMENT.replace(seed=EXPERIMENT.seed + 1), out=tmp_path / "other")
     assert "in generation 0, candidate 0 (evaluation 0), " in (first_difference(finished, other) or "")
+
+
+def test_a_run_without_a_generation(finished: Run, copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that was killed in its first."""
+    empty = Run.open(copy)
+    monkeypatch.setattr(Run, "generations", property(lambda run: 0 if run is empty else run.store.finished))
+    for one, other in ((empty, finished), (finished, empty)):
+        assert first_difference(one, other) == f"{empty.path} has no finished generation"

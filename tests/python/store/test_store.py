@@ -209,7 +209,10 @@ def test_a_folder_that_is_just_being_made_is_not_taken_for_something_else(
         patch.setattr("swarmwright.store.open_store.create", interrupted)
         with pytest.raises(SystemExit):
             optimize(EXPERIMENT, out=folder)
-    words = "another part of this process is just creating this run; try again in a moment"
+    words = (
+        "another part of this process is just beginning a run here; name another folder for another run, or "
+        "wait a moment to look at this one"
+    )
     assert said == [f"{folder}: {words}"] * 3
     with pytest.raises(InputError, match="ended in its first second, before anything was kept; begin again"):
         Run.open(folder)

@@ -91,7 +91,7 @@ def test_a_state_that_cannot_be_written_holds_for_the_process(
     (tmp_path / "state").write_text("no folder")
     run = Run.open(received, trust=True)
     assert repeat(run).same
-    assert "in another process this code is not known to be trusted" in caplog.text
+    assert "later commands ask whether the code of this run is to be trusted, or need --trust" in caplog.text
 
 
 def no_home(monkeypatch: pytest.MonkeyPatch, _folder: Path) -> None:
@@ -122,7 +122,7 @@ def test_without_a_state_a_process_knows_what_it_was_told(
         assert not trust.is_trusted(code)
         trust.remember(code, "it")
         assert trust.is_trusted(code)
-    assert caplog.text.count("in another process this code is not known to be trusted") == 1
+    assert caplog.text.count("later commands ask whether the code of this run is to be trusted") == 1
 
 
 @pytest.mark.parametrize("relative", ["state", ""])
