@@ -7,6 +7,7 @@ shall meet at 0.
 import json
 import math
 import queue
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -190,7 +191,14 @@ class SoundServer:
     def will(self) -> None:
         self.client.will_set(self.presence_topic, self.presence("lost", None), qos=1, retain=True)
 
+    def prompt(self, client: Client) -> None:
+        """Small messages need not wait for each other."""
+        opened = client.socket()
+        assert opened is not None
+        opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
     def _on_connect(self, client: Client, *_: object) -> None:
+        self.prompt(client)
         topics = ["discovery", "parameters", "control", "actuator", f"swarmwright/v1/server/{self.server}"]
         client.subscribe([(topic, 0) for topic in topics])
         with self.lock:

@@ -10,6 +10,7 @@ from typing import Any
 from unittest.mock import patch
 
 import pytest
+from paho.mqtt.client import Client
 
 from swarmwright.conformance._check_server import check_server
 from swarmwright.conformance._server_under_test import QUIET_S
@@ -334,3 +335,24 @@ def test_late_agents_of_the_first_step_are_no_mistake_of_a_server_that_gives_up(
     report = report_of(LateAgents, "S1.1,S6.6", step_timeout=PATIENCE)
     assert report.ok, str(report)
     assert "S6.6" in report.of("passed")
+
+
+class HoldsBack(SoundServer):
+    """Leaves Nagle's algorithm on: the second message of a step waits until the first is acknowledged."""
+
+    def prompt(self, client: Client) -> None:
+        pass
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="acknowledgements are late elsewhere by other times")
+@pytest.mark.parametrize("kind", [HoldsBack, SoundServer], ids=lambda kind: kind.__name__)
+def test_a_server_that_holds_small_packets_back_is_told_so(kind: type[SoundServer]) -> None:
+    report = report_of(kind, "S1.1,S2.3,S2.8,S12.4", parameters={"agents": 3, "steps": 30})
+    assert report.ok, str(report)
+    told = "set TCP_NODELAY" in str(report).splitlines()[0]
+    assert told == (kind is HoldsBack), report.results[-1].detail
+
+
+def test_one_agent_has_no_messages_to_hold_back() -> None:
+    report = report_of(SoundServer, "S2.3,S2.8,S12.4", parameters={"agents": 1})
+    assert report.of("skipped") == ["S12.4"], str(report)

@@ -366,6 +366,8 @@ class Episode:
         self.trajectory = Trajectory()
         self.pending: list[tuple[int, int, Numbers]] = []
         self.repeated: list[Message] = []
+        self.last_at = 0.0
+        """When its last message came (monotonic seconds)."""
         self.over = True
         self.reply: str | None = None
         """The topic that control named for answers, where it named one."""
@@ -446,6 +448,7 @@ class Episode:
 
         Raises Failure when it is wrong.
         """
+        self.last_at = message.at
         if message.topic == "fitness":
             self._finish(message)
             return False

@@ -1,15 +1,22 @@
 """S12: speed. Reported, not judged."""
 
 import time
+from statistics import median
 
 from swarmwright import _engine
 from swarmwright.conformance._extensions import controller_set
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Skip
+from swarmwright.conformance.rules import Note, Skip
 from swarmwright.conformance.server._rules import rule
 
 MEASUREMENT_S = 0.5
 """Seconds that are aimed at for one measurement."""
+STEPS = 15
+"""Steps in which the time between sensor messages is measured."""
+LISTENING_S = 0.12
+"""Seconds in which the sensor messages of a step come, delayed acknowledgements (40 ms on Linux) included."""
+HELD_BACK_S = 0.03
+"""Seconds between the sensor messages of a step from which they look held back."""
 
 
 def _measured(server: Server, mode: str) -> str:
@@ -95,3 +102,42 @@ def batched(server: Server) -> str:
 def offloaded(server: Server) -> str:
     """As stepwise."""
     return _measured(server, "offloaded")
+
+
+@rule(
+    "S12.4",
+    "Stepwise: the time between the first and the last sensor message of a step (measured, not judged).",
+    where="Topics",
+    fix="switch Nagle's algorithm off (TCP_NODELAY)",
+    needs=["S2.8"],
+    seconds=30,
+)
+def held_back(server: Server) -> Note:
+    """Actuators are sent when all agents were asked: answers in between would carry acknowledgements."""
+    agents = len(server.reference.readings)
+    episode = server.episode()
+    episode.configure()
+    sent = episode.start()
+    spans: list[float] = []
+    while len(spans) < STEPS and not episode.over and episode.receive(sent):
+        first = episode.last_at
+        # Answered late, the next messages would be acknowledged at once: so not later than necessary.
+        while len(episode.pending) < agents:
+            message = server.client.next(episode.is_mine, max(server.quiet, LISTENING_S))
+            if message is None or not episode.take(message):
+                break
+        agents = len(episode.pending)
+        if agents > 1:
+            spans.append(episode.last_at - first)
+        for agent, turn, sensors in list(episode.pending):
+            sent = episode.answer(agent, server.policy(agent, turn, sensors))
+    if not episode.over:
+        episode.stop()
+    if not spans:
+        raise Skip("no step asks several agents; give parameters with several agents (--parameters)")
+    span = median(spans)
+    told = f"{span * 1e3:.1f} ms in the median of {len(spans)} steps"
+    if span < HELD_BACK_S:
+        return Note(told)
+    why = "small packets seem to be held back (Nagle's algorithm): set TCP_NODELAY on the server's socket"
+    return Note(f"{told}; {why}", doubt=f"{span * 1e3:.0f} ms between the sensor messages of a step: {why}")
