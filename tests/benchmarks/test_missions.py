@@ -67,7 +67,7 @@ def test_unknown_names_are_refused(root: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.missions", str(tmp_path), "--simulators", "arena,Stge"]
     refused = subprocess.run(command, cwd=root, check=False, capture_output=True, text=True)
     assert refused.returncode == 1
-    assert "unknown simulator 'Stge'; there is: arena, Enki, MuJoCo, " in refused.stderr
+    assert "unknown simulator 'Stge'; available: arena, Enki, MuJoCo, " in refused.stderr
 
 
 def test_the_page_has_what_was_measured(root: Path) -> None:

@@ -85,7 +85,7 @@ class SteppedEpisodes:
         for name in self._metrics:
             if name not in found:
                 there = ", ".join(reported) or "none"
-                raise CommandFailure(f"ended the episode without the metric {name!r}; there is: {there}")
+                raise CommandFailure(f"ended the episode without the metric {name!r}; available: {there}")
         for name, value in found.items():
             if not isinstance(value, bool | int | float) or (name == OWN and isinstance(value, bool)):
                 raise CommandFailure(f"{name} is {json.dumps(value)[:40]}, expected a number")

@@ -95,7 +95,7 @@ class Controller:
                 nodes[name.getSFString()] = node
         for name in request["find"]:
             if name not in nodes:
-                raise RequestError(f"the world has no robot {name!r}; there is: {', '.join(sorted(nodes))}")
+                raise RequestError(f"the world has no robot {name!r}; available: {', '.join(sorted(nodes))}")
         self._nodes = [nodes[name] for name in request["find"]]
         return {}
 

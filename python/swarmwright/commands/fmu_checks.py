@@ -203,7 +203,7 @@ def _unconvertible(options: "FmuOptions", known: Description, channel: "Channel"
     if not variable.unit:
         return f"unit: {about} has no unit, so {channel.unit} cannot be converted"
     others = list(known.conversions.get(variable.unit, {}))
-    hint = did_you_mean(channel.unit, others) or f"; there is: {', '.join(others) or 'none'}"
+    hint = did_you_mean(channel.unit, others) or f"; available: {', '.join(others) or 'none'}"
     return (
         f"unit: {options.fmu} does not define how {variable.unit}, the unit of {variable.name}, is "
         f"converted to {channel.unit!r}{hint}"
@@ -215,11 +215,11 @@ def _empty(file: str, known: Description, terminal: str, causality: str) -> str:
     if terminal in known.terminals:
         return f"the terminal {terminal} of {file} has no {causality}"
     names = list(known.terminals)
-    hint = did_you_mean(terminal, names) or f"; there is: {', '.join(names) or 'none'}"
+    hint = did_you_mean(terminal, names) or f"; available: {', '.join(names) or 'none'}"
     return f"{file} has no terminal {terminal!r}{hint}"
 
 
 def _unknown(file: str, name: str, names: Sequence[str]) -> str:
     few = ", ".join(names[:20]) + (", .." if len(names) > 20 else "")
-    hint = did_you_mean(name, list(names)) or f"; there is: {few or 'none'}"
+    hint = did_you_mean(name, list(names)) or f"; available: {few or 'none'}"
     return f"{file} has no variable {name!r}{hint}"

@@ -457,7 +457,7 @@ class FmuOptions(Definition):
         """What is said where the FMU has no library for this machine."""
         there = ", ".join(self.description.platforms) or "none"
         return (
-            f"{self.file}: has no library for this machine, {' or '.join(place())}; there is: {there}. "
+            f"{self.file}: has no library for this machine, {' or '.join(place())}; available: {there}. "
             "`fmpy compile FILE` makes one where the FMU holds its source in C"
         )
 

@@ -144,7 +144,7 @@ def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str
             known = list(seen)
             there = ", ".join(known[:_SHOWN_NAMES]) + (", .." if len(known) > _SHOWN_NAMES else "")
             where, hint = ", ".join(files), did_you_mean(column, known)
-            raise CommandFailure(f"{where}: has no column {column!r}{hint}; there is: {there}")
+            raise CommandFailure(f"{where}: has no column {column!r}{hint or ';'} available: {there}")
     return columns
 
 
@@ -353,7 +353,7 @@ def _what_is_there(folder: Path) -> str:
     if not names:
         return "its work folder is empty: have the command write into {folder}, its working folder"
     more = f" and {len(names) - _SHOWN_NAMES} more" if len(names) > _SHOWN_NAMES else ""
-    return f"there is: {', '.join(names[:_SHOWN_NAMES])}{more}"
+    return f"found: {', '.join(names[:_SHOWN_NAMES])}{more}"
 
 
 _READERS: dict[str, Reader] = {

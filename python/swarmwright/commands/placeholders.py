@@ -40,7 +40,7 @@ def filled(text: str, values: Mapping[str, object], where: str) -> str:
         if match[1] is None:
             return match[0][1:-1]
         if match[1] not in values:
-            hint = did_you_mean(match[1], values) or f"; there is: {', '.join(values)}"
+            hint = did_you_mean(match[1], values) or f"; available: {', '.join(values)}"
             raise InputError(
                 f"{where}: {{{match[1]}}} is not a placeholder, and no parameter has this name{hint}"
             )

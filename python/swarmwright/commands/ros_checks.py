@@ -87,14 +87,14 @@ def _of_metrics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
         path: Path_ = ("metrics", name)
         if metric.sensor is not None:
             if metric.sensor not in sensors:
-                there = f"; there is: {', '.join(sensors) or 'none'}"
+                there = f"; available: {', '.join(sensors) or 'none'}"
                 hint = did_you_mean(metric.sensor, sensors) or there
                 yield (*path, "sensor"), f"there is no sensor {metric.sensor!r}{hint}"
         elif metric.type == GET_ENTITIES_STATES:
             if options.ros == 1:
                 yield (*path, "type"), "simulation_interfaces are of ROS 2"
             if metric.field not in STATES:
-                hint = did_you_mean(metric.field or "", STATES) or f"; there is: {', '.join(STATES)}"
+                hint = did_you_mean(metric.field or "", STATES) or f"; available: {', '.join(STATES)}"
                 yield (*path, "field"), f"{metric.field!r} is not a field of an entity's state{hint}"
         else:
             yield from _problem({**metric.place, "sensor": name}, "sensors", path)

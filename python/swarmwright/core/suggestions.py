@@ -42,7 +42,7 @@ def unknown(what: str, name: str, known: Iterable[str]) -> str:
     """Say that `name` is not a known `what`, with the nearest known name and the list of all."""
     names = sorted(known)
     hint = did_you_mean(name, names) or ";"
-    return f"unknown {what} {name!r}{hint} there is: {', '.join(names)}"
+    return f"unknown {what} {name!r}{hint} available: {', '.join(names)}"
 
 
 def unknown_key(key: str, known: Iterable[str]) -> str:

@@ -122,7 +122,7 @@ def _check_section(
 ) -> Options | None:
     kind = section.get("kind", DEFAULT_KINDS[name])
     if not isinstance(kind, str):
-        report((name, "kind"), f"must be text, not {shown(kind)}; there is: {', '.join(registry.names())}")
+        report((name, "kind"), f"must be text, not {shown(kind)}; available: {', '.join(registry.names())}")
         return None
     try:
         model: type[Options] = registry.get(kind).options_model

@@ -191,7 +191,7 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
     for path, text in places:
         for name in names_in(text):
             if name not in known:
-                hint = did_you_mean(name, known) or f"; there is: {', '.join(known)}"
+                hint = did_you_mean(name, known) or f"; available: {', '.join(known)}"
                 report(path, f"{{{name}}} is not a placeholder, and no parameter has this name{hint}")
     if options.controller != "stepwise":
         used = {name for text in [*(text for _, text in places), *_files(options)] for name in names_in(text)}
@@ -272,7 +272,7 @@ def _unknown_metrics(options: RosOptions | FmuOptions, names: list[str]) -> list
             for name in used:
                 if name not in names:
                     hint = did_you_mean(name, names)
-                    there = hint or f"; there is: {', '.join(names) or 'none'}"
+                    there = hint or f"; available: {', '.join(names) or 'none'}"
                     found.append((key, f"{name!r} is not a metric{there}"))
     return found
 
@@ -303,7 +303,7 @@ def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> 
     for path, text, known in places:
         for name in names_in(text):
             if name not in known:
-                hint = did_you_mean(name, known) or f"; there is: {', '.join(known)}"
+                hint = did_you_mean(name, known) or f"; available: {', '.join(known)}"
                 report(path, f"{{{name}}} is not a placeholder{hint}")
     used = {name for word in reset for name in names_in(word)}
     for name in parameters:

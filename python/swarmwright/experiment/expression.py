@@ -175,7 +175,9 @@ def _arguments(
     if name not in FUNCTIONS:
         known = ", ".join(one.usage for one in FUNCTIONS.values())
         hint = did_you_mean(name, FUNCTIONS) if name else ""
-        raise ExpressionError(f"there is no function {source(function, text)!r}{hint}; there is: {known}")
+        raise ExpressionError(
+            f"there is no function {source(function, text)!r}{hint or ';'} available: {known}"
+        )
     known_function = FUNCTIONS[name]
     starred = any(isinstance(argument, ast.Starred) for argument in arguments)
     if keywords or starred or not known_function.least <= len(arguments) <= known_function.most:

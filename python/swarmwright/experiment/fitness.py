@@ -75,7 +75,8 @@ class FitnessExpression:
             return None
         there = [*known, OWN]
         hints = [f"{name!r} is not a metric of {whose}{did_you_mean(name, there)}" for name in strange]
-        return f"{'; '.join(hints)}; there is: {', '.join(there)}"
+        said = "; ".join(hints)
+        return f"{said}{' ' if said.endswith('?') else '; '}available: {', '.join(there)}"
 
     def __call__(self, fitness: Numbers, metrics: Numbers) -> tuple[Numbers, list[Fault]]:
         """Compute the expression for some evaluations.

@@ -127,13 +127,13 @@ def variable_of(system: System, name: str) -> Variable:
     component, _, variable = name.partition(".")
     if component not in system.components:
         known = list(system.components)
-        hint = did_you_mean(component, known) or f"; there is: {', '.join(known)}"
+        hint = did_you_mean(component, known) or f"; available: {', '.join(known)}"
         raise InputError(f"{name}: there is no component {component!r}{hint}")
     found = system.components[component].variables.get(variable)
     if found is None:
         known = list(system.components[component].variables)
         few = ", ".join(known[:20]) + (", .." if len(known) > 20 else "")
-        hint = did_you_mean(variable, known) or f"; there is: {few}"
+        hint = did_you_mean(variable, known) or f"; available: {few}"
         raise InputError(f"{name}: the FMU of {component} has no variable {variable!r}{hint}")
     return found
 

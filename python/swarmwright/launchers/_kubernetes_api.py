@@ -68,7 +68,7 @@ class Api:
             names = [one["name"] for one in contexts]
             if context is not None and context not in names:
                 raise InputError(
-                    f"servers: context: {context} is not in {given}; there is: {', '.join(names)}"
+                    f"servers: context: {context} is not in {given}; available: {', '.join(names)}"
                 )
             config.load_kube_config(given, context, settings, persist_config=False)
         except (config.ConfigException, OSError, ValueError, TypeError) as error:

@@ -80,7 +80,7 @@ def _entry(value: Any, folder: Path, report: Report) -> LauncherOptions | None: 
         return None
     kind = value.get("launcher")
     if not isinstance(kind, str):
-        report(("launcher",), f"is missing; there is: {', '.join(LAUNCHERS.names())}")
+        report(("launcher",), f"is missing; available: {', '.join(LAUNCHERS.names())}")
         return None
     try:
         model = LAUNCHERS.get(kind).options_model

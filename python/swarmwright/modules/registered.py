@@ -159,7 +159,7 @@ def _from_file(what: str, name: str) -> modules.Module:
             for key, value in vars(code).items()
             if isinstance(value, type) and issubclass(value, base) and value is not base
         ]
-        there = f"there is: {', '.join(classes)}" if classes else f"no {what} is there"
+        there = f"available: {', '.join(classes)}" if classes else f"no {what} is there"
         raise InputError(
             f"{file}: has no class {parsed.member!r}{did_you_mean(parsed.member, classes) or ';'} {there}"
         )

@@ -160,7 +160,7 @@ class Simulation:
                 there = ", ".join(sorted(known)[:20]) or "none"
                 where = f"{entry.place.where}.entity"
                 raise SimulationError(
-                    f"{service}: there is no entity {entity!r}; there is: {there}; see {where}"
+                    f"{service}: there is no entity {entity!r}; available: {there}; see {where}"
                 )
             number = read(known[entity])
             if number is None or not math.isfinite(number):

@@ -83,7 +83,7 @@ class RecordTable(Record, dict[str, Column]):  # noqa: PLW1641 - arrays have no 
         names = [_numbered(f"{one}_", episodes) for one in ("episode", *map(column_of, self.metric_names))]
         others = [one for one in dict.keys(self) if not (one.startswith("g") and one[1:].isdecimal())]
         known = ", ".join(["generation", "candidate", "fitness", *names, _numbered("g", genes)])
-        raise KeyError(f"no column {name!r}{did_you_mean(str(name), others) or ';'} there is: {known}")
+        raise KeyError(f"no column {name!r}{did_you_mean(str(name), others) or ';'} available: {known}")
 
     def get(self, name: str, default: Any = None, /) -> Any:  # noqa: ANN401 - as in `dict`
         """Return a column, or the default where there is no such one."""

@@ -79,7 +79,7 @@ def test_messages_are_rows(traced: Traced, log: str) -> None:
 def test_a_column_that_is_not_there(traced: Traced) -> None:
     write_mcap(traced.folder / "json.mcap")
     with pytest.raises(
-        RunError, match=r"has no column '/robot\.z'; did you mean '/robot\.x'\?; there is: /robot\.x, "
+        RunError, match=r"has no column '/robot\.z'; did you mean '/robot\.x'\? available: /robot\.x, "
     ):
         run(traced, "json.mcap", metrics={"x": "last(/robot.z)"}, fitness="x")
 

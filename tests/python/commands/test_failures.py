@@ -114,7 +114,7 @@ def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
         ("fitness\\n\u0661\u0662\\n", "log.csv:2: fitness is '\u0661\u0662', expected a number"),
         ("time,fitness\\n1,2\\n# the end\\n3\\n", "log.csv:4: has 1 value, but there are 2 columns"),
         ("fitness\\nbad\\n", "log.csv:2: fitness is 'bad', expected a number"),
-        ("time,Fitnes\\n1,2\\n", "has no column 'fitness'; did you mean 'Fitnes'\\?; there is: time, Fitnes"),
+        ("time,Fitnes\\n1,2\\n", "has no column 'fitness'; did you mean 'Fitnes'\\? available: time, Fitnes"),
     ],
 )
 def test_log(traced: Traced, log: str, reason: str) -> None:
@@ -230,7 +230,7 @@ def test_a_field_that_is_too_long(traced: Traced) -> None:
 
 def test_no_log(traced: Traced) -> None:
     reason = traced.fails("echo > result.csv; echo written")
-    assert "ended without writing log.csv (simulation.log); there is: parameters.yaml, result.csv" in reason
+    assert "ended without writing log.csv (simulation.log); found: parameters.yaml, result.csv" in reason
     assert "its last output: written" in reason
 
 

@@ -37,7 +37,7 @@ def test_each_file_is_a_row() -> None:
         ("1\t2\t3\n", "expected a whole number, a tab and a number"),
         ("#\n1.5\t2\n", "0.log:2: '1.5.t2' found"),
         ("1\tfar\n", "value is 'far', expected a number"),
-        ("", "has no column 'last'; there is: steps"),
+        ("", "has no column 'last'; available: steps"),
     ],
 )
 def test_what_is_wrong_is_named(text: str, answer: str) -> None:

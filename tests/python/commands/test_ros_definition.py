@@ -104,14 +104,14 @@ def with_(**changes: Any) -> dict[str, Any]:
         ({"metrics__near__time": "average"}, "simulation.metrics.near.time: must be one of last, first,"),
         ({"metrics__near__topic": "scan"}, "metrics.near.topic: give a topic, a sensor, or type: simulation"),
         ({"done": "near <"}, "simulation.done: 'near <' is not a valid expression: invalid syntax"),
-        ({"done": "far < 1"}, "simulation.done: 'far' is not a metric; there is: near"),
+        ({"done": "far < 1"}, "simulation.done: 'far' is not a metric; available: near"),
         (
             {"spawn": {"uri": "rover", "poses": [{"x": 1}]}},
             "simulation.spawn.poses: must have a pose of each of the 2 robots, not 1",
         ),
         ({"spawn": {"uri": "rover"}}, "simulation.spawn.poses: give either poses, one of each robot"),
         ({"spawn": {"file": "no.sdf", "poses": [{}, {}]}}, "simulation.spawn.file: no.sdf: there is no"),
-        ({"environment": {"A": "{seed}"}}, "simulation.environment.A: {seed} is not a placeholder; there"),
+        ({"environment": {"A": "{seed}"}}, "simulation.environment.A: {seed} is not a placeholder; available"),
     ],
     ids=str,
 )  # fmt: skip

@@ -126,7 +126,7 @@ def test_another_process_after_some_episodes(traced: Traced, how: str) -> None:
         ("raise OSError('no more rope')", "exit status 1; its last output: .*OSError: no more rope"),
         ("print('{\"done\"', flush=True)", r'wrote a line that is not valid JSON: \{"done"'),
         ('print(\'{"error": "no motor"}\', flush=True)', "reports: no motor"),
-        ("print('{\"done\": true}', flush=True)", "without the metric 'pid'; there is: none"),
+        ("print('{\"done\": true}', flush=True)", "without the metric 'pid'; available: none"),
         ("print('{\"x\": true}', flush=True)", "has neither sensors nor done"),
         (
             'print(\'{"done": true, "fitness": NaN, "metrics": {"pid": 1}}\', flush=True)',

@@ -141,6 +141,6 @@ def test_two_packages_with_one_name(plugins: Path) -> None:
 
 def test_unknown_kinds_name_what_there_is() -> None:
     with pytest.raises(
-        InputError, match=r"unknown ranking 'absolut'; did you mean 'absolute'\? there is: absol"
+        InputError, match=r"unknown ranking 'absolut'; did you mean 'absolute'\? available: absol"
     ):
         RANKINGS.get("absolut")

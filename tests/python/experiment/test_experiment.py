@@ -57,7 +57,7 @@ def test_only_the_simulation_is_required() -> None:
         ("method: {kind: ngna}\n", "my.yaml:2: method.kind: unknown method 'ngna'; did you mean 'nnga'?"),
         (
             "controller:\n  kind: xyz\n",
-            "my.yaml:3: controller.kind: unknown controller 'xyz'; there is: evostick, fully_meshed, hebbian",
+            "my.yaml:3: controller.kind: unknown controller 'xyz'; available: evostick, fully_meshed, hebbian",
         ),
         ("controller: {kind: [1]}\n", "my.yaml:2: controller.kind: must be text, not [1]"),
         (

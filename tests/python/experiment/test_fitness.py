@@ -247,7 +247,7 @@ def test_the_whole_of_a_file_s_mistake_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     for fitness, words in [
         ("arived - steps", "a.yaml:2: fitness: 'arived' is not a metric of minisim; did you mean 'arrived'"),
-        ("arived - steps", "there is: arrived, caught, distance, steps, fitness"),
+        ("arived - steps", "'arrived'? available: arrived, caught, distance, steps, fitness"),
         ("arrived(", "a.yaml:2: fitness: 'arrived(' is not a valid expression"),
         ("os.system", "a.yaml:2: fitness: 'os.system' is not allowed"),
     ]:

@@ -61,7 +61,8 @@ def test_new_prints_missions() -> None:
     ("arguments", "answer"),
     [
         (["arena", "--mission", "agregation"], "unknown mission 'agregation'; did you mean 'aggregation'?"),
-        (["arena", "--mission", "nothing"], "there is: aac, aggregation, area_coverage, "),
+        (["arena", "--mission", "nothing"], "available: aac, aggregation, area_coverage, "),
+        (["arena", "--mission", "my.yaml"], "name it in the experiment: parameters: {mission: my.yaml}"),
         (["minisim", "--mission", "aac"], "--mission is for arena only, not for minisim"),
         (["minisim", "--mission-file"], "--mission-file is for arena only, not for minisim"),
     ],

@@ -196,7 +196,7 @@ def test_verification_fails_where_bits_differ(
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--to", "cc"], "unknown export format 'cc'; did you mean 'c'? there is: c, "),
+        (["--to", "cc"], "unknown export format 'cc'; did you mean 'c'? available: c, "),
         ([], "what to export to is missing"),
         (["--to", "c", "--candidate", "9:0"], "holds the generations 0 to 2, not 9"),
         (["--to", "c", "--candidate", "0:8"], "generation 0 has the candidates 0 to 7, not 8"),

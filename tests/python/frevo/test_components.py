@@ -301,9 +301,9 @@ def test_other_components_are_taken_in_the_place_of_frevos(session: Session) -> 
 @pytest.mark.parametrize(
     ("option", "words"),
     [
-        ("method", "method: unknown method 'x'; there is: "),
-        ("controller", "controller: unknown controller 'x'; there is: "),
-        ("ranking", "ranking: unknown ranking 'x'; there is: absolute"),
+        ("method", "method: unknown method 'x'; available: "),
+        ("controller", "controller: unknown controller 'x'; available: "),
+        ("ranking", "ranking: unknown ranking 'x'; available: absolute"),
     ],
 )
 def test_unknown_kinds_are_refused(session: Session, option: str, words: str) -> None:

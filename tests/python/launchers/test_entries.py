@@ -59,7 +59,7 @@ def test_another_launcher_on_the_command_line_keeps_the_files_of_the_simulation(
     ("servers", "message"),
     [
         ({"launcher": "proces"}, "servers.launcher: unknown launcher 'proces'; did you mean 'process'?"),
-        ({"count": 3}, "servers.launcher: is missing; there is: "),
+        ({"count": 3}, "servers.launcher: is missing; available: "),
         ({"launcher": "process", "cuont": 3}, "servers.cuont: unknown key; did you mean 'count'?"),
         ({"launcher": "process", "count": 0}, "servers.count: must be at least 1, not 0"),
         ({"launcher": "process", "count": "3"}, "servers.count: must be an integer, not '3'"),

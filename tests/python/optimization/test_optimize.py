@@ -367,7 +367,7 @@ def test_a_near_miss_that_no_server_offers(embedded_broker: str) -> None:
 def test_an_unknown_simulation_without_a_broker(servers: Any, tmp_path: Path) -> None:
     experiment = small(simulation="minisym", parameters={})
     with pytest.raises(
-        InputError, match=r"unknown simulation 'minisym'; did you mean 'minisim'\? there is: .*minisim"
+        InputError, match=r"unknown simulation 'minisym'; did you mean 'minisim'\? available: .*minisim"
     ):
         optimize(experiment, servers=servers, out=tmp_path / "run")
     assert not (tmp_path / "run").exists()

@@ -77,7 +77,7 @@ def test_a_machine_to_start_from_has_the_modules_that_were_chosen() -> None:
     ("options", "message"),
     [
         ({"behaviours": ["explore"]}, "unknown behaviour 'explore'; did you mean 'exploration'?"),
-        ({"conditions": ["stop"]}, "unknown condition 'stop'; there is: black_floor"),
+        ({"conditions": ["stop"]}, "unknown condition 'stop'; available: black_floor"),
         ({"behaviours": ["stop", "stop"]}, "behaviours: 'stop' is given twice"),
         ({"conditions": []}, "at least 1 item"),
     ],

@@ -410,7 +410,7 @@ def test_other_methods_have_no_elites(finished: Run) -> None:
         ),
         (
             {"kind": "nsga2", "objectives": {"step": "minimize"}},
-            r"x\.yaml:7: method\.objectives\.step: unknown metric 'step'; did you mean 'steps'\? there is: ",
+            r"x\.yaml:7: method\.objectives\.step: unknown metric 'step'; did you mean 'steps'\? available: ",
         ),
         (
             {"kind": "nsga2", "objectives": {"steps": "least"}},

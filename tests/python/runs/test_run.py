@@ -157,7 +157,9 @@ def test_columns_of_the_record_by_name(tmp_path: Path) -> None:
     assert record.get("distance") is None
     assert record.get("distance", 5) == 5
     known = "generation, candidate, fitness, episode_0 .. episode_1, distance_0 .. distance_1, g0 .. g"
-    with pytest.raises(KeyError, match=f"no column 'distance'; did you mean 'distance_0'. there is: {known}"):
+    with pytest.raises(
+        KeyError, match=f"no column 'distance'; did you mean 'distance_0'. available: {known}"
+    ):
         _ = record["distance"]
 
 

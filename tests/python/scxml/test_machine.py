@@ -160,10 +160,10 @@ def test_a_file_may_declare_its_sensors_and_actuators(tmp_path: Path) -> None:
         ("<state/>", "the attribute id is missing"),
         ('<state id="a"><transition event="step" target="c"/></state>', "target: there is no state 'c'"),
         ('<state id="a"><transition target="a"/></state>', "'a' are taken without end"),
-        ('<state id="a"><transition event="left x" target="a"/></state>', "unknown event 'x'; there is: "),
+        ('<state id="a"><transition event="left x" target="a"/></state>', "unknown event 'x'; available: "),
         (
             '<state id="a"><transition event="found" target="a"/></state>',
-            "unknown event 'found'; there is: .*step",
+            "unknown event 'found'; available: .*step",
         ),
         (
             '<state id="a"><transition event="lift" target="a"/></state>',

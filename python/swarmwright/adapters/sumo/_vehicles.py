@@ -48,7 +48,7 @@ class Vehicles(Traffic):
         kinds = self.sumo.vehicletype.getIDList()
         if self._kind not in kinds:
             there = ", ".join(kind for kind in kinds if not kind.startswith("DEFAULT_")) or "none"
-            raise InputError(f"type: the configuration has no vType {self._kind!r}; there is: {there}")
+            raise InputError(f"type: the configuration has no vType {self._kind!r}; available: {there}")
         self.agents: list[str] = []
         self._most = parameters["agents"]
         return self.look(lately)

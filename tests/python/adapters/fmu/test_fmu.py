@@ -354,7 +354,7 @@ def test_no_library_for_this_machine(tmp_path: Path) -> None:
         for name in whole.namelist():
             other.writestr(name.replace("linux64", "win64"), whole.read(name))
     with pytest.raises(
-        InputError, match=r"has no library for this machine, .*; there is: win64\. `fmpy compile"
+        InputError, match=r"has no library for this machine, .*; available: win64\. `fmpy compile"
     ):
         Experiment.from_mapping({"simulation": str(tmp_path / "other.fmu"), "fitness": "0"})
 

@@ -207,7 +207,7 @@ MISTAKES: tuple[tuple[dict[str, Any], str], ...] = (
         {"actuators": [{"variable": "push", "unit": "N"}]},
         "unit: push of .* has no unit, so N cannot be converted",
     ),
-    ({"sensors": [{"terminal": "wheels"}]}, "has no terminal 'wheels'; there is: none"),
+    ({"sensors": [{"terminal": "wheels"}]}, "has no terminal 'wheels'; available: none"),
     ({"sensors": [{"terminal": "a", "variable": "b"}]}, "write a variable or a terminal, one of them"),
     ({"sensors": [{"range": [0, 1]}]}, "write a variable or a terminal, one of them"),
     ({"solver": "rk4"}, "solver: must be one of cvode, euler, not 'rk4'"),

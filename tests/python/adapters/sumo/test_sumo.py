@@ -182,7 +182,7 @@ def test_a_picture_has_roads_and_vehicles(tmp_path: Path) -> None:
         ({"config": "broken-net"}, "config: .*net.xml: not valid XML: unclosed token: line 1"),
         ({"config": "no-routes"}, "config: .*rou.xml: No such file or directory"),
         ({"config": "wrong-edge"}, "config: .*: SUMO reports: The edge 'e7' within the route"),
-        ({"config": "good", "type": "robot"}, "type: .* no vType 'robot'; there is: agent, human"),
+        ({"config": "good", "type": "robot"}, "type: .* no vType 'robot'; available: agent, human"),
         ({"config": "good", "interval": 0.7}, "expected a multiple of SUMO's step-length, 0.5 s"),
     ],
 )  # fmt: skip
