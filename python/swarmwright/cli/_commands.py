@@ -1,6 +1,6 @@
 """The table of commands, imported on demand; a mistyped name is answered with the nearest."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from keyword import iskeyword
 from typing import Any
@@ -9,30 +9,15 @@ import click
 
 from swarmwright.core.suggestions import unknown
 
-COMMANDS = (
-    "optimize",
-    "resume",
-    "sweep",
-    "evaluate",
-    "transfer",
-    "simulate",
-    "replay",
-    "plot",
-    "draw",
-    "export",
-    "export-fmu",
-    "couple",
-    "verify",
-    "new",
-    "broker",
-    "serve",
-    "servers",
-    "conformance",
-    "runs",
-    "import",
-    "score",
-    "schema",
-)
+SECTIONS: dict[str, tuple[str, ...]] = {
+    "Start": ("new", "import", "simulate", "schema"),
+    "Run": ("optimize", "resume", "sweep"),
+    "Analyse": ("runs", "plot", "replay", "draw", "evaluate", "transfer", "score"),
+    "Deploy": ("export", "verify", "export-fmu", "couple"),
+    "Servers": ("serve", "servers", "broker", "conformance"),
+}
+"""Headings of the help -> the commands below them, in the order of the work."""
+COMMANDS = tuple(name for names in SECTIONS.values() for name in names)
 
 
 SETTINGS = {
@@ -94,12 +79,23 @@ def _value_of(option: str, given: list[str]) -> str:
 
 
 class Group(click.Group):
-    """A group of commands that answers a mistyped one with the nearest."""
+    """A group of commands that answers a mistyped one with the nearest.
 
-    def __init__(self, *args: Any, modules: Mapping[str, str], example: str, **kwargs: Any) -> None:  # noqa: ANN401
+    sections: heading -> commands that the help lists below it; without sections, one list of all.
+    """
+
+    def __init__(
+        self,
+        *args: Any,  # noqa: ANN401 - click's signature
+        modules: Mapping[str, str],
+        example: str,
+        sections: Mapping[str, Sequence[str]] | None = None,
+        **kwargs: Any,  # noqa: ANN401 - click's signature
+    ) -> None:
         super().__init__(*args, **kwargs)
         self.modules = dict(modules)
         self.example = example
+        self.sections = dict(sections or {})
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of the table."""
@@ -121,6 +117,22 @@ class Group(click.Group):
             raise click.UsageError(unknown("command", args[0], self.list_commands(ctx)), ctx)
         return super().resolve_command(ctx, args)
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands, below the headings of their sections where there are any."""
+        if not self.sections:
+            super().format_commands(ctx, formatter)
+            return
+        widest = max(map(len, self.list_commands(ctx)))  # descriptions of all sections begin in one column
+        for heading, names in self.sections.items():
+            with formatter.section(heading):
+                formatter.write_dl(
+                    [
+                        (name.ljust(widest), command.get_short_help_str(formatter.width))
+                        for name in names
+                        if (command := self.get_command(ctx, name)) is not None
+                    ]
+                )
+
     format_epilog = Command.format_epilog
 
 
@@ -138,6 +150,7 @@ def _print_version(context: click.Context, _parameter: click.Parameter, wanted: 
     cls=Group,
     # A module cannot be named like a keyword: `import` is in import_.py.
     modules={name: f"swarmwright.cli.{name.replace('-', '_')}{'_' * iskeyword(name)}" for name in COMMANDS},
+    sections=SECTIONS,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     example="swarmwright new minisim > my.yaml\nswarmwright optimize my.yaml --servers 2",
 )

@@ -218,7 +218,7 @@ def _conclude(output: Output, run: "Run", broker: str | None) -> None:
         output.text("Interrupted; the results so far are kept. Go on with:")
         output.text(f"  {program()} resume {shlex.quote(str(run.path))}")
     rate = run.evaluations / max(run.seconds, 1e-3)
-    whose = f"generation {best.generation}, candidate {best.candidate}; both are counted from 0"
+    whose = f"generation {best.generation}, candidate {best.candidate}, numbered from 0"
     output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
     for line in () if validation is None else validation_lines(validation, run):
         output.text(line)

@@ -71,7 +71,7 @@ class BrokerUrl(click.ParamType[str]):
 
 
 class Prefix(click.ParamType[str]):
-    """What topics begin with."""
+    """The first levels of all topics."""
 
     name = "prefix"
 
@@ -195,7 +195,7 @@ _WORDS = ("auto", "local", "in-process")
 class ServerCount(click.ParamType[Servers]):
     """`auto`, `local`, `in-process`, a number of servers, or launchers with numbers, `slurm:4`."""
 
-    name = "auto|local|in-process|K|LAUNCHER:K"
+    name = "auto|local|in-process|N|LAUNCHER:N"
 
     def convert(self, value: str | int, param: click.Parameter | None, ctx: click.Context | None) -> Servers:
         """The word or the number."""
@@ -243,18 +243,17 @@ peer_prefix_option: Decorator = click.option(
 servers_option: Decorator = click.option(
     "--servers",
     type=ServerCount(),
-    metavar="K",
+    metavar="N",
     help="""\b
-K           start so many servers, here
-auto        one per processor, 2 to 8; as
-            local in a notebook, and for
-            behaviours or conditions in
-            Python
-local       no server; a simulation in
-            Python runs in a process on each
-            processor, others in this one
-in-process  no server; all in this process
-LAUNCHER:K  servers elsewhere: slurm:200, or
+N           start N servers on this machine
+auto        one per processor, 2 to 8; same
+            as local in notebooks and with
+            modules in Python
+local       no server: one process per
+            processor for simulations in
+            Python, this process for others
+in-process  no server: all in this process
+LAUNCHER:N  servers elsewhere: slurm:200, or
             slurm:100,process:2; options of
             launchers are in the experiment""",
 )
@@ -262,7 +261,7 @@ LAUNCHER:K  servers elsewhere: slurm:200, or
 simulation_option: Decorator = click.option(
     "--simulation",
     metavar="FILE:CLASS",
-    help="Use this class in Python instead of the run's, whose code was edited or is in another place now.",
+    help="Use this Python class instead of the run's, whose code was edited or moved.",
 )
 
 
@@ -278,8 +277,8 @@ trust_option: Decorator = click.option(
     is_flag=True,
     expose_value=False,
     callback=_trust,
-    help="Execute the code in a run folder even if you did not make the run on this machine; remembered for "
-    "this code.",
+    help="Execute the code in a run folder even if the run was not made on this machine. Remembered for this "
+    "code.",
 )
 
 
@@ -333,15 +332,18 @@ def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         "--generation",
         type=WholeNumber(min=0, max=2**63 - 1),
         metavar="G",
-        help="Generation of the candidate, from 0. Alone: the best one of that generation.",
+        help="Generation of the candidate, numbered from 0. Without --candidate: its best one.",
     )
     candidate = click.option(
         "--candidate",
         "chosen",
         type=CandidateId(),
         metavar="G:N",
-        help="Candidate N of generation G, both from 0; with --generation, N alone; else N alone is the "
-        "number of the evaluation in the whole run. Default: the best one.",
+        help="""\b
+G:N  candidate N of generation G
+N    with --generation: candidate N of it
+N    alone: evaluation N of the whole run
+All are numbered from 0. Default: the best.""",
     )
 
     @functools.wraps(command)
@@ -366,15 +368,15 @@ at_option: Decorator = click.option(
     "--at",
     type=WholeNumber(min=1),
     metavar="EVALUATIONS",
-    help="Compare the best of the first so many evaluations; where candidates are evaluated again (racing, "
-    "reevaluate), the last generation that was finished by then. Default: at each run's end.",
+    help="Compare the best of the first EVALUATIONS of each run; where candidates are evaluated again "
+    "(racing, reevaluate), the last generation that was finished by then. Default: the whole runs.",
 )
 at_episodes_option: Decorator = click.option(
     "--at-episodes",
     type=WholeNumber(min=1),
     metavar="EPISODES",
-    help="The same with as many evaluations of each run as took at most so many episodes: after equally much "
-    "simulation, where ranking.episodes differs.",
+    help="Compare after equally much simulation, where ranking.episodes differs: the best of the evaluations "
+    "that took at most EPISODES episodes.",
 )
 
 
@@ -478,7 +480,7 @@ wait_option: Decorator = click.option(
     type=RealNumber(0, 31 * 86400.0),
     metavar="SECONDS",
     help="How long to wait for a broker that does not answer yet. Default: timeouts.connect of the "
-    "experiment, 0 unless set: do not wait.",
+    "experiment, or 0.",
 )
 
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def validation_lines(found: "Validation", run: "Run") -> Iterator[str]:
-    """Yield lines: the fitness by which the best was chosen beside that on held-out seeds; the next best.
+    """Yield lines: the recorded fitness of the best, and that on held-out seeds; the next best candidates.
 
     run: whose validation it is.
     """
@@ -20,8 +20,8 @@ def validation_lines(found: "Validation", run: "Run") -> Iterator[str]:
     best, count = found.best, len(found.seeds)
     if not found.depends_on_seed:
         yield (
-            f"{f'All {count:,} held-out episodes' if count > 1 else 'The held-out episode'} gave the same "
-            "fitness as in the run; fitness is taken as independent of the seed."
+            f"{f'All {count:,} held-out episodes' if count > 1 else 'The held-out episode'} gave the "
+            "recorded fitness: it does not seem to depend on the seed. Report the recorded fitness."
         )
         yield from _start_lines(found, run)
         return
@@ -34,9 +34,10 @@ def validation_lines(found: "Validation", run: "Run") -> Iterator[str]:
         made_of = f"{_episodes(options.episodes)} of {made_of}"
     failed = f", of which {best.failed} failed" if best.failed else ""
     where = "" if found.slow is None else f" in {one_line(found.slow)}"
+    yield f"Recorded fitness {best.recorded + 0.0:.6g} ({made_of}); selection biases it upwards."
     yield (
-        f"Fitness during evolution {best.recorded + 0.0:.6g} ({made_of}); on {_episodes(count)} with "
-        f"held-out seeds{where}{failed} {_estimated(best.fitness)}."
+        f"Fitness on {_episodes(count)} with held-out seeds{where}{failed}: {_estimated(best.fitness)}. "
+        "Report this one."
     )
     if len(found.candidates) > 1:
         yield from _next_best_lines(found)
@@ -79,7 +80,7 @@ def _nearer(run: "Run") -> str:
 def _next_best_lines(found: "Validation") -> Iterator[str]:
     """Yield a table of all candidates, and whether another one than the best of the run is better."""
     yield f"The {len(found.candidates)} best of the run, on these seeds:"
-    rows = [("generation", "candidate", "during evolution", "held-out", "95 % interval")]
+    rows = [("generation", "candidate", "recorded", "held-out", "95 % interval")]
     for one in found.candidates:
         fitness, interval = one.fitness, ""
         if fitness.low is not None and fitness.high is not None:

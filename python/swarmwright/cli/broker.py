@@ -168,7 +168,7 @@ def command(
     log_size: int | None,
     as_json: bool,
 ) -> int:
-    """Run an MQTT broker, or write the files that one needs.
+    """Run an MQTT broker, or write the configuration of one.
 
     It runs until Ctrl-C. Without a password file, every client that can reach the broker may use it.
     Therefore it listens on the loopback address only, and to other machines only with TLS and a password

@@ -35,7 +35,7 @@ LARGEST_ID = 2**63 - 1
     example='swarmwright conformance server --exec "swarmwright serve minisim --broker {broker} --id {id}"',
 )
 def command() -> None:
-    """Check a server or a tool against the protocol.
+    """Check that a server or a tool follows the protocol.
 
     The peer is a simulation server or an optimization tool. Every rule is checked over a broker, independent
     of the peer's language. Rules come from D6.1 or from Swarmwright; --profile d6.1 checks the former only.

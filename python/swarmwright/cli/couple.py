@@ -38,7 +38,7 @@ from swarmwright.cli._output import Output, show_warnings
 def command(
     fmus: tuple[str, ...], connections: tuple[str, ...], output: Path, force: bool, as_json: bool
 ) -> None:
-    """Couple FMUs into one system, an SSP.
+    """Connect FMUs to one system (SSP).
 
     SSP is System Structure and Parameterization 1.0. Components are named like their files, or NAME=FILE.fmu.
     Names, causalities and units of connections are checked. The system is a simulation: `simulation:

@@ -28,13 +28,13 @@ class _MissionOption(click.Option):
     "--mission",
     cls=_MissionOption,
     metavar="MISSION",
-    help="For arena: what the robots are to do. Default: aggregation. There is:",
+    help="For arena: the task of the robots. Default: aggregation. Available:",
 )
 @click.option(
     "--mission-file",
     is_flag=True,
-    help="For arena: print the mission itself instead, as the start of a custom mission, which "
-    "`parameters: {mission: FILE.yaml}` names.",
+    help="For arena: print the mission itself instead, to start a custom one from. An experiment names its "
+    "file: `parameters: {mission: FILE.yaml}`.",
 )
 def command(template: str, mission: str | None, mission_file: bool) -> None:
     """Print a commented experiment file to start from.

@@ -73,11 +73,11 @@ def command(
     metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
-    """Evolve a controller as the experiment FILE says.
+    """Run the experiment in FILE.
 
-    FILE may be a session of FREVO (.zse), too, which is read as `swarmwright import` does.
+    FILE may also be a session of FREVO (.zse), which is read as by `swarmwright import`.
 
-    Ctrl-C ends it early and keeps the results so far; `swarmwright resume` goes on.
+    Ctrl-C ends the run early and keeps the results so far; `swarmwright resume` continues it.
     """
     from swarmwright import optimize
 

@@ -65,13 +65,13 @@ def command(
     held_out: bool,
     as_json: bool,
 ) -> int:
-    """Draw one RUN, or compare several.
+    """Plot a run, or compare several.
 
-    One run: fitness and diversity of its candidates. Several: runs whose experiments differ in the seed alone
-    are a group; the groups are drawn on one axis, and the final fitness of their runs is tested
-    (Mann-Whitney, Kruskal-Wallis, with effect sizes), or what --by names. RUN can be the folder of a sweep:
-    then its runs are compared. Runs that are missing there, damaged or hold no generation are left out and
-    named; the exit status is then 1.
+    One run: fitness and diversity over its evaluations. Several runs: those that differ only in the seed
+    form a group. The groups are drawn on one axis, and their final fitness, or what --by names, is tested
+    (Mann-Whitney, Kruskal-Wallis, with effect sizes). RUN can be the folder of a sweep, which stands for its
+    runs. Runs that are missing, damaged or without a generation are left out and named; the exit status is
+    then 1.
     """
     from swarmwright.cli._comparison import INCOMPLETE, Compared, run_folders
 

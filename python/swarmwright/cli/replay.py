@@ -132,10 +132,10 @@ def command(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Show an episode of a candidate of a run.
+    """Watch an episode of a candidate, or save it as a page or film.
 
-    It is the best one of RUN unless another is named. The simulation runs in this process, or with --broker
-    on a server that has scenes, with the parameters and the seed that the run used, unless others are given.
+    The candidate is the best one of RUN, and parameters and seed are those of the run, unless others are
+    given. The simulation runs in this process, or with --broker on a server that sends scenes.
     """
     if controller is not None and (generation is not None or candidate is not None):
         raise click.UsageError(

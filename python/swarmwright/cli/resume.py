@@ -77,11 +77,11 @@ def command(
     metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
-    """Continue a run that was interrupted or has failed.
+    """Continue a run that was interrupted or failed.
 
-    RUN was interrupted or killed, or failed. The result is bit-identical to that of an undisturbed run. A
-    finished RUN is left as it is, unless --generations or --set ask for more of it. Changes that would make
-    it another run are refused: edited code of its simulation or of a plug-in, an edited experiment.yaml.
+    The result is bit-identical to that of an undisturbed run. A finished RUN is left as it is, unless
+    --generations or --set ask for more of it. Changes that would make it another run are refused: edited code
+    of its simulation or of a plug-in, an edited experiment.yaml.
     """
     from swarmwright import Run, resume
     from swarmwright.optimization.resuming import Resumption

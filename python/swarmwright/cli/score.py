@@ -38,7 +38,7 @@ from swarmwright.cli.import_ import FIELD_HELP
 def command(
     file: Path, field: Path | None, target: Path | None, candidate: int | None, as_json: bool
 ) -> None:
-    """Evaluate the candidates of a FREVO result again.
+    """Evaluate the candidates of a FREVO result.
 
     Both fitness values are shown. The candidates of FILE.zre are run in this process, on the problem that the
     file names. The method that evolved them, and the ranking, do not matter.

@@ -53,7 +53,7 @@ LARGEST_ID = 2**31 - 1
     help="Id of the first server; the others count on from it. Default: random.",
 )
 @click.option(
-    "--count", type=WholeNumber(1, 1024), default=1, show_default=True, metavar="K", help="How many."
+    "--count", type=WholeNumber(1, 1024), default=1, show_default=True, metavar="N", help="Number of servers."
 )
 @prefix_option
 @click.option(
@@ -116,14 +116,14 @@ def command(
     metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
-    """Offer a simulation on a broker until Ctrl-C.
+    """Start simulation servers.
 
-    SIMULATION is the title of one that is built in, or a class in Python, as path/to/file.py:Class or
-    package.module:Class, which derives from swarmwright.Simulation, or an environment of another library, as
-    gymnasium:CartPole-v1 or pettingzoo:mpe2.simple_spread_v3?N=5, or an experiment file (.yaml), whose
-    simulation is offered: the way to serve one that is a command.
+    SIMULATION is the title of a built-in one (minisim); a class derived from swarmwright.Simulation
+    (file.py:Class or package.module:Class); an environment of another library (gymnasium:CartPole-v1,
+    pettingzoo:mpe2.simple_spread_v3?N=5); or an experiment file, whose simulation is served: the way to serve
+    a command.
 
-    Every server is a separate process and serves one optimization tool at a time.
+    Each server is a separate process and serves one optimization tool at a time, until Ctrl-C.
     """
     simulation = _named(simulation)
     title = _title(simulation)

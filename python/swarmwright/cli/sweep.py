@@ -81,25 +81,23 @@ def command(
     metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
-    """Run variants of an experiment, and compare them.
+    """Run an experiment with several settings and seeds, and compare.
 
-    Every variant that FILE names is run with every seed. Several runs go on at a time where they do not
-    compete for servers. A run that is finished is not run again, one that was interrupted goes on: after
-    Ctrl-C the same command continues. A run that fails does not stop the others; it is named at the end, and
-    the exit status is 1. A run that another process works on is left to it, so that several processes, on
-    several machines as well, can do one sweep together. A finished run is validated where FILE or --set ask
-    for a validation that it lacks, or for more held-out episodes or candidates.
+    Every variant that FILE names is run with every seed, several runs at a time where they do not compete
+    for servers. Finished runs are not repeated and interrupted ones are continued: after Ctrl-C, give the
+    same command again. A run that fails does not stop the others: it is named at the end, and the exit
+    status is 1. Several processes, on several machines too, can work on one sweep: each leaves the runs of
+    the others alone. A finished run is validated where FILE or --set ask for more than it has.
 
-    At the end the comparison is printed, drawn into comparison.png in the folder of the runs, and written as
-    tables, comparison.csv and comparison.tex: by fitness on held-out seeds where all runs were validated and
-    fitness depends on the seed, and by recorded fitness. Variants of nsga2 with the same objectives are
-    compared by hypervolume as well (with up to 3 objectives beside fitness), those of map_elites with the
-    same measures by QD score and coverage. sweep.json in this folder has what was asked for: variants, seeds
-    and --set; `runs verify` names runs that are missing.
+    At the end the variants are compared, by fitness on held-out seeds where all runs were validated and
+    fitness depends on the seed, and by recorded fitness. The folder of the runs gets the figure
+    (comparison.png), tables (comparison.csv, comparison.tex) and sweep.json, which holds variants, seeds and
+    --set. Variants of nsga2 with the same objectives (up to 3 besides fitness) are also compared by
+    hypervolume, those of map_elites with the same measures by QD score and coverage.
 
-    FILE can be such a sweep.json: then the sweep is repeated, with --out in another folder, by the
-    experiments and the code that the runs beside it hold. Without --out, the runs that are missing beside it
-    are run. `runs diff` compares the records of both folders.
+    FILE can be a sweep.json: with --out, the sweep is repeated in another folder, with the experiments and
+    the code that are stored in its runs; without --out, its missing runs are run. `runs diff` compares the
+    records of both folders.
     """
     from swarmwright.analysis.sweep import Sweep, conduct, tasks
     from swarmwright.analysis.sweep.run import UnreadableRunError

@@ -125,11 +125,11 @@ def command(
     servers: Servers | None,
     as_json: bool,
 ) -> None:
-    """Evaluate the best of runs in other simulations.
+    """Test the best controllers of runs in other simulations.
 
-    The best candidates of each RUN are evaluated there, and what they lose is printed. Runs that differ in
-    the seed alone are one group; with several groups, their losses are compared (Mann-Whitney, with the
-    effect's size).
+    The best candidates of each RUN are evaluated there, and the loss of fitness is printed. Runs that differ
+    only in the seed form a group; the losses of several groups are compared (Mann-Whitney, with effect
+    sizes).
     """
     from swarmwright import transfer
     from swarmwright.analysis.table_files import CSV, check

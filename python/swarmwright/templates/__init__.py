@@ -60,7 +60,7 @@ def arena(mission: str = "aggregation") -> str:
             r"  kind: evostick +# 24 .*",
             f"  kind: evostick                  # {of_each}; or layered, fully_meshed",
         ),
-        (r"  mission: .*", f"  mission: {mission:<22} # or the path of a YAML file with one of your own"),
+        (r"  mission: .*", f"  mission: {mission:<22} # or the path of a YAML file with a custom mission"),
         (r"  robots: .*", f"  robots: {chosen['robots']:<23} # 1 to 100,000"),
         (r"  duration: .*", f"  duration: {duration:<21} # seconds"),
     ):
@@ -89,4 +89,7 @@ def _mission(name: str) -> "Mission":
         if name in (one["name"], one["also"]):
             return one
     names = [name for one in all_missions for name in (one["name"], one["also"]) if name]
-    raise InputError(unknown("mission", name, names))
+    hint = ""
+    if name.endswith((".yaml", ".yml")):
+        hint = f"; to use a mission file, name it in the experiment: parameters: {{mission: {name}}}"
+    raise InputError(f"{unknown('mission', name, names)}{hint}")

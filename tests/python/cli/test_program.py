@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from swarmwright import __version__
-from swarmwright.cli._commands import COMMANDS
+from swarmwright.cli._commands import COMMANDS, SECTIONS
 from swarmwright.cli._commands import program as click_program
 from swarmwright.core.revision import revision
 
@@ -178,15 +178,18 @@ def test_files_for_another_command_are_known(program: Any, tmp_path: Path) -> No
 
 def test_summaries_of_commands_are_whole(program: Any) -> None:
     text = program("--help", env={"COLUMNS": "80"}).stdout
-    commands = text[text.index("Commands:") : text.index("Example:")]
-    assert "optimize" in commands
+    commands = text[text.index("Start:") : text.index("Example:")]
     assert "..." not in commands
+    headings = [line.removesuffix(":") for line in commands.splitlines() if line.endswith(":")]
+    assert headings == list(SECTIONS)
+    listed = [line.split()[0] for line in commands.splitlines() if line[:2] == "  " and line[2:3].strip()]
+    assert listed == list(COMMANDS)
 
 
 def test_without_arguments_the_help_is_shown(program: Any) -> None:
     result = program()
     assert result.returncode == 2
-    assert "Commands:" in result.stderr
+    assert "Servers:" in result.stderr
 
 
 def test_a_reader_that_leaves_is_no_error() -> None:

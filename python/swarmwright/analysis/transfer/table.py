@@ -31,7 +31,7 @@ def _one_run(transfer: "Transfer") -> Iterator[str]:
     count = len(transfer.seeds)
     yield f"Mean fitness of {count} episodes with held-out seeds, and what is lost (95 % interval):"
     for one in transfer.runs:
-        rows = [["candidate", "during evolution", "fitness", f"in {one.target}", "loss", "95 % interval"]]
+        rows = [["candidate", "recorded", "fitness", f"in {one.target}", "loss", "95 % interval"]]
         shown = zip(one.candidates, one.source_fitness, one.target_fitness, one.losses, strict=True)
         for candidate, here, there, lost in list(shown)[:_CANDIDATES]:
             recorded = "" if candidate.recorded is None else number(candidate.recorded)
