@@ -32,7 +32,7 @@ class InputError(SwarmwrightError):
 
 
 class RunError(SwarmwrightError):
-    """The run failed although the input was right.
+    """The run failed although the input was valid.
 
     No broker, no server, all candidates failed. Exit status 1.
     """

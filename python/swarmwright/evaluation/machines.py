@@ -61,7 +61,7 @@ class MachineEvaluations:
         self._robots: Robots | None = None
 
     def step(self) -> bool:
-        """Go on by a step; return whether there is more to do.
+        """Advance by one step; return whether there is more to do.
 
         Raises RunError where the code of a module or of the simulation fails: what is under way is left out
         then, and the next call goes on with the rest. With `isolate` nothing is raised. Raises InputError for

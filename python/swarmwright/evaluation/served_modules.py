@@ -150,7 +150,7 @@ class ServedEpisode:
         return self._episode.metrics(names)
 
     def step(self) -> None:
-        """Go on by one step. Raises SimulationError when the code of a module fails."""
+        """Advance by one step. Raises SimulationError when the code of a module fails."""
         try:
             self._episode.step()
         except RunError as error:

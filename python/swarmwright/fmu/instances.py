@@ -134,7 +134,7 @@ class Instance:
             raise FmuError(self._explained(what, error)) from error
 
     def begin(self, start: Mapping[str, Any], time: float, stop: float) -> None:
-        """Go to the start of an episode, with these values of variables."""
+        """Start an episode, with these values of variables."""
         fmu = self._fmu
         if not self._is_fresh:
             self._called("reset", fmu.reset)
@@ -244,7 +244,7 @@ class Instance:
         return variable.type
 
     def step(self, time: float, size: float) -> bool:
-        """Go on by a step; return whether the FMU ends the simulation."""
+        """Advance by one step; return whether the FMU ends the simulation."""
         self._last = ""
         try:
             done = self._fmu.doStep(currentCommunicationPoint=time, communicationStepSize=size)

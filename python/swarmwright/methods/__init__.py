@@ -1,4 +1,4 @@
-"""How candidates come about: one file and one line below for each method."""
+"""Optimization methods: which candidates are evaluated next. `METHODS` has all kinds by their names."""
 
 from swarmwright.core.registry import Registry
 from swarmwright.methods._base import Method, MethodOptions

@@ -61,11 +61,11 @@ class PlayedEpisode:
         return self._episodes.step_size
 
     def step(self) -> None:
-        """Go on by one step."""
+        """Advance by one step."""
         self.step_observed()
 
     def step_observed(self) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]:
-        """Go on by one step; return agents, their sensors and their actuators, see `Episode`."""
+        """Advance by one step; return agents, their sensors and their actuators, see `Episode`."""
         parts = [self._robots.step()]
         while self._episodes.mid_step:
             parts.append(self._robots.step())

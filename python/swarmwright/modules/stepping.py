@@ -41,7 +41,7 @@ class Robots:
         return self._swarm.current[: self._acted].astype(np.int32)
 
     def step(self) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]:
-        """Go on by one step; return the agents that acted, their sensors and their actuators.
+        """Advance by one step; return the agents that acted, their sensors and their actuators.
 
         Raises RunError when the code of a module or of the simulation fails.
         """

@@ -97,7 +97,7 @@ def optimize(
             are started on that broker.
         seed: instead of the experiment's.
         out: folder for the results, new or empty, or with nothing but a run that has no finished generation,
-            which is replaced; default runs/<name>-<seed>, with a number behind it if that exists.
+            which is replaced; default runs/<name>-<seed>, to which a number is appended if it exists.
         wait: seconds to wait for a broker that does not answer, instead of `timeouts.connect`.
         progress: show how far it is, below the cell of a notebook or else on standard error; default: in a
             notebook.

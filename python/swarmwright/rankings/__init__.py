@@ -1,4 +1,4 @@
-"""How episodes become the order of candidates: one file and one line below for each ranking."""
+"""Rankings: the order of candidates, from the fitness of their episodes. `RANKINGS` has all kinds by name."""
 
 from swarmwright.core.registry import Registry
 from swarmwright.rankings._base import Ranking, RankingOptions

@@ -1,4 +1,4 @@
-"""How a genome becomes a controller: one file and one line below for each representation."""
+"""Representations: the controller that a genome stands for. `REPRESENTATIONS` has all kinds by name."""
 
 from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream, Streams

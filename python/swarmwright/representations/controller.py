@@ -29,7 +29,7 @@ _STATELESS = frozenset({"layered", "evostick"})
 
 
 class Controller:
-    """Sensors in, actuators out, for one agent or a swarm; or parameters of the simulation.
+    """A callable that maps sensor values to actuators, for one agent or a swarm; or simulation parameters.
 
     Call it with an array of shape (sensors,) for one agent or (agents, sensors) for a swarm; it returns
     float32 of shape (actuators,) or (agents, actuators), each number in -1..1, the same bits as in every

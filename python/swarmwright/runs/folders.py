@@ -40,7 +40,7 @@ def check_names(experiment: Experiment) -> None:
 
 
 def default_folder(experiment: Experiment) -> Path:
-    """Make runs/<file stem or simulation>-<seed>, with a number behind it when that exists, and return it.
+    """Make runs/<file stem or simulation>-<seed>, with a number appended if that exists, and return it.
 
     That it is made here gives every process and thread its own. Raises InputError when it cannot be made.
     """

@@ -102,7 +102,7 @@ class Simulation(Described):
 
     @abstractmethod
     def reset(self, parameters: dict[str, Any], seed: int) -> ArrayLike | None:
-        """Go to the start of an episode.
+        """Start an episode and return the first observations.
 
         Args:
             parameters: those of the experiment; those that are declared have been checked, and have their
@@ -121,7 +121,7 @@ class Simulation(Described):
 
     @abstractmethod
     def step(self, actions: NDArray[np.float32]) -> ArrayLike | None:
-        """Go on by one step.
+        """Advance the episode by one step.
 
         Args:
             actions: (agents, actuators), float32, -1 to 1; rows of agents that did not act are 0, and with
@@ -134,18 +134,18 @@ class Simulation(Described):
 
     @abstractmethod
     def done(self) -> bool:
-        """Return whether the episode has ended; asked after `reset` and after every step."""
+        """Return whether the episode has ended. Called after `reset` and after every step."""
 
     @abstractmethod
     def fitness(self) -> float:
-        """Return how well it went, more is better, finite; asked when the episode has ended.
+        """Return the fitness of the episode: finite, higher is better. Called when it has ended.
 
         `swarmwright.environments` asks after every step, since rewards are how it changes. Where it fails
         before the end, or is not a finite number, the reward comes later, at the end at the latest.
         """
 
     def measure(self) -> Mapping[str, float]:
-        """Return the metrics of the episode, all that `metrics` names.
+        """Return the metrics of the episode: all that `metrics` names.
 
         Asked when the episode has ended, only where an experiment wants them. A metric may be NaN or
         infinite, where there is nothing to measure; the episode fails only where the fitness is computed from
@@ -154,7 +154,7 @@ class Simulation(Described):
         return {}
 
     def truncated(self) -> bool:
-        """Return whether the episode has ended only as its time was over, which agents do not sense.
+        """Return whether the episode ended only because its time was over, which agents do not sense.
 
         Asked at the end by `swarmwright.environments`, so that learning does not take the last state for one
         after which nothing can be gained. The default is False.
@@ -162,7 +162,7 @@ class Simulation(Described):
         return False
 
     def acting(self) -> ArrayLike | None:
-        """Return who acts next: indices of agents, or (agents,) booleans; None, the default, for all.
+        """Return which agents act next: indices, or (agents,) booleans; None, the default, for all.
 
         Leave out agents that have dropped out. Where agents act one after the other, return one at a time.
         While no agent acts the simulation is stepped without actions until it is done.
@@ -170,14 +170,14 @@ class Simulation(Described):
         return None
 
     def scene(self) -> "Scene | None":
-        """Return what it looks like now; None, the default, for nothing to show.
+        """Return the scene to display now; None, the default, for nothing.
 
         `swarmwright replay` draws it, and so does a server that is asked to (`simulate --visual`).
         """
         return None
 
     def picture(self) -> NDArray[np.uint8] | None:
-        """Return what it looks like now as an image, (height, width, 3), red, green, blue from 0 to 255.
+        """Return the picture to display now, (height, width, 3), red, green, blue from 0 to 255.
 
         None, the default, for nothing to show. `swarmwright replay` uses it for videos and pages when the
         class has no `scene`.

@@ -46,7 +46,7 @@ class BatchSimulation(Described):
 
     @abstractmethod
     def reset(self, parameters: dict[str, Any], seeds: NDArray[np.uint64]) -> ArrayLike:
-        """Go to the start of an episode for each seed.
+        """Start an episode for each seed and return the first observations.
 
         Args:
             parameters: as in `Simulation.reset`.
@@ -61,7 +61,7 @@ class BatchSimulation(Described):
 
     @abstractmethod
     def step(self, actions: NDArray[np.float32]) -> ArrayLike:
-        """Go on by one step.
+        """Advance all episodes by one step.
 
         Args:
             actions: (episodes, agents, actuators), float32, -1 to 1; 0 for agents that did not act, and for

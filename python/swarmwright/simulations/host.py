@@ -90,7 +90,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         return other
 
     def reset(self, parameters: dict[str, Any], controller: str | None = None) -> Seen:
-        """Go to the start of an episode.
+        """Start an episode.
 
         parameters: values of JSON's kinds; `seed` is the episode's, default 0. controller: its specification,
         where the simulation runs controllers itself. Raises the engine's InputError for parameters that are
@@ -105,7 +105,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         return self._seen("reset", self._call("reset", values, seed), first=True)
 
     def step(self, actions: NDArray[np.float32]) -> Seen:
-        """Go on by one step; actions: (agents, actuators). Raises SimulationError when the code fails."""
+        """Advance by one step; actions: (agents, actuators). Raises SimulationError when the code fails."""
         if isinstance(self._object, BatchSimulation):
             return self._only(self.go(actions[None]))
         given = actions if self._steered else actions[:, :0]
@@ -195,7 +195,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         return drawn
 
     def start(self, parameters: dict[str, Any], seeds: NDArray[np.uint64]) -> Many:
-        """Go to the start of many episodes of a BatchSimulation; raises as `reset`.
+        """Start many episodes of a BatchSimulation; raises as `reset`.
 
         parameters: as for `reset`; the seed in them does not count. seeds: (episodes,).
         """
@@ -208,7 +208,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         return self._many.seen("reset", self._call("reset", values, seeds), self._call)
 
     def go(self, actions: NDArray[np.float32]) -> Many:
-        """Go on by one step; actions: (episodes, agents, actuators). Raises SimulationError."""
+        """Advance by one step; actions: (episodes, agents, actuators). Raises SimulationError."""
         many = self._many.seen("step", self._call("step", actions), self._call)
         self._count_step(ended=bool(many[2].all()))
         return many

@@ -95,7 +95,7 @@ def load(name: str, folder: Path | None = None) -> Kind:
     where = getattr(module, "__file__", None) or parsed.place
     if found is not None:
         raise InputError(f"{where}: {wanted} is not a subclass of swarmwright.Simulation")
-    there = f"available: {', '.join(classes)}" if classes else "no subclass of swarmwright.Simulation is there"
+    there = f"available: {', '.join(classes)}" if classes else "it has no subclass of swarmwright.Simulation"
     raise InputError(f"{where}: has no class {wanted!r}{did_you_mean(wanted, classes) or ';'} {there}")
 
 

@@ -184,7 +184,7 @@ class Physics(ABC):
         objects: NDArray[np.float32],
         seed: int,
     ) -> None:
-        """Go to the start of an episode: all stand at these poses, at rest.
+        """Start an episode: all stand at these poses, at rest.
 
         Args:
             world: what is to be there.
@@ -199,7 +199,7 @@ class Physics(ABC):
 
     @abstractmethod
     def step(self, motions: NDArray[np.float32]) -> None:
-        """Go on by a tick of the world.
+        """Advance the world by one tick.
 
         Args:
             motions: (robots, 3): speed ahead and to the left in m/s, rotation in rad/s, noise of the drive

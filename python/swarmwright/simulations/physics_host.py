@@ -81,7 +81,7 @@ class PhysicsHost(Calls[Physics]):
         self._call("start", self._world, changed, robots, objects, seed)
 
     def step(self, motions: Numbers) -> None:
-        """Go on by a tick. Raises SimulationError when the code fails."""
+        """Advance by one tick. Raises SimulationError when the code fails."""
         self._call("step", motions)
 
     def poses(self) -> tuple[Numbers, Numbers]:

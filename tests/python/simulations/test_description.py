@@ -211,7 +211,7 @@ def test_a_class_is_found_by_its_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "name", "words"),
     [
-        ("", "there.py:A", "there.py: has no class 'A'; no subclass of swarmwright.Simulation is there"),
+        ("", "there.py:A", "there.py: has no class 'A'; it has no subclass of swarmwright.Simulation"),
         ("class A: pass", "there.py:A", "there.py: A is not a subclass of swarmwright.Simulation"),
         (
             "from swarmwright import Simulation as S\nclass Gather(S): pass",
