@@ -206,13 +206,20 @@ class ServerCount(click.ParamType[Servers]):
         except ValueError:
             self.fail(
                 f"'{value}' is neither a number of servers nor 'auto', 'local' or 'in-process', nor a "
-                "launcher with a number, such as slurm:4.",
+                f"launcher with a number, such as slurm:4{_of_the_file(value)}.",
                 param,
                 ctx,
             )
         if not 1 <= number <= 1024:
             self.fail(f"{number} is not in the range 1..1024.", param, ctx)
         return number
+
+
+def _of_the_file(value: str) -> str:
+    """Return what to do for the launcher of the experiment, empty for a text that is no launcher."""
+    from swarmwright.launchers import LAUNCHERS
+
+    return "; leave --servers out to use the experiment's" if value in LAUNCHERS.names() else ""
 
 
 def broker_option(*, default: str | None, text: str) -> Decorator:

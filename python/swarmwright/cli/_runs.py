@@ -1,5 +1,6 @@
 """Output of the commands of `swarmwright runs`."""
 
+import re
 import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -25,6 +26,7 @@ _WARNINGS = 10  # shown at most
 _SLOW_S, _UPDATE_S = 1.0, 0.2
 """Seconds after which the progress of reading runs is shown, and between two lines of it."""
 _FAILURES = 10
+_SERVER = re.compile(r"\bserver \d+\b")
 """Reasons of failures, and servers of each, that are shown at most."""
 
 
@@ -258,9 +260,10 @@ def _list_failures(output: Output, failures: list[dict[str, Any]]) -> None:
             for server, count in failure["servers"].items()
         ]
         named = ", ".join(servers[:_FAILURES]) + ", .." * (len(servers) > _FAILURES)
-        output.item(
-            f"  {counted(failure['attempts'], 'attempt')} ({named}): {failure['reason']}", indent="    "
-        )
+        reason = failure["reason"]
+        if len(servers) > 1:  # the text is that of the first one
+            reason = _SERVER.sub("the server", reason)
+        output.item(f"  {counted(failure['attempts'], 'attempt')} ({named}): {reason}", indent="    ")
     if len(failures) > _FAILURES:
         output.text(f".. and {counted(len(failures) - _FAILURES, 'more reason')}: --json shows all")
 

@@ -148,13 +148,12 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
     if isinstance(ranking, SlowOptions):
         _check_slow(method, kind, report)
     if method.operation == "steady_state":
-        for key, unwanted in (("reevaluate", ranking.reevaluate), ("seeds", ranking.seeds == "new")):
+        for key, unwanted, reason in (
+            ("reevaluate", ranking.reevaluate, "members are not evaluated again in steady state"),
+            ("seeds", ranking.seeds == "new", "generations have no seeds of their own in steady state"),
+        ):
             if unwanted:
-                report(
-                    ("ranking", key),
-                    "generations have no seeds of their own in steady state; leave the key out, or "
-                    "take operation: generational",
-                )
+                report(("ranking", key), f"{reason}; leave the key out, or take operation: generational")
         return
     if ranking.reevaluate and not METHODS.get(kind).keeps_members:
         report(
@@ -182,7 +181,7 @@ def _check_race(ranking: RaceOptions, method: MethodOptions, kind: str, report: 
 
 
 def metrics_problem(ranking: object, method: object) -> str | None:
-    """Return why a ranking is refused with a method that compares metrics beside fitness; None where not."""
+    """Return why a ranking is refused with a method that also compares metrics; None where it is not."""
     if not (isinstance(method, MethodOptions) and method.needed_metrics):
         return None
     kind: str = method.kind
@@ -195,9 +194,9 @@ def metrics_problem(ranking: object, method: object) -> str | None:
     if isinstance(ranking, SlowOptions):
         slow: str = ranking.kind
         return (
-            f"{slow} estimates the fitness of most candidates, so {kind} would keep those whose estimate is "
-            f"too high, and compare it with metrics ({names}) of the fast simulation; take kind: absolute, "
-            "and evaluate the result in the slow simulation"
+            f"{kind} cannot be combined with {slow}: most fitness values would be estimates, those of "
+            f"overestimated candidates would be kept, and compared with metrics ({names}) of the fast "
+            "simulation; take ranking.kind: absolute, and evaluate the result in the slow simulation"
         )
     return None
 

@@ -134,9 +134,8 @@ class Cluster:
             have = "; ".join(sorted({_shown(node) for node in nodes}))
             return f"no node of the cluster has {wanted}; nodes have {have or 'nothing'}"
         free = ray.available_resources()
-        return (
-            f"for {wanted}; free in the cluster: {_shown({name: free.get(name, 0) for name in self._wanted})}"
-        )
+        shown = _shown({name: free.get(name, 0) for name in self._wanted})
+        return f"starting, or waiting for {wanted}; free in the cluster: {shown}"
 
 
 def _end(reference: Any) -> End:  # noqa: ANN401 - a reference of Ray

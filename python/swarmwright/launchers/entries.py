@@ -141,10 +141,8 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
             key = ".".join(map(str, path))
             if not path:  # of several options together
                 raise InputError(f"{part}: {message}") from error
-            raise InputError(
-                f"{part}: {key}: {message}; give it in the experiment, "
-                f"servers: {{launcher: {kind}, {key}: ..}}"
-            ) from error
+            hint = f"; give it in the experiment, servers: {{launcher: {kind}, {key}: ..}}"
+            raise InputError(f"{part}: {key}: {message}{'' if key in number else hint}") from error
     problem = _together(tuple(made))
     if problem is not None:
         raise InputError(problem)

@@ -272,9 +272,9 @@ def _health(job: str, found: tuple[str, str] | None) -> Health:
     if found is None:
         return Health("ended", f"job {job} has left the queue")
     state, reason = found
+    why = "" if reason in {"None", ""} else f" ({reason})"
     if state in _WAITING:
-        return Health("waiting", f"{state.lower()} ({reason})")
+        return Health("waiting", f"{state.lower()}{why}")
     if state in _RUNNING:
         return Health("running")
-    why = "" if reason in {"None", ""} else f" ({reason})"
     return Health("ended", f"job {job}: {state.lower()}{why}")

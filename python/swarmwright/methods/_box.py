@@ -4,7 +4,7 @@ import numpy as np
 from pydantic import Field
 
 from swarmwright.methods._base import MethodOptions
-from swarmwright.methods._numbers import DISCRETE, center_and_reach, limits
+from swarmwright.methods._numbers import center_and_reach, discrete, limits
 from swarmwright.methods.search import KeepsMembers
 from swarmwright.representations import Representation
 from swarmwright.typing import Genomes, Limits
@@ -35,7 +35,7 @@ class Box(KeepsMembers):
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse genes that are not numbers to compute with."""
-        return None if representation.continuous else DISCRETE
+        return discrete(representation)
 
     @property
     def budget(self) -> int:

@@ -10,7 +10,7 @@ from swarmwright import _engine
 from swarmwright.core.random_numbers import Stream
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import logarithm
-from swarmwright.methods._numbers import DISCRETE, center_and_reach
+from swarmwright.methods._numbers import center_and_reach, discrete
 from swarmwright.methods.search import SearchMethod
 from swarmwright.representations import Representation
 
@@ -64,7 +64,7 @@ class Cma(SearchMethod):
         """Refuse genes that are not numbers to compute with, and a single one."""
         if representation.genome_size < 2:
             return "there is a single gene, too few to learn how genes change; take de, pso or nnga"
-        return None if representation.continuous else DISCRETE
+        return discrete(representation)
 
     @property
     def budget(self) -> int:

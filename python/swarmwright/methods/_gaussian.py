@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.methods._numbers import DISCRETE, center_and_reach, limits
+from swarmwright.methods._numbers import center_and_reach, discrete, limits
 from swarmwright.methods.search import SearchMethod
 from swarmwright.representations import Representation
 
@@ -24,7 +24,7 @@ class Gaussian(SearchMethod):
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse genes that are not numbers to compute with."""
-        return None if representation.continuous else DISCRETE
+        return discrete(representation)
 
     @property
     def budget(self) -> int:

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.representations import Representation
+from swarmwright.representations.team import Team
 
 _LARGEST_GENE = float(np.finfo(np.float32).max)
 
@@ -20,11 +21,19 @@ def center_and_reach(representation: Representation) -> tuple[NDArray[np.float64
     return lower / 2 + upper / 2, upper / 2 - lower / 2
 
 
-DISCRETE = (
-    "its genes are choices, not numbers to compute with; take nnga, cea2d, racing or random_search, "
-    "which leave variation to the representation"
-)
-"""Why methods that add and scale genes refuse a representation that is not continuous."""
+def discrete(representation: Representation) -> str | None:
+    """Return why methods that add and scale genes refuse a representation; None where it is continuous."""
+    if representation.continuous:
+        return None
+    whose = "its genes"
+    if isinstance(representation, Team):
+        parts = representation.parts.items()
+        groups = [f"{name} ({part.kind})" for name, part in parts if not part.continuous]
+        whose = f"the genes of {', '.join(groups)}"
+    return (
+        f"{whose} are choices, not numbers to compute with; take nnga, cea2d, racing or random_search, which "
+        "leave variation to the representation"
+    )
 
 
 def beyond_covariance(representation: Representation, most: int, instead: str) -> str | None:

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from swarmwright import _engine
 from swarmwright.methods._base import MethodOptions
-from swarmwright.methods._numbers import DISCRETE, center_and_reach, limits
+from swarmwright.methods._numbers import center_and_reach, discrete, limits
 from swarmwright.methods.search import SearchMethod
 from swarmwright.representations import Representation
 
@@ -47,7 +47,7 @@ class Evostick(SearchMethod):
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse genes that are not numbers to compute with."""
-        return None if representation.continuous else DISCRETE
+        return discrete(representation)
 
     @property
     def budget(self) -> int:

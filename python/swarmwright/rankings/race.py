@@ -45,7 +45,7 @@ class RaceOptions(RankingOptions):
         if self.reevaluate:
             raise ValueError(
                 "reevaluate: members that stay have other episodes than new candidates, which cannot race "
-                "with them; leave it out, or take kind: absolute"
+                "with them; leave reevaluate out, or take kind: absolute"
             )
         return self
 

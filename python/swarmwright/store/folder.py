@@ -45,7 +45,10 @@ def check_folder(folder: Path) -> None:
     except OSError as error:
         raise InputError(f"{folder}: cannot be used for results: {error.strerror}") from error
     if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
-        raise InputError(f"{folder}: cannot be created: no right to write in {parent}")
+        raise InputError(
+            f"{folder}: cannot be created: {parent} may not be written by this user, or is on a read-only "
+            "file system"
+        )
 
 
 def _broken_off(folder: Path) -> bool:

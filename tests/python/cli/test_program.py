@@ -117,6 +117,10 @@ def test_help_loads_neither_engine_nor_numpy() -> None:
         (["replay", ".", "--out", "no/x.gif"], ["--save", "there is no folder 'no'"]),
         (["plot", ".", "--save", "no/x.png"], ["--out", "there is no folder 'no'"]),
         (["optimize", "experiment.yaml", "--servers", "many"], ["'many' is neither a number of servers"]),
+        (
+            ["optimize", "experiment.yaml", "--servers", "slurm"],
+            ["leave --servers out to use the experiment's"],
+        ),
         (["optimize", "experiment.yaml", "--servers", "0"], ["0 is not in the range"]),
         (["optimize", "experiment.yaml", "--seed", "x"], ["--seed", "'x' is not a valid integer"]),
         (["replay", "experiment.yaml"], ["is a file where a folder is expected"]),

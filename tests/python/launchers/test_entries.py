@@ -102,6 +102,13 @@ def test_mistakes_in_arguments_are_explained(servers: str, message: str) -> None
     assert str(caught.value).startswith(message)
 
 
+@pytest.mark.parametrize("servers", ["process:0", "process:3..2"])
+def test_a_wrong_number_is_corrected_where_it_is(servers: str) -> None:
+    with pytest.raises(InputError) as caught:
+        chosen(Experiment.from_mapping({"simulation": "minisim"}), servers)
+    assert "in the experiment" not in str(caught.value)
+
+
 def test_the_schema_knows_every_launcher() -> None:
     schema = Experiment.json_schema()
     for kind in LAUNCHERS.names():

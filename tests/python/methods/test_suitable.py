@@ -49,6 +49,19 @@ def test_an_experiment_is_refused_with_file_and_line(kind: str, tmp_path: Any) -
     assert "take nnga, cea2d, racing or random_search" in str(caught.value)
 
 
+def test_groups_whose_genes_are_choices_are_named() -> None:
+    groups = {"agents": {"kind": "layered"}, "defenders": {"kind": "mealy_fsm"}}
+    with pytest.raises(InputError, match=r"pso cannot evolve team: the genes of defenders \(mealy_fsm\) are"):
+        Experiment.from_mapping(
+            {
+                "simulation": "minisim",
+                "parameters": {"defenderSteering": "controller"},
+                "controller": {"kind": "team", "groups": groups},
+                "method": {"kind": "pso"},
+            }
+        )
+
+
 @pytest.mark.usefixtures("table")
 @pytest.mark.parametrize("kind", sorted(set(METHODS.built_in) - set(COMPUTING)))
 def test_methods_that_leave_variation_to_the_representation_take_it(kind: str) -> None:
