@@ -93,7 +93,7 @@ _NOT_EVALUATED = (
 @click.option(
     "--metrics",
     metavar="NAME,..",
-    help="With --episodes, metrics that are measured beside those that the fitness needs: arrived,steps. "
+    help="With --episodes, metrics to measure in addition to those that the fitness needs: arrived,steps. "
     "'all': those that the simulation announces.",
 )
 @broker_option(

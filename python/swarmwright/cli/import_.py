@@ -11,7 +11,7 @@ from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption
 from swarmwright.cli._output import Output, complain, document
 
 FIELD_HELP = (
-    "Of a FREVO session: the field, as JSON or FREVO's .ser. Default: the one that FILE names, beside FILE."
+    "Of a FREVO session: the field, as JSON or FREVO's .ser. Default: the one that FILE names, next to FILE."
 )
 
 

@@ -66,8 +66,8 @@ if TYPE_CHECKING:
     metavar="WHAT",
     default="trails,labels",
     show_default=True,
-    help="What is drawn beside bodies, with commas: trails, rays (of sensors), links (who hears whom), "
-    "labels; or none. A page draws it at first.",
+    help="Drawn in addition to bodies, separated by commas: trails, rays (of sensors), links (who hears "
+    "whom), labels; or none. On a page it can be changed.",
 )
 @click.option(
     "--colors",
@@ -81,7 +81,7 @@ if TYPE_CHECKING:
     "--beside",
     multiple=True,
     metavar="WHICH",
-    help="Another candidate that a page shows beside it, in the same episode: GENERATION:CANDIDATE of RUN, "
+    help="Another candidate on the same page, in the same episode: GENERATION:CANDIDATE of RUN, "
     "or another run's folder, of which the best one is shown in RUN's simulation with RUN's parameters, if "
     "its controllers fit. Can be given several times.",
 )

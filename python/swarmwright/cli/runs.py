@@ -231,7 +231,7 @@ def compare(
     the seed alone are a group. Fronts are compared by hypervolume where all runs have the same
     objectives, archives by QD score or coverage where all have the same measures, ranges and bins;
     reference point and offset are printed. RUN can be the folder of a sweep: then its runs are compared.
-    Files beside runs, which a pattern such as results/* names as well, are left out. Runs that are
+    Files among the runs, which a pattern such as results/* also names, are ignored. Runs that are
     missing in a sweep, damaged or hold no generation are left out and named, and the exit status is then
     1. `swarmwright plot` draws it as well.
     """
@@ -315,12 +315,13 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> int:
 def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     """Verify that the content of each RUN is what was written.
 
-    It is compared with its SHA-256, and best.json with the record. Where something is damaged, it is named
-    with its generation and table, and which generations are good; the exit status is then 1. It is 2 when a
-    folder is not a run, or cannot be read, since another version of Swarmwright has written it for example;
-    --json has no line for it. Files beside runs, which a pattern such as results/* names as well, are left
-    out. RUN can be the folder of a sweep: then all its runs are verified, and one that was asked for and is
-    not there is named; the exit status is 1 then, too.
+    It is compared with its SHA-256, and best.json with the record. Damage is named with its generation and
+    table, and so are the generations that are intact; the exit status is then 1. It is 2 when a folder is not
+    a run or cannot be read, for example because another version of Swarmwright wrote it; --json has no line
+    for it. Files among the runs, which a pattern such as results/* also names, are ignored.
+
+    RUN can be the folder of a sweep: then all its runs are verified. Missing ones are named, and the exit
+    status is then 1.
     """
     from swarmwright import InputError
     from swarmwright.cli._comparison import folders_of

@@ -66,7 +66,7 @@ from swarmwright.cli._server_output import server_output_option
     metavar="K",
     default=0,
     show_default=True,
-    help="How many random controllers beside them.",
+    help="Number of random controllers in addition.",
 )
 @click.option(
     "--seeds",
