@@ -116,8 +116,9 @@ class Problems:
         self.lines: list[str] = []
 
     def add(self, place: Place, message: str) -> None:
-        """Note a problem."""
-        self.lines.append(place.says(message))
+        """Note a problem, once."""
+        if place.says(message) not in self.lines:
+            self.lines.append(place.says(message))
 
     def stop(self) -> None:
         """Raise InputError if there is a problem."""

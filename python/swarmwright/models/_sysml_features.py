@@ -7,8 +7,8 @@ from swarmwright.models._sysml_text import Statement, Token
 
 KEYWORDS = frozenset({"attribute", "item", "metadata", "package", "part", "port"})
 _PREFIXES = frozenset(
-    {"abstract", "constant", "derived", "end", "individual", "private", "protected", "public", "readonly"}
-    | {"ref", "variation"}
+    {"abstract", "constant", "derived", "end", "individual", "library", "private", "protected", "public"}
+    | {"readonly", "ref", "standard", "variant", "variation"}
 )
 _DIRECTIONS = frozenset({"in", "inout", "out"})
 SILENT = frozenset({"import", "doc", "comment", "alias", "rep"})
@@ -25,10 +25,15 @@ class Feature:
     statement: Statement
     keyword: str
     """Of KEYWORDS; empty for a directed feature without one; `@` for metadata; else a word not supported."""
+    scope: tuple[str, ...] = ()
+    """Path of what it is in the body of."""
     is_definition: bool = False
     direction: str = ""
     name: str = ""
-    types: list[str] = field(default_factory=list)
+    short_name: str = ""
+    """In angle brackets in front of the name."""
+    types: list[list[str]] = field(default_factory=list)
+    """Qualified names of its types, and of what it specializes, word by word."""
     conjugated: bool = False
     multiplicity: list[Token] | None = None
     value: list[Token] | None = None
@@ -43,15 +48,20 @@ class Feature:
         return self.statement.line
 
     @property
+    def path(self) -> tuple[str, ...]:
+        """The names around it, and its own; where it has none, another word that nothing else has."""
+        return (*self.scope, self.name or f"#{self.statement.end}")
+
+    @property
     def inside(self) -> list["Feature"]:
         """What is in its body."""
-        return [feature_of(one) for one in self.statement.body or []]
+        return [feature_of(one, self.path) for one in self.statement.body or []]
 
 
-def feature_of(statement: Statement) -> Feature:
-    """Return what a statement defines or uses."""
+def feature_of(statement: Statement, scope: tuple[str, ...] = ()) -> Feature:
+    """Return what a statement defines or uses; scope: the path of what it is in the body of."""
     words = list(statement.tokens)
-    feature = Feature(statement, "")
+    feature = Feature(statement, "", scope)
     while words and (words[0].text in _PREFIXES | _DIRECTIONS or words[0].text == "#"):
         word = words.pop(0)
         if word.text == "#" and words:
@@ -94,7 +104,10 @@ def _declaration(feature: Feature, words: list[Token]) -> None:
             names = _qualified(words, feature)
             feature.name = feature.name or (names[-1] if names else "")
         elif word.text in _TYPED | _SPECIAL or (word.text == "by" and words):
-            feature.types += [names[-1] for names in _list(words, feature)]
+            feature.types += _list(words, feature)
+        elif word.text == "<" and len(words) > 1 and words[1].text == ">":
+            feature.short_name = words.pop(0).name
+            words.pop(0)
         elif word.text == "about":
             feature.about += [names[-1] for names in _list(words, feature)]
         elif word.kind == "name" and not feature.name and word.text not in _NO_NAMES:

@@ -13,6 +13,7 @@ from typing import Any
 from swarmwright.core.errors import InputError
 from swarmwright.models._parts import Member, Optimised, Part, Place, Problems, Property
 from swarmwright.models._sysml_features import KEYWORDS, SILENT, Feature, feature_of, literal
+from swarmwright.models._sysml_names import Names, Unknown
 from swarmwright.models._sysml_text import read_text, statements
 
 WORDS = "a model in SysML v2's textual notation (part def ..)"
@@ -23,6 +24,12 @@ SIMULATION = "simulation"
 _BEGIN = re.compile(r"\b(?:package|part|attribute|port)\b")
 _MOST_AGENTS = 1_000_000
 """The largest multiplicity of a part."""
+_MOST_FEATURES = 10_000
+"""The largest multiplicity of a port or a directed feature."""
+
+Interface = dict[tuple[str, ...], tuple[str, list[str]]]
+"""Directed features by the names of the ports around them and their own: `in` or `out`, and the names of the
+sensors or actuators."""
 
 
 def recognises(text: str) -> bool:
@@ -73,7 +80,7 @@ class _Reader:
         self.problems = Problems()
         self.result = Part(path, WORDS)
         self.optimised: list[Feature] = []
-        self.definitions: dict[str, Feature] = {}
+        self.names = Names(self.roots)
         self.usages: list[Feature] = []
         self.about: dict[str, Feature] = {}
         self._left_out: list[str] = []
@@ -82,8 +89,10 @@ class _Reader:
         return Place(self.path, feature.line, " ".join(filter(None, (feature.keyword, feature.name))))
 
     def part(self) -> Part:
+        for again, first in self.names.duplicates:
+            self.problems.add(self.place(again), f"duplicate definition (first in line {first.line})")
         for feature in self.roots:
-            self._define(feature)
+            self._note_metadata(feature)
         self.result.name = next((one.name for one in self.roots if one.keyword == "package"), "")
         for feature in self.roots:
             self._take(feature, in_port=False)
@@ -100,20 +109,17 @@ class _Reader:
         self.result.sensors = len(self.result.sensor_names) or None
         self.result.actuators = len(self.result.actuator_names) or None
         if self._left_out:
-            self.result.notes.append(f"{self.path}: not taken over: {', '.join(self._left_out[:20])}")
+            left_out = ", ".join(self._left_out[:20])
+            self.result.notes.append(f"{self.path}: not taken over, with all inside: {left_out}")
         return self.result
 
-    def _define(self, feature: Feature) -> None:
-        if feature.is_definition and feature.name:
-            if feature.name in self.definitions:
-                first = self.definitions[feature.name].line
-                self.problems.add(self.place(feature), f"duplicate definition (first in line {first})")
-            self.definitions[feature.name] = feature
+    def _note_metadata(self, feature: Feature) -> None:
+        """Note metadata that stands elsewhere than in what it is about."""
         if feature.keyword == "@" and feature.name.lower() in OPTIMIZE:
             self.about.update(dict.fromkeys(feature.about, feature))
         if feature.keyword in {"package", "part", "port"}:
             for one in feature.inside:
-                self._define(one)
+                self._note_metadata(one)
 
     def _take(self, feature: Feature, *, in_port: bool) -> None:
         """Collect usages of parts, and attributes with values."""
@@ -193,7 +199,9 @@ class _Reader:
             self.problems.add(place, "is optimised twice; keep one")
         elif len(numbers) == 2:
             low, high = numbers
-            if "Real" in feature.types or any(isinstance(number, float) for number in numbers):
+            if "Real" in [names[-1] for names in feature.types] or any(
+                isinstance(number, float) for number in numbers
+            ):
                 low, high = float(low), float(high)
             self.optimised.append(feature)
             self.result.optimised.append(Optimised(feature.name, low, high, factor, "command_line", place))
@@ -208,16 +216,14 @@ class _Reader:
                 continue
             if not acting and usage.multiplicity is None:
                 continue
-            number = 1 if usage.multiplicity is None else literal(usage.multiplicity)
-            if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _MOST_AGENTS:
-                self.problems.add(
-                    self.place(usage), f"its multiplicity is not 1 to {_MOST_AGENTS}; write [3]"
-                )
+            number = self._count(usage, _MOST_AGENTS)
+            if number is None:
                 continue
             if first is not None and first != interface:
                 self.problems.add(
                     self.place(usage),
-                    "has other sensors or actuators than the agents before, which is not supported",
+                    "has other sensors or actuators than the agents before; models of one kind of agents can "
+                    "be imported, several kinds are written into the experiment (controller: {kind: team})",
                 )
             first = first or interface
             self.result.members.append(Member(usage.name, "", number, self.place(usage)))
@@ -232,32 +238,53 @@ class _Reader:
     def _interface(self, usage: Feature) -> tuple[list[str], list[str]]:
         """Return the names of the sensors and of the actuators of a part."""
         found: dict[str, list[str]] = {"in": [], "out": []}
-        self._directed(usage, found, flipped=False, seen=frozenset())
+        for way, names in self._directed(usage, flipped=False, seen=frozenset()).values():
+            found[way] += names
         return found["in"], found["out"]
 
-    def _directed(
-        self, feature: Feature, found: dict[str, list[str]], *, flipped: bool, seen: frozenset[str]
-    ) -> None:
-        for name in feature.types:
-            if name in self.definitions and name not in seen:
+    def _directed(self, feature: Feature, *, flipped: bool, seen: frozenset[tuple[str, ...]]) -> Interface:
+        """Return what is directed in a feature: inherited first, then its own, which may redefine that."""
+        found: Interface = {}
+        for one in self.names.types_of(feature):
+            if isinstance(one, Unknown):
+                self.problems.add(self.place(feature), one.reason)
+            elif one.path not in seen:
                 conjugated = flipped != feature.conjugated
-                self._directed(self.definitions[name], found, flipped=conjugated, seen=seen | {name})
+                found |= self._directed(one, flipped=conjugated, seen=seen | {one.path})
         for one in feature.inside:
-            if one.direction in found:
+            if one.direction in {"in", "out"}:
                 way = {"in": "out", "out": "in"}[one.direction] if flipped else one.direction
-                found[way] += self._named(one)
+                found[one.path[-1:]] = (way, self._named(one, one.name))
             elif one.direction == "inout":
                 self.problems.add(
                     self.place(one), "inout is not supported; write in for what is sensed, out else"
                 )
             elif one.keyword == "port" and not one.is_definition:
-                self._directed(one, found, flipped=flipped, seen=seen)
+                inner = self._directed(one, flipped=flipped, seen=seen)
+                for path, (way, names) in inner.items():
+                    numbered = [each for name in names for each in self._named(one, name)]
+                    found[*one.path[-1:], *path] = (way, numbered)
+        return found
 
-    def _named(self, feature: Feature) -> list[str]:
-        number = 1 if feature.multiplicity is None else literal(feature.multiplicity)
-        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 10_000:
-            self.problems.add(self.place(feature), "its multiplicity is not 1 to 10000; write [8]")
+    def _named(self, feature: Feature, name: str) -> list[str]:
+        """Return a name, numbered where the feature around it has a multiplicity."""
+        number = self._count(feature, _MOST_FEATURES)
+        if number is None:
             return []
-        return (
-            [feature.name] if feature.multiplicity is None else [f"{feature.name} {i}" for i in range(number)]
-        )
+        return [name] if feature.multiplicity is None else [f"{name} {index}" for index in range(number)]
+
+    def _count(self, feature: Feature, most: int) -> int | None:
+        """Return how many there are; None, and a problem, where that is not a number."""
+        if feature.multiplicity is None:
+            return 1
+        number = literal(feature.multiplicity)
+        if isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= most:
+            return number
+        text = "".join(token.text for token in feature.multiplicity)
+        if number is None and (".." in text or "*" in text):
+            evolved = ", or add @Optimize for a number that is evolved" if feature.keyword == "part" else ""
+            reason = f"its multiplicity [{text}] is a range; write one number, such as [3]{evolved}"
+        else:
+            reason = f"its multiplicity is {text}, expected a number from 1 to {most}, such as [3]"
+        self.problems.add(self.place(feature), reason)
+        return None

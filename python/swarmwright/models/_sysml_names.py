@@ -1,0 +1,158 @@
+"""Which definition or usage of a model in SysML v2 a name means: by packages, imports and aliases."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.models._sysml_features import KEYWORDS, Feature
+
+_LIBRARY = frozenset(
+    {"Actions", "Attributes", "Base", "Collections", "Connections", "Flows", "ISQ", "Interfaces", "Items"}
+    | {"KerML", "Links", "Metaobjects", "Objects", "Occurrences", "Parts", "Ports", "Quantities", "SI"}
+    | {"ScalarValues", "ShapeItems", "SpatialItems", "SysML", "Time", "USCustomaryUnits", "VectorValues"}
+)
+"""Packages of the standard's libraries, in which nothing senses or acts."""
+_OF_LIBRARY = frozenset(
+    {"Anything", "Item", "Object", "Occurrence", "Part", "Port", "items", "objects", "parts", "ports"}
+    | {"subitems", "subparts", "subports"}
+)
+"""What is often used of them without the package's name."""
+_WITH_MEMBERS = frozenset({"item", "package", "part", "port"})
+_DEEPEST = 50
+"""Steps over types, imports and aliases to where a member is defined."""
+
+Path = tuple[str, ...]
+
+
+class Unknown(NamedTuple):
+    """A name that is not found."""
+
+    reason: str
+
+
+class _Import(NamedTuple):
+    names: list[str]
+    wildcards: int
+    """0: what has this name; else all in it, from 2 on also all in that."""
+
+
+class Names:
+    """What has a name in a model.
+
+    Args:
+        roots: everything outside of all packages.
+    """
+
+    def __init__(self, roots: Sequence[Feature]) -> None:
+        self._members: dict[Path, Feature] = {}
+        self._imports: dict[Path, list[_Import]] = {}
+        self._aliases: dict[Path, list[str]] = {}
+        self._known: dict[tuple[Path, str], Feature | None] = {}
+        """Members that were looked for; None also while one is looked for, as types may form a circle."""
+        self.duplicates: list[tuple[Feature, Feature]] = []
+        """Definitions with a name that another one has in the same package, and this other one."""
+        for feature in roots:
+            self._add(feature)
+
+    def _add(self, feature: Feature) -> None:
+        words = [token.name for token in feature.statement.tokens if token.kind == "name"]
+        if feature.keyword == "import":
+            names = [name for name in words[words.index("import") + 1 :] if name != "all"]
+            wildcards = sum(token.text == "*" for token in feature.statement.tokens)
+            self._imports.setdefault(feature.scope, []).append(_Import(names, wildcards))
+        elif feature.keyword == "alias" and feature.name and "for" in words:
+            self._aliases[*feature.scope, feature.name] = words[words.index("for") + 1 :]
+        elif feature.keyword in KEYWORDS or feature.is_definition or feature.direction:
+            for name in filter(None, (feature.name, feature.short_name)):
+                before = self._members.setdefault((*feature.scope, name), feature)
+                if before is not feature and feature.is_definition and before.is_definition:
+                    self.duplicates.append((feature, before))
+                elif feature.is_definition:  # a usage with the same name does not hide it
+                    self._members[*feature.scope, name] = feature
+        if feature.keyword in _WITH_MEMBERS:
+            for one in feature.inside:
+                self._add(one)
+
+    def types_of(self, feature: Feature) -> Iterator[Feature | Unknown]:
+        """Yield what a feature is typed by or specializes, without what is in the standard's libraries."""
+        for names in feature.types:
+            found = self._found(names, feature)
+            if found is not None:
+                yield found
+            elif not _is_of_library(names):
+                yield Unknown(self._missing(names))
+
+    def _found(self, names: Sequence[str], feature: Feature, depth: int = 0) -> Feature | Unknown | None:
+        """Return what a name in a feature means; None for nothing."""
+        for length in range(len(feature.scope), -1, -1):
+            found = self._member(feature.scope[:length], names[0], depth)
+            if found is not None and found.path != feature.path:
+                return self._below(found, names[1:], depth)
+        # In a package that is not imported, where no other has this name.
+        ends = [one for path, one in self._members.items() if [*path[-len(names) :]] == [*names]]
+        ends = [one for one in ends if one.path != feature.path]
+        ends = [one for one in ends if one.is_definition] or ends
+        if len(ends) > 1:
+            shown = ", ".join(f"{'::'.join(one.path)} (line {one.line})" for one in ends[:5])
+            return Unknown(f"{'::'.join(names)} may be {shown}; write its qualified name")
+        return ends[0] if ends else None
+
+    def _below(self, feature: Feature, names: Sequence[str], depth: int) -> Feature | None:
+        found: Feature | None = feature
+        for name in names:
+            found = None if found is None else self._member(found.path, name, depth)
+        return found
+
+    def _member(self, scope: Path, name: str, depth: int) -> Feature | None:
+        """Return what has a name in a body: its own, by an alias, imported or inherited; None for nothing."""
+        key = (scope, name)
+        if key not in self._known and depth < _DEEPEST:
+            self._known[key] = None
+            self._known[key] = self._looked_up(scope, name, depth + 1)
+        return self._known.get(key)
+
+    def _looked_up(self, scope: Path, name: str, depth: int) -> Feature | None:
+        own = self._members.get((*scope, name))
+        if own is not None:
+            return own
+        if (*scope, name) in self._aliases:
+            return self._named_from(scope, self._aliases[*scope, name], depth)
+        for one in self._imports.get(scope, []):
+            target = self._named_from(scope, one.names, depth)
+            found = None
+            if target is not None and not one.wildcards:
+                found = target if one.names[-1] == name else None
+            elif target is not None:
+                found = self._member(target.path, name, depth)
+                if found is None and one.wildcards > 1:
+                    found = self._anywhere_in(target.path, name)
+            if found is not None:
+                return found
+        body = self._members.get(scope)
+        for names in [] if body is None else body.types:
+            base = self._found(names, body, depth) if body is not None else None
+            found = self._member(base.path, name, depth) if isinstance(base, Feature) else None
+            if found is not None:
+                return found
+        return None
+
+    def _named_from(self, scope: Path, names: Sequence[str], depth: int) -> Feature | None:
+        """Return what an import or an alias in a body names; None for nothing."""
+        for length in range(len(scope), -1, -1):
+            found = self._members.get((*scope[:length], names[0])) if names else None
+            if found is not None:
+                return self._below(found, names[1:], depth)
+        return None
+
+    def _anywhere_in(self, package: Path, name: str) -> Feature | None:
+        within = (one for path, one in self._members.items() if path[: len(package)] == package)
+        return next((one for one in within if name in {one.name, one.short_name}), None)
+
+    def _missing(self, names: Sequence[str]) -> str:
+        known = {path[-1] for path, one in self._members.items() if one.is_definition}
+        hint = did_you_mean(names[-1], sorted(known)) or "; add its definition"
+        return f"{'::'.join(names)} is not defined in this file{hint}"
+
+
+def _is_of_library(names: Sequence[str]) -> bool:
+    return names[0] in _LIBRARY or names[0].startswith("ISQ") or (len(names) == 1 and names[0] in _OF_LIBRARY)
