@@ -206,7 +206,7 @@ class ServerCount(click.ParamType[Servers]):
         except ValueError:
             self.fail(
                 f"'{value}' is neither a number of servers nor 'auto', 'local' or 'in-process', nor a "
-                f"launcher with a number, such as slurm:4{_of_the_file(value)}.",
+                f"launcher with a number, such as slurm:4{_of_the_file(str(value))}.",
                 param,
                 ctx,
             )
