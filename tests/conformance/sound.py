@@ -194,7 +194,7 @@ class SoundServer:
     def prompt(self, client: Client) -> None:
         """Small messages need not wait for each other."""
         opened = client.socket()
-        assert opened is not None
+        assert isinstance(opened, socket.socket)
         opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def _on_connect(self, client: Client, *_: object) -> None:

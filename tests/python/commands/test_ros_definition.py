@@ -111,7 +111,7 @@ def with_(**changes: Any) -> dict[str, Any]:
         ),
         ({"spawn": {"uri": "rover"}}, "simulation.spawn.poses: give either poses, one of each robot"),
         ({"spawn": {"file": "no.sdf", "poses": [{}, {}]}}, "simulation.spawn.file: no.sdf: there is no"),
-        ({"environment": {"A": "{seed}"}}, "simulation.environment.A: {seed} is not a placeholder; available"),
+        ({"environment": {"A": "{seed}"}}, "simulation.environment.A: {seed} is not a placeholder"),
     ],
     ids=str,
 )  # fmt: skip
