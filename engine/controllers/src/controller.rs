@@ -252,7 +252,10 @@ impl Controller {
                 found: actuators.len(),
             });
         }
-        if let Some(index) = sensors.iter().position(|s| !s.is_finite()) {
+        // All at once, as none is wrong as a rule.
+        if !sensors.iter().fold(true, |all, s| all & s.is_finite())
+            && let Some(index) = sensors.iter().position(|s| !s.is_finite())
+        {
             return Err(ControllerError::SensorValue { index });
         }
         let weights = &self.weights[self.own.clone()];

@@ -61,16 +61,31 @@ impl Kind for Evostick {
         sensors: &[f32],
         actuators: &mut [f32],
     ) {
-        actuators.fill(0.0);
-        let mut rows = weights.chunks_exact(self.actuators);
-        for (input, row) in sensors.iter().zip(&mut rows) {
-            for (sum, weight) in actuators.iter_mut().zip(row) {
-                *sum += weight * input;
-            }
+        // Two at a time, as wheels come in pairs.
+        let pairs = self.actuators / 2 * 2;
+        for first in (0..pairs).step_by(2) {
+            outputs::<2>(weights, first, sensors, actuators);
         }
-        for (actuator, bias) in actuators.iter_mut().zip(rows.next().unwrap_or_default()) {
-            let output = sigmoid(STEEPNESS * (*actuator + bias));
-            *actuator = OutputRange::UNIT.actuator(output);
+        if pairs < self.actuators {
+            outputs::<1>(weights, pairs, sensors, actuators);
         }
+    }
+}
+
+/// Some of the outputs; their sums stay in registers.
+#[inline]
+fn outputs<const N: usize>(weights: &[f32], first: usize, sensors: &[f32], actuators: &mut [f32]) {
+    let mut rows = weights.chunks_exact(actuators.len());
+    let mut sums = [0.0; N];
+    for (input, row) in sensors.iter().zip(&mut rows) {
+        let row = &row[first..][..N];
+        for output in 0..N {
+            sums[output] += row[output] * input;
+        }
+    }
+    let biases = &rows.next().unwrap_or_default()[first..][..N];
+    for output in 0..N {
+        let number = sigmoid(STEEPNESS * (sums[output] + biases[output]));
+        actuators[first + output] = OutputRange::UNIT.actuator(number);
     }
 }
