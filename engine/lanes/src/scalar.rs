@@ -1,12 +1,30 @@
 //! One lane: the plain numbers of Rust, for code that is written for lanes and runs one episode.
 
+use crate::level::{self, Level};
 use crate::{Int, Lanes, Mask};
+
+/// Does a part of a kernel in a function of its own.
+#[inline(never)]
+fn portable<T>(part: impl FnOnce() -> T) -> T {
+    part()
+}
 
 impl Lanes for f32 {
     const WIDTH: usize = 1;
     type Mask = bool;
     type Int = i32;
 
+    /// With AVX2 where the processor has it: the compiler puts side by side what it can, and has more instructions for the rest.
+    #[inline(always)]
+    #[cfg_attr(target_arch = "x86_64", allow(unsafe_code))]
+    fn apart<T>(part: impl FnOnce() -> T) -> T {
+        #[cfg(target_arch = "x86_64")]
+        if Level::best() >= Level::Avx2 {
+            // SAFETY: the processor has the features that the function enables; `best` has only what it has.
+            return unsafe { level::avx2(part) };
+        }
+        portable(part)
+    }
     #[inline(always)]
     fn splat(value: f32) -> Self {
         value
