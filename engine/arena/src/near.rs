@@ -1,7 +1,7 @@
 //! Robots that something may touch in a tick. Those of all lanes are put side by side, so that vectors are full of them:
 //! where half of the robots touch something, that takes half of the vectors.
 
-use swarmwright_lanes::{Lanes, Number, number};
+use swarmwright_lanes::{Lanes, MOST_LANES, Number, lane_of, number};
 
 use super::swarm::Bodies;
 use super::team::Team;
@@ -29,6 +29,13 @@ pub(super) struct Moved<L> {
 pub(super) struct Spot {
     pub vector: u32,
     pub lane: u32,
+}
+
+/// Orders contacts by robots, then by what each touches, then by lanes: a number, which is compared at once.
+#[inline(always)]
+pub(super) fn key(robot: u32, other: u32, lane: u32) -> u64 {
+    const { assert!(MOST_LANES <= 64) };
+    u64::from(robot) << 32 | u64::from(other) << 6 | u64::from(lane)
 }
 
 /// All robots that something may touch in a tick.
@@ -87,7 +94,7 @@ impl<L: Lanes> Near<L> {
             }
             let spots = &mut self.spots[robot * L::WIDTH..][..L::WIDTH];
             while lanes != 0 {
-                let lane = lanes.trailing_zeros() as usize;
+                let lane = lane_of::<L>(lanes.trailing_zeros());
                 lanes &= lanes - 1;
                 if next == L::WIDTH {
                     next = 0;
@@ -99,14 +106,14 @@ impl<L: Lanes> Near<L> {
                     vector: vector as u32,
                     lane: next as u32,
                 };
-                let moved = &mut self.moved[vector];
-                moved.at[0].set_lane(next, bodies.x[robot].lane(lane));
-                moved.at[1].set_lane(next, bodies.y[robot].lane(lane));
-                moved.velocity[0].set_lane(next, bodies.vx[robot].lane(lane));
-                moved.velocity[1].set_lane(next, bodies.vy[robot].lane(lane));
-                moved.aim[0].set_lane(next, aim[0].lane(lane));
-                moved.aim[1].set_lane(next, aim[1].lane(lane));
-                moved.spin.set_lane(next, bodies.spin[robot].lane(lane));
+                let (to, moved) = (lane_of::<L>(next as u32), &mut self.moved[vector]);
+                moved.at[0].set_lane(to, bodies.x[robot].lane(lane));
+                moved.at[1].set_lane(to, bodies.y[robot].lane(lane));
+                moved.velocity[0].set_lane(to, bodies.vx[robot].lane(lane));
+                moved.velocity[1].set_lane(to, bodies.vy[robot].lane(lane));
+                moved.aim[0].set_lane(to, aim[0].lane(lane));
+                moved.aim[1].set_lane(to, aim[1].lane(lane));
+                moved.spin.set_lane(to, bodies.spin[robot].lane(lane));
                 next += 1;
             }
         }
@@ -146,10 +153,10 @@ impl<L: Lanes> Near<L> {
             let mut lanes = self.lanes[robot];
             let spots = &self.spots[robot * L::WIDTH..][..L::WIDTH];
             while lanes != 0 {
-                let lane = lanes.trailing_zeros() as usize;
+                let lane = lane_of::<L>(lanes.trailing_zeros());
                 lanes &= lanes - 1;
                 let moved = &self.moved[spots[lane].vector as usize];
-                let from = spots[lane].lane as usize;
+                let from = lane_of::<L>(spots[lane].lane);
                 bodies.x[robot].set_lane(lane, moved.at[0].lane(from));
                 bodies.y[robot].set_lane(lane, moved.at[1].lane(from));
                 bodies.vx[robot].set_lane(lane, moved.velocity[0].lane(from));

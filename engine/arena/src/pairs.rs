@@ -4,10 +4,10 @@
 //! all but empty. What does not depend on other contacts is computed for as many of them side by side as a vector has lanes;
 //! they are solved one by one, in order.
 
-use swarmwright_lanes::{Lanes, Mask, Number, number};
+use swarmwright_lanes::{Lanes, Mask, Number, lane_of, number};
 
 use super::contact::{Contact, square};
-use super::near::{Moved, Near, Spot};
+use super::near::{Moved, Near, Spot, key};
 use super::swarm::Bodies;
 use super::team::{Pair, Team};
 
@@ -21,6 +21,13 @@ struct Touch {
     pair: Pair,
     /// How fast the rims of both move along each other when nothing else does, m/s.
     rims: f32,
+}
+
+impl Touch {
+    #[inline(always)]
+    fn key(&self) -> u64 {
+        key(self.robots[0], self.robots[1], self.lane)
+    }
 }
 
 /// All pairs of robots that may touch in a tick.
@@ -117,18 +124,15 @@ impl<L: Lanes> Pairs<L> {
                     bodies.spin[i] * team.robot(i).radius + bodies.spin[j] * team.robot(j).radius
                 }
             };
-            while at < old.len() && old[at].robots < *robots {
-                at += 1;
-            }
             while lanes != 0 {
                 let lane = lanes.trailing_zeros();
                 lanes &= lanes - 1;
-                let key = (*robots, lane);
-                while at < old.len() && (old[at].robots, old[at].lane) < key {
+                let key = key(robots[0], robots[1], lane);
+                while at < old.len() && old[at].key() < key {
                     at += 1;
                 }
                 let mut impulses = [0.0; 2];
-                if at < old.len() && (old[at].robots, old[at].lane) == key {
+                if at < old.len() && old[at].key() == key {
                     impulses = self.old.impulses(at);
                 }
                 let touch = Touch {
@@ -136,7 +140,7 @@ impl<L: Lanes> Pairs<L> {
                     lane,
                     spots: [Spot::default(); 2],
                     pair,
-                    rims: rims.lane(lane as usize),
+                    rims: rims.lane(lane_of::<L>(lane)),
                 };
                 self.now.push(touch, impulses);
             }
@@ -148,7 +152,7 @@ impl<L: Lanes> Pairs<L> {
     pub(super) fn place(&mut self, near: &Near<L>) {
         for touch in &mut self.now.all {
             let (i, j) = (touch.robots[0] as usize, touch.robots[1] as usize);
-            let lane = touch.lane as usize;
+            let lane = lane_of::<L>(touch.lane);
             touch.spots = [near.spot(i, lane), near.spot(j, lane)];
         }
     }
@@ -168,6 +172,7 @@ impl<L: Lanes> Pairs<L> {
                 let (one, other) = (&moved[a.vector as usize], &moved[b.vector as usize]);
                 let between_middles = between((&one.at, a), (&other.at, b));
                 let relative = between((&one.before, a), (&other.before, b));
+                let lane = lane_of::<L>(lane as u32);
                 for axis in 0..2 {
                     way[axis].set_lane(lane, between_middles[axis].0);
                     speed[axis].set_lane(lane, relative[axis].0);
@@ -177,11 +182,12 @@ impl<L: Lanes> Pairs<L> {
             let touching = contact.touches().bits();
             let mut lanes = contact.active;
             while lanes != 0 {
-                let lane = lanes.trailing_zeros() as usize;
+                let lane = lane_of::<L>(lanes.trailing_zeros());
                 lanes &= lanes - 1;
                 let impulse = [impulse[0].lane(lane), impulse[1].lane(lane)];
-                part_from(moved, &touches[lane], impulse, equal);
-                note(moved, &touches[lane], touching >> lane & 1);
+                let Touch { spots, pair, .. } = touches[lane];
+                part_from(moved, spots, impulse, (equal, pair.lightness));
+                note(moved, spots, touching >> lane & 1);
             }
         }
     }
@@ -194,9 +200,10 @@ impl<L: Lanes> Pairs<L> {
         for (index, (contacts, _)) in contacts.iter_mut().enumerate() {
             let mut lanes = contacts.active;
             while lanes != 0 {
-                let lane = lanes.trailing_zeros() as usize;
+                let lane = lane_of::<L>(lanes.trailing_zeros());
                 lanes &= lanes - 1;
-                let touch = &all[index * L::WIDTH + lane];
+                // Copied, so that they are known to be the same after robots have changed.
+                let touch = all[index * L::WIDTH + lane];
                 let [a, b] = touch.spots;
                 let (one, other) = (&moved[a.vector as usize], &moved[b.vector as usize]);
                 let mut contact = contacts.lane(lane);
@@ -207,8 +214,9 @@ impl<L: Lanes> Pairs<L> {
                 let pair = &touch.pair;
                 let impulse = contact.solve(approach, slip, pair.share, pair.friction);
                 contacts.set_lane(lane, [contact.pressed.0, contact.rubbed.0]);
-                part_from(moved, touch, [impulse[0].0, impulse[1].0], equal);
-                note(moved, touch, u64::from(contact.touches()));
+                let impulse = [impulse[0].0, impulse[1].0];
+                part_from(moved, touch.spots, impulse, (equal, pair.lightness));
+                note(moved, touch.spots, u64::from(contact.touches()));
             }
         }
     }
@@ -220,7 +228,7 @@ fn between<L: Lanes>(
     (one, a): (&[Number<L>; 2], Spot),
     (other, b): (&[Number<L>; 2], Spot),
 ) -> [Number<f32>; 2] {
-    let (a, b) = (a.lane as usize, b.lane as usize);
+    let (a, b) = (lane_of::<L>(a.lane), lane_of::<L>(b.lane));
     [
         Number(other[0].lane(b) - one[0].lane(a)),
         Number(other[1].lane(b) - one[1].lane(a)),
@@ -229,29 +237,34 @@ fn between<L: Lanes>(
 
 /// An impulse of the second robot of a pair on itself, and on the first one the other way.
 #[inline(always)]
-fn part_from<L: Lanes>(moved: &mut [Moved<L>], touch: &Touch, [x, y]: [f32; 2], equal: bool) {
+fn part_from<L: Lanes>(
+    moved: &mut [Moved<L>],
+    spots: [Spot; 2],
+    [x, y]: [f32; 2],
+    (equal, lightness): (bool, [f32; 2]),
+) {
     let [one, two] = if equal {
         [[x, y], [x, y]]
     } else {
-        let [one, two] = touch.pair.lightness;
+        let [one, two] = lightness;
         [[x * one, y * one], [x * two, y * two]]
     };
-    push(moved, touch.spots[0], [-one[0], -one[1]]);
-    push(moved, touch.spots[1], two);
+    push(moved, spots[0], [-one[0], -one[1]]);
+    push(moved, spots[1], two);
 }
 
 #[inline(always)]
 fn push<L: Lanes>(moved: &mut [Moved<L>], spot: Spot, [x, y]: [f32; 2]) {
     let velocity = &mut moved[spot.vector as usize].velocity;
-    let lane = spot.lane as usize;
+    let lane = lane_of::<L>(spot.lane);
     velocity[0].set_lane(lane, velocity[0].lane(lane) + x);
     velocity[1].set_lane(lane, velocity[1].lane(lane) + y);
 }
 
 /// Notes of both robots whether something touches them.
 #[inline(always)]
-fn note<L: Lanes>(moved: &mut [Moved<L>], touch: &Touch, touching: u64) {
-    for spot in touch.spots {
+fn note<L: Lanes>(moved: &mut [Moved<L>], spots: [Spot; 2], touching: u64) {
+    for spot in spots {
         moved[spot.vector as usize].touched |= touching << spot.lane;
     }
 }

@@ -24,7 +24,9 @@ pub(super) struct Other<L> {
 
 /// The robots around one, kind by kind.
 pub(super) struct Others<L> {
+    /// As many as there ever were; those of the robot that looks come first.
     all: Vec<Other<L>>,
+    count: usize,
     /// By kind: where its robots end.
     ends: Vec<usize>,
 }
@@ -34,7 +36,7 @@ impl<L> std::ops::Deref for Others<L> {
 
     #[inline(always)]
     fn deref(&self) -> &[Other<L>] {
-        &self.all
+        &self.all[..self.count]
     }
 }
 
@@ -111,6 +113,7 @@ impl<L: Lanes> Senses<L> {
             links: LinkWindow::new(robots),
             others: Others {
                 all: Vec::new(),
+                count: 0,
                 ends: Vec::new(),
             },
             indices: Vec::new(),
@@ -171,10 +174,15 @@ impl<L: Lanes> Senses<L> {
         self.close.faces.clear();
         let (reach, largest) = (team.reach(), team.radius());
         let (encoders, gap) = (team.encoders(), team.gap());
+        // Of the kind that robots are of up to now.
+        let (mut kind, mut range, mut beside) = (usize::MAX, 0.0, number(0.0));
         for index in 0..bodies.len() {
             let (group, robot) = (team.group(index), team.robot(index));
-            let range = robot.range(largest);
-            let beside = number(walls::reach_of_walls(robot, gap));
+            if group != kind {
+                kind = group;
+                range = robot.range(largest);
+                beside = number(walls::reach_of_walls(robot, gap));
+            }
             self.look_around(bodies, (verlet, team), [range.max(reach), reach], index);
             let first = self.close.faces.len();
             let (x, y) = (bodies.x[index], bodies.y[index]);
@@ -404,30 +412,42 @@ impl<L: Lanes> Senses<L> {
         [range, reach]: [f32; 2],
         index: usize,
     ) {
-        let Others { all, ends } = &mut self.others;
-        all.clear();
+        let Others { all, count, ends } = &mut self.others;
+        *count = 0;
         ends.clear();
-        self.indices.clear();
-        for other in verlet.of(index) {
+        let (list, kinds) = (verlet.of(index), team.groups().len());
+        if all.len() < list.len() {
+            let nowhere = Other {
+                x: number(0.0),
+                y: number(0.0),
+                square: number(0.0),
+            };
+            all.resize(list.len(), nowhere);
+            self.indices.resize(list.len(), 0);
+        }
+        let (all, indices) = (&mut all[..list.len()], &mut self.indices[..list.len()]);
+        for other in list {
             if *other as usize == index {
                 continue;
             }
-            let [x, y] = bodies.between(index, *other as usize);
-            let square = x * x + y * y;
-            if square.lt(number(range * range)).any() {
+            if kinds > 1 {
                 let kind = team.group(*other as usize);
                 while ends.len() < kind {
-                    ends.push(all.len());
-                }
-                all.push(Other { x, y, square });
-                self.indices.push(*other);
-                if *other as usize > index && square.lt(number(reach * reach)).any() {
-                    self.close.robots.push([index as u32, *other]);
+                    ends.push(*count);
                 }
             }
+            let [x, y] = bodies.between(index, *other as usize);
+            let square = x * x + y * y;
+            // Written in any case, and overwritten unless it is near: which are near cannot be foreseen.
+            all[*count] = Other { x, y, square };
+            indices[*count] = *other;
+            *count += usize::from(square.lt(number(range * range)).any());
+            if *other as usize > index && square.lt(number(reach * reach)).any() {
+                self.close.robots.push([index as u32, *other]);
+            }
         }
-        while ends.len() < team.groups().len() {
-            ends.push(all.len());
+        while ends.len() < kinds {
+            ends.push(*count);
         }
     }
 }
@@ -452,12 +472,22 @@ fn copy<L: Lanes>(from: &[Number<L>], to: &mut [L]) {
 /// Adds uniform noise to up to eight readings, and limits them to 0..=1.
 #[inline(always)]
 fn add_noise<L: Lanes>(readings: &mut [Number<L>], extent: f32, words: [L::Int; 4]) {
-    let mut units = [number(0.0); 2];
-    for (index, reading) in readings.iter_mut().enumerate() {
-        if index % 2 == 0 {
-            units = halves::<L>(words[index / 2]);
+    let units = [
+        halves::<L>(words[0]),
+        halves::<L>(words[1]),
+        halves::<L>(words[2]),
+        halves::<L>(words[3]),
+    ];
+    let units = units.as_flattened();
+    if let Ok(readings) = <&mut [Number<L>; 8]>::try_from(&mut *readings) {
+        // Of a known number, which the compiler puts side by side where there is one lane.
+        for index in 0..readings.len() {
+            readings[index] = (readings[index] + noise(units[index], extent)).within(0.0, 1.0);
         }
-        *reading = (*reading + noise(units[index % 2], extent)).within(0.0, 1.0);
+        return;
+    }
+    for index in 0..readings.len() {
+        readings[index] = (readings[index] + noise(units[index], extent)).within(0.0, 1.0);
     }
 }
 

@@ -1,9 +1,9 @@
 //! Contacts of robots with walls.
 
-use swarmwright_lanes::{Lanes, Mask, Number, number};
+use swarmwright_lanes::{Lanes, Mask, Number, lane_of, number};
 
 use super::contact::{Contact, square, to_face};
-use super::near::{Moved, Near, Spot};
+use super::near::{Moved, Near, Spot, key};
 use super::place::{Face, Place};
 use super::robot::Robot;
 use super::swarm::Bodies;
@@ -149,7 +149,7 @@ impl<L: Lanes> Walls<L> {
                 self.contacts.push(WallContact::none(vector));
             }
             let face = &place.faces[touch.face as usize];
-            self.contacts[index as usize].take(lane as usize, face, touch);
+            self.contacts[index as usize].take(lane_of::<L>(lane), face, touch);
             (touch.contact, touch.at) = (index, lane);
         }
     }
@@ -195,16 +195,16 @@ impl<L: Lanes> Walls<L> {
     pub(super) fn keep(&mut self) {
         for touch in &mut self.now {
             let contact = &self.contacts[touch.contact as usize].contact;
-            touch.pressed = contact.pressed.lane(touch.at as usize);
-            touch.rubbed = contact.rubbed.lane(touch.at as usize);
+            touch.pressed = contact.pressed.lane(lane_of::<L>(touch.at));
+            touch.rubbed = contact.rubbed.lane(lane_of::<L>(touch.at));
         }
     }
 }
 
 impl Touch {
     #[inline(always)]
-    fn key(&self) -> (u32, u32, u32) {
-        (self.robot, self.face, self.lane)
+    fn key(&self) -> u64 {
+        key(self.robot, self.face, self.lane)
     }
 }
 

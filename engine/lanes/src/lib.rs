@@ -135,6 +135,13 @@ pub trait Lanes: Copy {
     }
 }
 
+/// The number of a lane, which is below `WIDTH`. The compiler then knows that, so that work on the lane checks nothing.
+#[inline(always)]
+#[must_use]
+pub const fn lane_of<L: Lanes>(number: u32) -> usize {
+    number as usize % L::WIDTH
+}
+
 /// Has items brought into the nearest cache where the processor can do that.
 #[inline(always)]
 pub fn prefetch<T>(items: &[T]) {
