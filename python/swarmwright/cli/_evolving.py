@@ -61,6 +61,7 @@ def evolve(
     mlflow: str | None,
     observing: Observing,
     broker: str | None = None,
+    prefix: str | None = None,
 ) -> int:
     """Do the work, show how it goes and what came out; the exit status.
 
@@ -72,10 +73,12 @@ def evolve(
         mlflow: MLflow's tracking server, if wanted.
         observing: log and figures for programs, if wanted.
         broker: that of the run, where the experiment need not name it.
+        prefix: of topics, where the run's experiment has another one.
     """
     from swarmwright.optimization.interruption import reported_by_caller
     from swarmwright.optimization.optimize import InterruptedWithResults
 
+    where = _where(experiment, broker, prefix)
     try:
         with reported_by_caller():
             return _evolve(
@@ -86,13 +89,11 @@ def evolve(
                 mlflow=mlflow,
                 observing=observing,
                 broker=broker,
+                where=where,
             )
     except InterruptedWithResults as interrupt:
         # On standard error: what was going to be printed of the results is not.
-        complain(
-            "interrupted; the results so far are kept. Go on with:\n"
-            f"{program()} resume {shlex.quote(str(interrupt.folder))}"
-        )
+        complain(f"interrupted; the results so far are kept. Go on with:\n{_resume(interrupt.folder, where)}")
         return INTERRUPTED
 
 
@@ -104,7 +105,8 @@ def _evolve(
     tensorboard: Path | None,
     mlflow: str | None,
     observing: Observing,
-    broker: str | None = None,
+    broker: str | None,
+    where: str,
 ) -> int:
     from swarmwright.optimization.optimize import InterruptedWithResults
 
@@ -130,26 +132,41 @@ def _evolve(
         except KeyboardInterrupt:
             raise InterruptedWithResults(run.path) from None
     if reader.lost is not None:
-        return _without_output(reader.lost, run)
+        return _without_output(reader.lost, run, where)
     try:
-        _conclude(output, run, broker)
+        _conclude(output, run, broker, where)
     except BrokenPipeError:
         raise
     except OSError as error:
         if error.filename != STDOUT:
             raise
-        return _without_output(error, run)
+        return _without_output(error, run, where)
     return INTERRUPTED if run.interrupted else 0
 
 
-def _without_output(error: OSError, run: "Run") -> int:
+def _where(experiment: "Experiment", broker: str | None, prefix: str | None) -> str:
+    """The options of `resume` without which a run would go on elsewhere, each with a space before it."""
+    options = []
+    if broker is not None and broker != experiment.broker:
+        options += ["--broker", broker]
+    if prefix is not None:
+        options += ["--prefix", prefix]
+    return "".join(f" {shlex.quote(word)}" for word in options)
+
+
+def _resume(folder: Path, where: str) -> str:
+    """The command that continues a run; `where` as `_where` returns it."""
+    return f"{program()} resume {shlex.quote(str(folder))}{where}"
+
+
+def _without_output(error: OSError, run: "Run", where: str) -> int:
     """Say why nothing more was printed, and how to go on; the exit status."""
     closed = isinstance(error, BrokenPipeError)
     why = "was closed by its reader" if closed else f"cannot be written: {error.strerror}"
-    folder = shlex.quote(str(run.path))
     if run.interrupted:
-        end = f"so the run ended early; the results so far are kept. Go on with:\n{program()} resume {folder}"
+        end = f"so the run ended early; the results so far are kept. Go on with:\n{_resume(run.path, where)}"
     else:
+        folder = shlex.quote(str(run.path))
         end = f"but the run is complete. See what came out with:\n{program()} runs show {folder}"
     with suppress(OSError):
         complain(f"{STDOUT} {why}, {end}")
@@ -195,7 +212,7 @@ class Reader:
             self.lost = error
 
 
-def _conclude(output: Output, run: "Run", broker: str | None) -> None:
+def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> None:
     """Say what came out, where everything is, and what to do next."""
     from swarmwright.runs import picture
 
@@ -216,7 +233,7 @@ def _conclude(output: Output, run: "Run", broker: str | None) -> None:
     )
     if run.interrupted:
         output.text("Interrupted; the results so far are kept. Go on with:")
-        output.text(f"  {program()} resume {shlex.quote(str(run.path))}")
+        output.text(f"  {_resume(run.path, where)}")
     rate = run.evaluations / max(run.seconds, 1e-3)
     whose = f"generation {best.generation}, candidate {best.candidate}, numbered from 0"
     output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")

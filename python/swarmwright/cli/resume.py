@@ -34,7 +34,8 @@ from swarmwright.cli._server_output import server_output_option
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
 @broker_option(
     default=None,
-    text="Use the servers on this broker. Default: the run's, SWARMWRIGHT_BROKER's, or one started here.",
+    text="Use the servers on this broker. Default: that of the run's experiment.yaml, SWARMWRIGHT_BROKER's, "
+    "or one started here.",
 )
 @experiment_prefix_option("the run's")
 @servers_option
@@ -134,4 +135,5 @@ def command(
         mlflow=mlflow,
         observing=Observing(log, log_level, metrics, log_size),
         broker=broker,
+        prefix=prefix,
     )

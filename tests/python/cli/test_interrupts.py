@@ -3,6 +3,7 @@
 import contextlib
 import os
 import random
+import shlex
 import signal
 import time
 from pathlib import Path
@@ -15,6 +16,27 @@ from swarmwright.runs.folders import remove_run
 from tests.python.cli.processes import children, gone, handles
 
 ENDLESS = "simulation: minisim\nmethod: {population: 6, generations: 1000000}\nservers: 1\n"
+OWN = """
+from swarmwright import Simulation
+
+
+class Own(Simulation):
+    title, sensors, actuators = "own", 1, 1
+
+    def reset(self, parameters, seed):
+        self.steps = 0
+        return [[0.5]]
+
+    def step(self, actions):
+        self.steps += 1
+        return [[0.5]]
+
+    def done(self):
+        return self.steps > 1
+
+    def fitness(self):
+        return self.steps
+"""
 LARGE = "simulation: minisim\nmethod: {population: 400000, generations: 2}\nservers: local\n"
 
 
@@ -124,3 +146,27 @@ def test_a_budget_below_what_there_is_is_refused_before_anything_is_said(
     assert result.returncode == 2
     assert result.stdout == ""
     assert "generations: 2 is less than the experiment's 4" in result.stderr
+
+
+def test_the_command_that_is_printed_goes_on_with_the_same_servers(
+    start: Any, embedded_broker: str, tmp_path: Path
+) -> None:
+    """Broker and prefix that were given on the command line are not in the run's experiment.yaml."""
+    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "own.yaml").write_text(
+        "simulation: own\nsensors: 1\nactuators: 1\ncontroller: {kind: layered, hidden: []}\n"
+        "method: {population: 4, generations: 100000}\n"
+    )
+    where = ("--broker", embedded_broker, "--prefix", "mine")
+    start("serve", "own.py:Own", *where)
+    arguments: tuple[str, ...] = ("optimize", "own.yaml", "--out", "run", *where)
+    for _ in range(2):
+        process = start(*arguments)
+        while " of 100000 generations  best" not in (line := process.stdout.readline()):
+            assert line, process.communicate()
+        process.send_signal(signal.SIGINT)
+        said, complaint = process.communicate(timeout=30)
+        assert process.returncode == 130, complaint
+        command = said.split("Go on with:\n")[1].splitlines()[0]
+        arguments = tuple(shlex.split(command[command.index("resume") :]))
+    assert Run.open(tmp_path / "run").generations >= 2
