@@ -1,6 +1,6 @@
 """Evaluations until a target: `cma_es` and `sep_cma_es` against the library cma, from the same starts.
 
-`python -m benchmarks.against_cma` prints the table of docs/explanation/methods.md.
+`python -m benchmarks.against_cma` prints the table of docs/explanation/method-benchmarks.md.
 """
 
 import statistics

@@ -1,6 +1,6 @@
 """Evaluations until a target: evolution strategies against those of evosax, from the same starts.
 
-`python -m benchmarks.against_strategies` prints the table of docs/explanation/methods.md.
+`python -m benchmarks.against_strategies` prints the table of docs/explanation/method-benchmarks.md.
 """
 
 import importlib

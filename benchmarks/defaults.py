@@ -1,6 +1,6 @@
 """Do the methods solve problems with their defaults, and sooner than random search?
 
-`python -m benchmarks.defaults` prints the table of docs/explanation/methods.md; names of methods and problems
+`python -m benchmarks.defaults` prints the table of docs/explanation/method-benchmarks.md; names of methods and problems
 restrict it, and `pso.population=25` sets an option.
 """
 

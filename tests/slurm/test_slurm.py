@@ -150,8 +150,9 @@ def test_a_run_that_was_started_on_this_machine_goes_on_on_the_cluster(
     (tmp_path / "run").rename(tmp_path / "moved")
     stored = Run.open(tmp_path / "moved").generations
     assert 4 <= stored < 12
-    servers = {"launcher": "slurm", "count": 2, **options(tmp_path / "shared")}
-    named = ["--servers", "slurm:2"] if known else ["--set", f"servers={json.dumps(servers)}"]
+    # More than an array may have on this cluster.
+    servers = {"launcher": "slurm", "count": 3, **options(tmp_path / "shared")}
+    named = ["--servers", "slurm:3"] if known else ["--set", f"servers={json.dumps(servers)}"]
     resumed = Program("resume", "moved", *named, "--json", cwd=tmp_path)
     try:
         assert resumed.wait(90) == 0, resumed.stderr
@@ -160,5 +161,5 @@ def test_a_run_that_was_started_on_this_machine_goes_on_on_the_cluster(
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
     there = Run.open(tmp_path / "moved")
     same_record(there, here)
-    assert len({attempt.server for attempt in there.attempts() if attempt.generation >= stored}) == 2
+    assert len({attempt.server for attempt in there.attempts() if attempt.generation >= stored}) > 1
     assert slurm.queue() == []

@@ -323,8 +323,10 @@ def one_number(environment: str, reward: Any) -> float:  # noqa: ANN401 - whatev
         raise SimulationError(f"{environment}: its reward is {short(reward)}, expected a number")
     if given.size != 1:
         raise SimulationError(
-            f"{environment}: its reward has {given.size} numbers, a fitness is one; weigh them in "
-            "a custom class whose make() adds a wrapper such as mo_gymnasium.wrappers.LinearReward"
+            f"{environment}: its reward has {given.size} numbers, a fitness is one. If they are objectives, "
+            "weigh them in a custom class whose make() adds a wrapper such as "
+            "mo_gymnasium.wrappers.LinearReward; if they are the rewards of several agents, attach the "
+            "environment's interface of PettingZoo"
         )
     return float(given.item())
 

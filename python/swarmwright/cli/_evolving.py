@@ -18,7 +18,7 @@ from swarmwright.cli._runs import saved_lines
 from swarmwright.cli._signals import INTERRUPTED, check
 from swarmwright.cli._validation import transfer_of, unseen_facts, validation_facts, validation_lines
 from swarmwright.core.errors import RunError
-from swarmwright.core.formatting import duration
+from swarmwright.core.formatting import duration, rate
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
@@ -234,7 +234,6 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
     if run.interrupted:
         output.text("Interrupted; the results so far are kept. Go on with:")
         output.text(f"  {_resume(run.path, where)}")
-    rate = run.evaluations / max(run.seconds, 1e-3)
     whose = f"generation {best.generation}, candidate {best.candidate}, numbered from 0"
     output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
     for line in () if validation is None else validation_lines(validation, run):
@@ -255,7 +254,8 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
         output.text(
             f"Ended since {run.experiment.budget.words(run.ended, run.generations, run.evaluations)}."
         )
-    output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({rate:.0f} a second).")
+    speed = rate(run.evaluations / max(run.seconds, 1e-3))
+    output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({speed} a second).")
     output.text()
     output.text(f"Everything is in {run.path}:")
     being_drawn = {picture.FILE} if picture.wanted() and run.history else set()

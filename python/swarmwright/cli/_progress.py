@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Protocol
 
 from swarmwright.cli._output import Output
-from swarmwright.core.formatting import duration
+from swarmwright.core.formatting import duration, rate
 from swarmwright.experiment.budget import Budget
 
 if TYPE_CHECKING:
@@ -80,12 +80,12 @@ class PlainProgress:
         """Print a line."""
         from swarmwright.optimization.generation import how_far
 
-        rate = f"{generation.evaluations_per_second:.0f}/s"
+        speed = f"{rate(generation.evaluations_per_second)}/s"
         if generation.budget != "evaluations":  # else how far it is says their number
-            rate = f"{generation.evaluations} evaluations ({rate})"
+            speed = f"{generation.evaluations} evaluations ({speed})"
         self._output.text(
             f"{how_far(self._budget, generation)}  best {generation.best_so_far:.6g}  "
-            f"mean {generation.mean:.6g}  {rate}  {duration(generation.seconds_left)} left"
+            f"mean {generation.mean:.6g}  {speed}  {duration(generation.seconds_left)} left"
         )
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
@@ -158,7 +158,7 @@ class BarProgress:
             numbers.append(f"  mean {last.mean:.6g}")
             if last.budget != "evaluations":  # else the line above says their number
                 numbers.append(f"  {last.evaluations} evaluations")
-            numbers.append(f"  {last.evaluations_per_second:.0f}/s", style="cyan")
+            numbers.append(f"  {rate(last.evaluations_per_second)}/s", style="cyan")
             yield numbers
         if self._waiting:
             waiting = text(self._waiting, "yellow")

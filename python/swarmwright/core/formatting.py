@@ -20,6 +20,11 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60:02} min"
 
 
+def rate(per_second: float) -> str:
+    """Return a rate as a whole number, or with two digits where it is small."""
+    return f"{per_second:.0f}" if per_second >= 10 else f"{per_second:.2g}"
+
+
 def counted(count: int, noun: str) -> str:
     """Return how many there are of something: 1 generation, 2,000 generations."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"

@@ -26,6 +26,8 @@ LEAVE_S = 60.0
 """Seconds that cancelled jobs have to leave the queue."""
 BEFORE_LIMIT_S = 30
 """Seconds before its time limit at which a server is asked to end."""
+_USUAL_TASKS = 1000
+"""Tasks of an array, at most, where the cluster does not allow less (MaxArraySize)."""
 ARCHIVE = "code.tar.gz"
 _WAITING = {"PENDING", "CONFIGURING", "REQUEUED", "REQUEUE_HOLD", "REQUEUE_FED", "SPECIAL_EXIT", "SUSPENDED"}
 _RUNNING = {"RUNNING", "COMPLETING", "STAGE_OUT", "SIGNALING", "RESIZING", "STOPPED"}
@@ -85,6 +87,8 @@ class Slurm(Launcher):
         self._ended: dict[int, str] = {}
         self._folder = Path(options.folder).expanduser() / "run" / self._token
         self._may_have_jobs = False
+        self._most: int | None = None
+        """Tasks of an array, at most; None as long as that is not known."""
 
     @property
     def name(self) -> str:
@@ -113,7 +117,22 @@ class Slurm(Launcher):
             ) from error
 
     def start(self, servers: Sequence[int]) -> None:
-        """Submit an array with a task for each server."""
+        """Submit arrays with a task for each server."""
+        if self._most is None and len(servers) > 1:
+            self._most = self._most_tasks()
+        most = self._most or 1
+        for first in range(0, len(servers), most):
+            self._start(servers[first : first + most])
+
+    def _most_tasks(self) -> int:
+        """Return how many tasks an array of this cluster has at most."""
+        most = _USUAL_TASKS
+        with suppress(LauncherError):  # not all may ask for it
+            found = re.search(r"(?m)^MaxArraySize\s*=\s*(\d+)", self._slurm("scontrol", "show", "config"))
+            most = min(most, int(found[1])) if found else most
+        return max(most, 1)
+
+    def _start(self, servers: Sequence[int]) -> None:
         job = self._submit(self._arguments(len(servers)), self._script(servers))
         number = job.strip().partition(";")[0]
         if not number.isdecimal():
