@@ -621,7 +621,7 @@ def test_a_comparison_with_the_start_in_few_episodes(
     )
     begun = ControllerEvaluation(episodes=np.array(start), **shared)
     found = Validation(candidates=[chosen], depends_on_seed=True, start=begun)
-    _, *said = validation_lines(found, cast("Run", SimpleNamespace(experiment=experiment)))
+    _, _, *said = validation_lines(found, cast("Run", SimpleNamespace(experiment=experiment)))
     assert len(said) == (1 if len(words) == 1 else 2)
     assert all(one in " ".join(said) for one in words)
 
