@@ -63,7 +63,7 @@ class Budget:
             # Restarts with larger populations use up the evaluations.
             done = (
                 f"the evaluations of {self.generations} generations of the first population are used, or "
-                "too few are left for the next generation"
+                "too few are left for the next generation, which restarts have enlarged"
             )
         used = f"the next generation would not fit into {self.evaluations} evaluations"
         if self.evaluations is not None and evaluations >= self.evaluations:

@@ -391,6 +391,10 @@ def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
             report(path, message)
 
 
+_SETTLED_BY = {"mission": ("robot", "robots", "failures")}
+"""Parameters of the arena that cannot be checked without another one: a robot may name patches of the mission."""
+
+
 def _check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
     for path, problem in _unsendable(parameters, ("parameters",)):
         report(path, problem)
@@ -416,6 +420,8 @@ def _check_parameters(simulation: str | None, parameters: dict[str, Any], report
         if first or _by_itself(simulation, name, given[name], wrong):
             report(("parameters", *path_of(place)), reason)
         del given[name]
+        for other in _SETTLED_BY.get(name, ()):
+            given.pop(other, None)
         first = False
 
 

@@ -41,11 +41,13 @@ class Account:
         self._started: float | None = None  # the clock of this session, from `start` on
         self._rate = Rate(0.0, 0)
         self._resumed_at = 0  # told to the method before this session
+        self._generations_before = 0  # of earlier sessions
         self._before = 0.0  # seconds of earlier sessions
 
     def continue_from(self, reader: StoreReader) -> None:
         """Note what earlier sessions have used, of which the method has been told."""
         self._resumed_at, self.stored = self._method.evaluations, len(reader.history())
+        self._generations_before = self.stored
         self._before = math.fsum(session.seconds or 0.0 for session in reader.sessions())
 
     def start(self) -> None:
@@ -95,6 +97,10 @@ class Account:
         )
         left = 0 if self._method.done else max(self.most - self._method.evaluations, 0)
         seconds_left = left * elapsed / max(self._method.evaluations - self._resumed_at, 1)
+        if self._budget.generations is not None:  # races have generations of very different sizes
+            done = summary.generation + 1
+            each = elapsed / max(done - self._generations_before, 1)
+            seconds_left = min(seconds_left, max(self._budget.generations - done, 0) * each)
         if self._budget.seconds is not None:
             seconds_left = min(seconds_left, max(self._budget.seconds - self._before - elapsed, 0.0))
         return Generation(

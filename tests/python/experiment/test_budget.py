@@ -175,3 +175,23 @@ def test_generations_that_are_expected() -> None:
     assert Budget(None, 100, None).expected_generations(2, 40) == 5
     assert Budget(4, 100, None).expected_generations(2, 40) == 4
     assert Budget(None, None, 5.0).expected_generations(7, 40) == 7
+
+
+def test_the_time_left_of_races_is_that_of_the_generations_left(tmp_path: Path) -> None:
+    """Not of the evaluations that the method would have without this limit."""
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": "minisim",
+            "controller": {"kind": "layered", "hidden": []},
+            "method": {"kind": "racing", "generations": 5, "evaluations": 1_000_000},
+            "ranking": {"episodes": 1},
+            "validate": False,
+            "servers": "in-process",
+        }
+    )
+    seen: list[Generation] = []
+    optimize(experiment, seen.append, out=tmp_path / "run")
+    assert [one.generation for one in seen] == [0, 1, 2, 3, 4]
+    for one in seen:
+        done = one.generation + 1
+        assert one.seconds_left == pytest.approx(one.seconds / done * (5 - done))

@@ -341,3 +341,25 @@ def test_robots_that_are_too_large_for_a_named_mission_are_named_themselves(miss
     said = r"^parameters\.robot\.radius: 20 robots do not fit .* smaller radius$"
     with pytest.raises(InputError, match=said):
         Experiment.from_mapping({"simulation": "arena", "parameters": parameters})
+
+
+def test_a_mistake_in_a_mission_is_not_blamed_on_the_robot(tmp_path: Path) -> None:
+    """Which names a patch of this mission, not of the default one."""
+    (tmp_path / "mission.yaml").write_text(
+        "walls: {rectangle: [3, 2]}\nstart: {disc: {radius: 0.5}}\nfitness: order\n"
+        "floor: {patches: [{name: depot, circle: {center: [0, 0], radius: 0.2}, color: black}]}\n"
+        "lamps: 3\n"
+    )
+    (tmp_path / "robot.yaml").write_text(
+        "preset: e-puck-rm1.1\nbattery: {standing: 120, driving: 40, charging: {patch: depot, duration: 5}}\n"
+    )
+    (tmp_path / "mine.yaml").write_text(
+        "simulation: arena\nparameters: {mission: mission.yaml, robot: robot.yaml, robots: 5}\n"
+        "controller: {kind: evostick}\n"
+    )
+    with pytest.raises(InputError, match="unknown field `lamps`") as error:
+        Experiment.load(tmp_path / "mine.yaml")
+    assert "depot" not in str(error.value)
+    mission = tmp_path / "mission.yaml"
+    mission.write_text(mission.read_text().replace("lamps: 3\n", ""))
+    assert Experiment.load(tmp_path / "mine.yaml").simulation == "arena"
