@@ -392,7 +392,7 @@ def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
 
 
 _SETTLED_BY = {"mission": ("robot", "robots", "failures")}
-"""Parameters of the arena that cannot be checked without another one: a robot may name patches of the mission."""
+"""Parameters of the arena that need another one to be checked: a robot may name patches of the mission."""
 
 
 def _check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
