@@ -1,7 +1,7 @@
 """Do the methods solve problems with their defaults, and sooner than random search?
 
-`python -m benchmarks.defaults` prints the table of docs/explanation/method-benchmarks.md; names of methods and problems
-restrict it, and `pso.population=25` sets an option.
+`python -m benchmarks.defaults` prints the table of docs/explanation/method-benchmarks.md; names of methods
+and problems restrict it, and `pso.population=25` sets an option.
 """
 
 import json
@@ -107,7 +107,7 @@ class Row:
 
     def __str__(self) -> str:
         solved = sum(map(math.isfinite, self.found))
-        return f"{solved}, {self.median:.0f}" if math.isfinite(self.median) else f"{solved}, over"
+        return f"{solved}, {self.median:.0f}" if math.isfinite(self.median) else f"{solved}, -"
 
 
 def main(words: Sequence[str]) -> None:

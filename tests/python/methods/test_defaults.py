@@ -1,4 +1,4 @@
-"""Every method solves problems with its defaults, sooner than random search: docs/explanation/method-benchmarks.md."""
+"""Every method solves problems with its defaults, sooner than random search: the page method-benchmarks."""
 
 import math
 import statistics
