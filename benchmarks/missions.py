@@ -253,7 +253,7 @@ def chosen(text: str, known: Sequence[str], what: str) -> list[str]:
     names = text.split(",")
     for name in names:
         if name not in known:
-            raise SystemExit(f"unknown {what} {name!r}; there is: {', '.join(known)}")
+            raise SystemExit(f"unknown {what} {name!r}; available: {', '.join(known)}")
     return names
 
 
