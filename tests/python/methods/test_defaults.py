@@ -54,4 +54,4 @@ def test_the_table_has_a_line_for_each_method(capsys: pytest.CaptureFixture[str]
     assert rule == "|---|---|"
     assert first.startswith("| `pgpe` | 40, ")
     assert second.startswith("| `snes` | ")
-    assert second.endswith(", over |")
+    assert second.endswith(", - |")
