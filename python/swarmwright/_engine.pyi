@@ -75,6 +75,7 @@ __all__ = [
     "log_to",
     "missions",
     "outcome",
+    "parameter_mistakes",
     "robots",
     "serve",
     "servers",
@@ -128,6 +129,12 @@ def check_parameters(title: str, parameters: dict[str, Any]) -> None:
 
     Here and below: parameters are values of JSON's kinds; InputError names the place of any other and of numbers that
     are not finite.
+    """
+
+def parameter_mistakes(title: str, parameters: dict[str, Any]) -> list[tuple[str, str]] | None:
+    """Return all that is wrong with parameters, each as (name, reason).
+
+    None for simulations that tell one at a time, which `check_parameters` raises.
     """
 
 def steers_itself(title: str, parameters: dict[str, Any]) -> bool:

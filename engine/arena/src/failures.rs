@@ -10,6 +10,7 @@ use swarmwright_simulation::counter::uniform;
 use swarmwright_simulation::parameters::wrong;
 
 use super::links::either;
+use super::mistakes::Mistakes;
 use super::settings::{LONGEST, MOST_ROBOTS, mismatch_at};
 use super::swarm::Bodies;
 use super::team::Team;
@@ -190,12 +191,16 @@ impl Failure {
 }
 
 /// Reads a list of failures; `place` is what it is called in complaints.
-pub(super) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, ParameterError> {
+///
+/// # Errors
+/// All that is wrong with them.
+pub(super) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, Mistakes> {
     let Some(items) = value.as_array() else {
         return Err(wrong(
             place,
             format!("{value} found, expected a list such as [{{kind: stop, share: 0.2, at: 30}}]"),
-        ));
+        )
+        .into());
     };
     if items.len() > MOST_FAILURES {
         return Err(wrong(
@@ -204,9 +209,10 @@ pub(super) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, Parameter
                 "{} found, at most {MOST_FAILURES} are possible",
                 items.len()
             ),
-        ));
+        )
+        .into());
     }
-    let one = |(index, item): (usize, &Value)| {
+    let one = |index: usize, item: &Value| -> Result<Failure, ParameterError> {
         let at = format!("{place}[{index}]");
         let failure: Failure =
             swarmwright_values::read_kind(item).map_err(|mismatch| mismatch_at(&at, mismatch))?;
@@ -215,7 +221,12 @@ pub(super) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, Parameter
             .map_err(|(name, reason)| wrong(&format!("{at}.{name}"), reason))?;
         Ok(failure)
     };
-    items.iter().enumerate().map(one).collect()
+    let mut mistakes = Mistakes::default();
+    let mut failures = Vec::new();
+    for (index, item) in items.iter().enumerate() {
+        failures.extend(mistakes.take(one(index, item)));
+    }
+    mistakes.or(Some(failures))
 }
 
 /// Which robots fail in the episodes of the lanes.

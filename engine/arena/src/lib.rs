@@ -19,6 +19,7 @@ mod links;
 mod messages;
 mod metrics;
 mod mission;
+mod mistakes;
 mod near;
 mod neighbours;
 mod objects;
@@ -46,6 +47,7 @@ use std::sync::Arc;
 use lanes::ArenaLanes;
 use metrics::Tally;
 pub use mission::{MissionInfo, missions};
+use mistakes::Mistakes;
 pub use physics::{
     Motion, Physics, PhysicsKind, PhysicsSimulation, Pose, RobotModel, Start, World, WorldLight,
     WorldObject, WorldPatch, WorldWall,
@@ -199,6 +201,12 @@ impl Simulation for Arena {
 
     fn parameters(&self) -> Vec<ParameterInfo> {
         settings::parameters()
+    }
+
+    fn mistakes(&self, parameters: &Parameters) -> Option<Vec<ParameterError>> {
+        let start = |settings: Settings| settings.starts().map(|_| ()).map_err(Into::into);
+        let read = Settings::read_all(parameters).and_then(start);
+        Some(read.err().map(Mistakes::into_all).unwrap_or_default())
     }
 
     fn sensor_names(&self) -> Vec<String> {

@@ -3,16 +3,16 @@
 mod checks;
 mod text;
 
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use super::failures::Failure;
 use super::metrics::Metric;
+use super::mistakes::{Mistakes, part};
 use super::place::Place;
-use super::settings::mismatch_at;
 use super::start::Start;
 use super::team::Team;
-use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
+use text::Text;
 
 /// A built-in mission.
 #[derive(Debug, Clone, Copy)]
@@ -112,37 +112,52 @@ pub(super) struct Mission {
     pub factors: Vec<f64>,
 }
 
-/// How to write a field of a mission, where a complaint is that it is missing.
-fn example_of_missing(reason: &str) -> Option<&'static str> {
-    match reason.strip_prefix("missing field `")?.strip_suffix('`')? {
-        "walls" => Some("walls: {rectangle: [4, 3]}"),
-        "start" => Some("start: {disc: {radius: 1}}"),
-        "fitness" => Some("fitness: order, the name of a metric"),
-        _ => None,
+/// Reads the keys of a mission.
+fn sections(fields: &Value, mistakes: &mut Mistakes) -> Text {
+    let object = match (part(fields, "mission"), fields.as_object()) {
+        (Ok(text), _) => return text,
+        (Err(_), Some(object)) => object,
+        (Err(mistake), None) => {
+            mistakes.add(mistake);
+            return Text::default();
+        }
+    };
+    // One at a time: all unknown ones are told, and the others read.
+    let mut known = object.clone();
+    for (key, value) in object {
+        let alone = Map::from_iter([(key.clone(), value.clone())]);
+        if let Err(mistake) = part::<Text>(&Value::Object(alone), "mission") {
+            mistakes.add(mistake);
+            known.remove(key);
+        }
     }
+    mistakes
+        .take(part(&Value::Object(known), "mission"))
+        .unwrap_or_default()
 }
 
 impl Mission {
     /// The mission of the parameter `mission`: the name of a built-in one, or an object.
-    pub(super) fn read(value: Option<&Value>) -> Result<Self, ParameterError> {
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub(super) fn read(value: Option<&Value>) -> Result<Self, Mistakes> {
         match value {
             None => Self::named("aac"),
             Some(Value::String(name)) => Self::named(name),
-            Some(object @ Value::Object(_)) => {
-                let text = swarmwright_values::read(object);
-                checks::check(text.map_err(|mut mismatch| {
-                    if let Some(example) = example_of_missing(&mismatch.reason) {
-                        mismatch.reason += "; for instance ";
-                        mismatch.reason += example;
-                    }
-                    mismatch_at("mission", mismatch)
-                })?)
-            }
+            Some(object @ Value::Object(_)) => Self::of(object),
             Some(other) => Err(wrong(
                 "mission",
                 format!("{other} found, expected {}", Self::expected()),
-            )),
+            )
+            .into()),
         }
+    }
+
+    fn of(object: &Value) -> Result<Self, Mistakes> {
+        let mut mistakes = Mistakes::default();
+        let text = sections(object, &mut mistakes);
+        checks::check(&text, mistakes)
     }
 
     /// The fitness, from the values of the metrics.
@@ -167,7 +182,7 @@ impl Mission {
         )
     }
 
-    fn named(name: &str) -> Result<Self, ParameterError> {
+    fn named(name: &str) -> Result<Self, Mistakes> {
         let found = MISSIONS
             .iter()
             .find(|known| known.name == name || known.also.contains(&name));
@@ -179,10 +194,11 @@ impl Mission {
             return Err(wrong(
                 "mission",
                 format!("{name:?} found, expected {}{hint}", Self::expected()),
-            ));
+            )
+            .into());
         };
-        let text =
+        let object: Value =
             serde_saphyr::from_str(text).map_err(|error| wrong("mission", error.to_string()))?;
-        checks::check(text)
+        Self::of(&object)
     }
 }

@@ -7,6 +7,7 @@ mod presets;
 
 use serde_json::Value;
 
+use super::mistakes::Mistakes;
 use super::place::Place;
 use super::settings::with_place;
 pub(super) use outputs::Output;
@@ -97,12 +98,8 @@ impl Robot {
     /// send messages that it hears.
     ///
     /// # Errors
-    /// What is wrong with it.
-    pub(super) fn read(
-        value: &Value,
-        place: &str,
-        others_send: bool,
-    ) -> Result<Self, ParameterError> {
+    /// All that is wrong with it.
+    pub(super) fn read(value: &Value, place: &str, others_send: bool) -> Result<Self, Mistakes> {
         let expected = || format!("the name of a robot ({}) or an object", presets::names());
         match value {
             Value::String(name) => Self::preset(name).ok_or_else(|| {
@@ -111,14 +108,13 @@ impl Robot {
                     place,
                     format!("{name:?} found, expected {}{hint}", expected()),
                 )
+                .into()
             }),
             Value::Object(_) => {
-                model::read(value, others_send).map_err(|error| with_place(place, error))
+                let read = model::read(value, others_send);
+                read.map_err(|mistakes| mistakes.map(|mistake| with_place(place, mistake)))
             }
-            other => Err(wrong(
-                place,
-                format!("{other} found, expected {}", expected()),
-            )),
+            other => Err(wrong(place, format!("{other} found, expected {}", expected())).into()),
         }
     }
 

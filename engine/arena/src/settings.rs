@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use super::failures::{self, Failure};
 use super::mission::Mission;
+use super::mistakes::Mistakes;
 use super::objects;
 use super::random::MOST_TICKS;
 use super::start::{self, Starts};
@@ -33,13 +34,74 @@ pub(super) struct Settings {
 }
 
 impl Settings {
+    /// Reads parameters.
+    ///
+    /// # Errors
+    /// The first of those that are wrong.
     pub(super) fn read(parameters: &Parameters) -> Result<Self, ParameterError> {
+        Self::read_all(parameters).map_err(Mistakes::into_first)
+    }
+
+    /// Reads parameters.
+    ///
+    /// # Errors
+    /// All that are wrong, the mission's first. What needs the mission is not checked against a wrong one.
+    pub(super) fn read_all(parameters: &Parameters) -> Result<Self, Mistakes> {
         let read = ParameterReader::new(parameters);
-        let mission = Mission::read(parameters.get("mission"))?;
-        let duration = read
-            .number("duration", 0.1, LONGEST)?
-            .unwrap_or(mission.duration);
+        let mut mistakes = Mistakes::default();
+        let mission = mistakes.take(Mission::read(parameters.get("mission")));
+        let duration = mistakes.take(read.number("duration", 0.1, LONGEST));
+        let seed = mistakes.take(read.seed("seed"));
+        let step_size = mistakes.take(read.integer("stepSize", 0, 3_600_000));
         let (robots, robot) = (parameters.get("robots"), parameters.get("robot"));
+        let given = parameters.get("failures");
+        let given = given.map(|value| failures::read(value, "failures"));
+        let given = mistakes.take(given.transpose());
+        let Some(mission) = mission else {
+            // Those of any mission, so that what is wrong with the robots themselves is told.
+            let any = Team::of_mission(None, None)?;
+            mistakes.take(any.but(robots, robot));
+            return Err(mistakes);
+        };
+        let team = mistakes.take(Self::team(&mission, robots, robot));
+        let (Some(duration), Some(given), Some(team)) = (duration, given, team) else {
+            return Err(mistakes);
+        };
+        let ticks = (duration.unwrap_or(mission.duration) * 10.0).round() as u32;
+        let place = given.as_ref().map_or("mission.failures", |_| "failures");
+        let failures = given.unwrap_or_else(|| mission.failures.clone());
+        for (index, failure) in failures.iter().enumerate() {
+            let at = format!("{place}[{index}]");
+            mistakes.take(Self::check_failure(failure, &at, &team, ticks));
+        }
+        for (metric, kind) in &mission.metrics {
+            if let Some(name) = kind.robots() {
+                mistakes.take(team.check(name, &format!("mission.metrics.{metric}.robots")));
+            }
+        }
+        let counted = if robots.is_some() {
+            "robots"
+        } else {
+            "mission.robots"
+        };
+        let rest = seed.zip(step_size);
+        mistakes.or(rest.map(|(seed, step_size)| Self {
+            team,
+            counted,
+            failures,
+            ticks,
+            seed: seed.unwrap_or(0),
+            step_size: step_size.unwrap_or(100),
+            mission,
+        }))
+    }
+
+    /// The robots of a mission, or those that the parameters say.
+    fn team(
+        mission: &Mission,
+        robots: Option<&Value>,
+        robot: Option<&Value>,
+    ) -> Result<Team, Mistakes> {
         let mut team = mission.team.but(robots, robot)?;
         let at = match (robots, robot) {
             (Some(Value::Array(_)), _) => "robots",
@@ -48,42 +110,22 @@ impl Settings {
             _ => "mission.robot",
         };
         team.settle(&mission.place, at)?;
-        let failures = match parameters.get("failures") {
-            None => mission.failures.clone(),
-            Some(value) => failures::read(value, "failures")?,
-        };
-        let place = match parameters.get("failures") {
-            None => "mission.failures",
-            Some(_) => "failures",
-        };
-        let ticks = (duration * 10.0).round() as u32;
-        for (index, failure) in failures.iter().enumerate() {
-            let at = format!("{place}[{index}]");
-            if let Some(name) = failure.robots() {
-                team.check(name, &format!("{at}.robots"))?;
-            }
-            failure
-                .check_effect(ticks, team.count(failure.robots()))
-                .map_err(|(name, reason)| wrong(&format!("{at}.{name}"), reason))?;
+        Ok(team)
+    }
+
+    /// Checks that a failure can happen to robots of the team.
+    fn check_failure(
+        failure: &Failure,
+        at: &str,
+        team: &Team,
+        ticks: u32,
+    ) -> Result<(), ParameterError> {
+        if let Some(name) = failure.robots() {
+            team.check(name, &format!("{at}.robots"))?;
         }
-        for (metric, kind) in &mission.metrics {
-            if let Some(name) = kind.robots() {
-                team.check(name, &format!("mission.metrics.{metric}.robots"))?;
-            }
-        }
-        Ok(Self {
-            team,
-            counted: if robots.is_some() {
-                "robots"
-            } else {
-                "mission.robots"
-            },
-            failures,
-            ticks,
-            seed: read.seed("seed")?.unwrap_or(0),
-            step_size: read.integer("stepSize", 0, 3_600_000)?.unwrap_or(100),
-            mission,
-        })
+        failure
+            .check_effect(ticks, team.count(failure.robots()))
+            .map_err(|(name, reason)| wrong(&format!("{at}.{name}"), reason))
     }
 }
 

@@ -5,9 +5,10 @@ use std::ops::Range;
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::mistakes::{Mistakes, part};
 use super::place::Place;
 use super::robot::{Links, Output, Robot};
-use super::settings::{MOST_ROBOTS, mismatch_at};
+use super::settings::MOST_ROBOTS;
 use super::together::{self, Own, Row};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
@@ -164,24 +165,28 @@ impl Team {
     /// The robots of a mission: `robots`, a number or a list of kinds, and `robot`, the model of all.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// All that is wrong with them.
     pub(super) fn of_mission(
         robots: Option<&Value>,
         robot: Option<&Value>,
-    ) -> Result<Self, ParameterError> {
+    ) -> Result<Self, Mistakes> {
         let model = Value::from("e-puck-rm1.1");
         let one = || Robot::read(robot.unwrap_or(&model), "mission.robot", false);
         match robots {
             None => Ok(Self::uniform(one()?, 20)),
             Some(Value::Array(items)) => {
                 if robot.is_some() {
-                    return Err(both("mission.robot"));
+                    return Err(both("mission.robot").into());
                 }
                 Self::read(items, "mission.robots")
             }
             Some(count) => {
-                let count = number(count, "mission.robots")?;
-                Ok(Self::uniform(one()?, count))
+                let mut mistakes = Mistakes::default();
+                let count = mistakes.take(number(count, "mission.robots"));
+                let robot = mistakes.take(one());
+                mistakes.or(robot
+                    .zip(count)
+                    .map(|(robot, count)| Self::uniform(robot, count)))
             }
         }
     }
@@ -189,27 +194,27 @@ impl Team {
     /// The robots where parameters say others.
     ///
     /// # Errors
-    /// What is wrong with the parameters; a number where the robots are of several kinds.
+    /// All that is wrong with the parameters; a number where the robots are of several kinds.
     pub(super) fn but(
         &self,
         robots: Option<&Value>,
         robot: Option<&Value>,
-    ) -> Result<Self, ParameterError> {
+    ) -> Result<Self, Mistakes> {
         if let Some(Value::Array(items)) = robots {
             if robot.is_some() {
-                return Err(both("robot"));
+                return Err(both("robot").into());
             }
             return Self::read(items, "robots");
         }
-        let model = robot.map(|robot| Robot::read(robot, "robot", false));
-        let model = model.transpose()?;
-        if robots.is_none() && model.is_none() {
+        if robots.is_none() && robot.is_none() {
             return Ok(self.clone());
         }
-        let count = match robots {
-            None => self.len() as u32,
-            Some(count) => number(count, "robots")?,
-        };
+        let mut mistakes = Mistakes::default();
+        let model = robot.map(|robot| Robot::read(robot, "robot", false));
+        let model = mistakes.take(model.transpose());
+        let count = robots.map_or(Ok(self.len() as u32), |count| number(count, "robots"));
+        let count = mistakes.take(count);
+        let (model, count) = mistakes.or(model.zip(count))?;
         match (model, &self.groups[..]) {
             (Some(model), _) => Ok(Self::uniform(model, count)),
             (None, [one]) => Ok(Self::new(vec![Group {
@@ -224,51 +229,31 @@ impl Team {
                     groups.len(),
                     groups[0].name
                 ),
-            )),
+            )
+            .into()),
         }
     }
 
     /// Reads a list of kinds; `place` is what it is called in complaints.
     ///
     /// # Errors
-    /// What is wrong with it.
-    pub(super) fn read(items: &[Value], place: &str) -> Result<Self, ParameterError> {
+    /// All that is wrong with it.
+    pub(super) fn read(items: &[Value], place: &str) -> Result<Self, Mistakes> {
         if !(1..=MOST_KINDS).contains(&items.len()) {
             let reason = format!("{} kinds found, expected 1 to {MOST_KINDS}", items.len());
-            return Err(wrong(place, reason));
+            return Err(wrong(place, reason).into());
         }
+        let mut mistakes = Mistakes::default();
         let mut groups: Vec<Group> = Vec::new();
         for (index, item) in items.iter().enumerate() {
-            let at = format!("{place}[{index}]");
-            let text: Text =
-                swarmwright_values::read(item).map_err(|mismatch| mismatch_at(&at, mismatch))?;
-            if !(1..=MOST_ROBOTS).contains(&text.count) {
-                let reason = format!("{} found, expected 1 to {MOST_ROBOTS}", text.count);
-                return Err(wrong(&format!("{at}.count"), reason));
-            }
-            let robot = Robot::read(&text.robot, &format!("{at}.robot"), true)?;
-            let name = text.name.unwrap_or_else(|| match &text.robot {
-                Value::String(name) => name.clone(),
-                _ => format!("robot {index}"),
-            });
-            if name.is_empty() {
-                let reason = "an empty name found; give the kind a name, or leave the field out";
-                return Err(wrong(&format!("{at}.name"), reason));
-            }
-            if groups.iter().any(|group| group.name == name) {
-                let reason = format!("another kind is named {name:?}; give each a name of its own");
-                return Err(wrong(&format!("{at}.name"), reason));
-            }
-            groups.push(Group {
-                name,
-                robot,
-                count: text.count as usize,
-            });
+            let group = Self::read_one((index, item), place, &groups);
+            groups.extend(mistakes.take(group));
         }
+        let groups = mistakes.or(Some(groups))?;
         let count: usize = groups.iter().map(|group| group.count).sum();
         if count > MOST_ROBOTS as usize {
             let reason = format!("{count} robots found, at most {MOST_ROBOTS} are possible");
-            return Err(wrong(place, reason));
+            return Err(wrong(place, reason).into());
         }
         if groups.iter().all(|group| group.robot.message == 0) {
             // No kind sends messages: the complaint names the sensor of the kind that is to hear some.
@@ -277,6 +262,39 @@ impl Team {
             }
         }
         Ok(Self::new(groups))
+    }
+
+    /// Reads one of a list of kinds.
+    fn read_one(
+        (index, item): (usize, &Value),
+        place: &str,
+        others: &[Group],
+    ) -> Result<Group, Mistakes> {
+        let at = format!("{place}[{index}]");
+        let text: Text = part(item, &at)?;
+        let mut mistakes = Mistakes::default();
+        if !(1..=MOST_ROBOTS).contains(&text.count) {
+            let reason = format!("{} found, expected 1 to {MOST_ROBOTS}", text.count);
+            mistakes.add(wrong(&format!("{at}.count"), reason));
+        }
+        let robot = mistakes.take(Robot::read(&text.robot, &format!("{at}.robot"), true));
+        let name = text.name.unwrap_or_else(|| match &text.robot {
+            Value::String(name) => name.clone(),
+            _ => format!("robot {index}"),
+        });
+        if name.is_empty() {
+            let reason = "an empty name found; give the kind a name, or leave the field out";
+            mistakes.add(wrong(&format!("{at}.name"), reason));
+        }
+        if others.iter().any(|group| group.name == name) {
+            let reason = format!("another kind is named {name:?}; give each a name of its own");
+            mistakes.add(wrong(&format!("{at}.name"), reason));
+        }
+        mistakes.or(robot.map(|robot| Group {
+            name,
+            robot,
+            count: text.count as usize,
+        }))
     }
 
     /// Number of robots.

@@ -409,3 +409,65 @@ fn patches_lie_within_the_walls_however_narrow_they_are() {
         );
     }
 }
+
+/// All that is wrong with parameters, as texts.
+fn mistakes(parameters: &Value) -> Vec<String> {
+    let mistakes = Arena::default().mistakes(parameters.as_object().unwrap());
+    mistakes.unwrap().iter().map(ToString::to_string).collect()
+}
+
+#[test]
+fn all_mistakes_are_told_at_once_and_nothing_that_only_follows_from_them() {
+    let found = mistakes(&json!({
+        "mission": {
+            "walls": {"rectangle": [20, -20]},
+            "wals": {},
+            "floor": {"color": "blue", "patches": [
+                {"name": "home", "color": "black", "circle": {"center": [0, 0], "radius": -1}},
+                {"name": "far", "color": "black", "circle": {"center": [50, 0], "radius": 1}},
+            ]},
+            "start": {"rectangle": {"x": [1, -1], "y": [-1, 1]}},
+            "failures": [{"kind": "stop", "share": 2}, {"kind": "loss", "loss": 2}],
+            "metrics": {"at_home": {"kind": "robots_on", "patch": "home"}, "odd": {"kind": "odd"}},
+            "fitness": "at_hom",
+        },
+        "robots": 0,
+        "robot": {
+            "radius": 0.1,
+            "drive": {"kind": "differential", "wheel_base": 0.1, "max_speed": 0.2},
+            "battery": {"standing": 10, "driving": 5, "charging": {"patch": "home", "seconds": 5}},
+            "sensors": [{"kind": "ground", "count": 0}, {"kind": "odd"}],
+            "actuators": [{"kind": "odd"}],
+        },
+        "failures": [{"kind": "stop", "share": 1.5}],
+        "stepSize": -1,
+    }));
+    let places: Vec<&str> = found
+        .iter()
+        .map(|text| {
+            let place = text.strip_prefix("parameter ").unwrap();
+            place.split_once(": ").unwrap().0
+        })
+        .collect();
+    let expected = [
+        "mission.wals",
+        "mission.failures[0].share",
+        "mission.failures[1].loss",
+        "mission.walls.rectangle[1]",
+        "mission.floor.color",
+        "mission.floor.patches[0].circle.radius",
+        "mission.start.rectangle.x",
+        "mission.metrics.odd.kind",
+        "stepSize",
+        "failures[0].share",
+        "robot.battery.charging.seconds",
+        "robot.actuators[0].kind",
+        "robot.sensors[0].count",
+        "robot.sensors[1].kind",
+        "robots",
+    ];
+    assert_eq!(places, expected, "{found:#?}");
+    assert_eq!(mistakes(&json!({})), Vec::<String>::new());
+    let crowded = mistakes(&json!({"robots": 5000}));
+    assert!(crowded[0].starts_with("parameter robots: 5000 robots do not fit"));
+}

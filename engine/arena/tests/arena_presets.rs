@@ -207,7 +207,7 @@ fn mistakes_name_the_place() {
         ),
         (
             refusal(&json!({"preset": 1})),
-            "robot.preset: 1 found, expected a string",
+            "robot.preset: 1 found, expected the name of a robot",
         ),
         (
             of("noise", json!(1)),
@@ -219,11 +219,11 @@ fn mistakes_name_the_place() {
         ),
         (
             of("sensors", json!([{"kind": "light", "noise": 0.5}])),
-            "found, expected what is different from the preset, such as {light: {noise: 0.5}}",
+            "found, but with preset it is a mapping of what is different, such as {light: {noise: 0.5}}",
         ),
         (
             of("sensors", json!({"light": 0.5})),
-            "robot.sensors.light: 0.5 found, expected what is different",
+            "robot.sensors.light: 0.5 found, but with preset it is a mapping",
         ),
         (
             of("sensors", json!({"light": {"noise": 2}})),

@@ -270,7 +270,7 @@ fn an_evaluation_without_a_metric_that_is_needed_has_failed_and_it_is_said_why()
                 net.warnings
                     .iter()
                     .any(
-                        |text| (text.contains("failed after ") || text.contains("in quarantine"))
+                        |text| (text.contains("failed after ") || text.contains("quarantined"))
                             && text.contains(reason)
                     ),
                 "{:?}",

@@ -135,7 +135,11 @@ fn of_many_ways_in_which_a_key_is_wrong_a_few_are_told_and_the_others_counted() 
     }
     let counted = tool.machine.take_repeated();
     assert_eq!(counted.len(), 2, "{counted:?}");
-    assert!(counted.iter().all(|text| text.contains("more alike")));
+    assert!(
+        counted
+            .iter()
+            .all(|text| text.contains("of the same kind: "))
+    );
 }
 
 #[test]

@@ -6,7 +6,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swarmwright_controllers::{Controller, Specification};
-use swarmwright_worlds::{self as worlds, Description, Parameters, Simulation};
+use swarmwright_worlds::{self as worlds, Description, ParameterError, Parameters, Simulation};
 
 use swarmwright_wrapper::guarded;
 
@@ -84,6 +84,18 @@ pub fn check_parameters(title: &str, parameters: &Bound<'_, PyDict>) -> PyResult
     create(title)?
         .reset(&object("parameters", parameters)?)
         .map_err(input)
+}
+
+/// All that is wrong with parameters of a built-in simulation, each as name and reason; none where the simulation tells one at a
+/// time, which [`check_parameters`] does.
+#[pyfunction]
+pub fn parameter_mistakes(
+    title: &str,
+    parameters: &Bound<'_, PyDict>,
+) -> PyResult<Option<Vec<(String, String)>>> {
+    let mistakes = create(title)?.mistakes(&object("parameters", parameters)?);
+    let parts = |mistake: ParameterError| (mistake.name, mistake.reason);
+    Ok(mistakes.map(|mistakes| mistakes.into_iter().map(parts).collect()))
 }
 
 /// Whether a built-in simulation steers its agents itself, with these parameters.

@@ -204,6 +204,12 @@ pub trait Simulation: Send {
         Vec::new()
     }
 
+    /// All that is wrong with parameters, where this simulation collects it; [`reset`](Self::reset) refuses the first one.
+    fn mistakes(&self, parameters: &Parameters) -> Option<Vec<ParameterError>> {
+        let _ = parameters;
+        None
+    }
+
     /// Names of an agent's sensors, in their order, for drawings; empty where the simulation has no names for them.
     fn sensor_names(&self) -> Vec<String> {
         Vec::new()

@@ -74,7 +74,7 @@ class ToolRow:
             return f"no message for {self.heard:.0f} s: it is computing, stopped or killed"
         alone = self.status.get("no_server")
         if alone:
-            return f"no server for {alone['seconds']:.1f} s ({alone['found']})"
+            return f"waiting for a server for {alone['seconds']:.1f} s ({alone['found']})"
         first = next(iter(self.status["waiting_for"]), None)
         return str(first["words"]) if first and first["silent"] >= SILENCE else None
 

@@ -17,7 +17,7 @@ PAUSE_S = 10.0
 _SERVER = re.compile(r"\bserver (\d+)")
 NAMED = 10
 """Servers that a count names, at most."""
-_COUNT = re.compile(r"and (\d+) more alike: ")
+_COUNT = re.compile(r"(\d+) more warnings? of the same kind: ")
 """How the pool begins a line that counts repetitions."""
 
 
@@ -76,7 +76,9 @@ class _Kind:
             servers = [f"server {server}: {count}" for server, count in sorted(self._servers.items())]
             named = ", ".join(servers[:NAMED]) + ", ..." * (len(servers) > NAMED)
             text = _SERVER.sub("a server", self.text) if servers else self.text
-            _show(f"and {self._more} more alike{f' ({named})' if servers else ''}: {text}")
+            warnings = "warning" if self._more == 1 else "warnings"
+            named = f" ({named})" if servers else ""
+            _show(f"{self._more} more {warnings} of the same kind{named}: {text}")
             self.pause *= 2
         self._more, self.told = 0, time.monotonic()
         self._servers.clear()

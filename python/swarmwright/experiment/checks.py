@@ -391,10 +391,6 @@ def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
             report(path, message)
 
 
-_SETTLED_BY = {"mission": ("robot", "robots", "failures")}
-"""Parameters of the arena that need another one to be checked: a robot may name patches of the mission."""
-
-
 def _check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
     for path, problem in _unsendable(parameters, ("parameters",)):
         report(path, problem)
@@ -406,23 +402,39 @@ def _check_parameters(simulation: str | None, parameters: dict[str, Any], report
         report(("parameters", key), problem)
     everything = catalogue.takes_any(simulation)
     given = {key: value for key, value in parameters.items() if everything or key in known}
+    mistakes = catalogue.parameter_mistakes(simulation, given)
+    if mistakes is not None:
+        for place, reason in mistakes:
+            _report_parameter(place, reason, given, report)
+        return
     first = True
     # The simulation names one at a time. Without it, the next one; what follows from its absence is not told.
     while (wrong := catalogue.parameters_problem(simulation, given)) is not None:
         place, _, reason = wrong.removeprefix("parameter ").partition(": ")
-        if place == "mission.robots" and _has_own_radius(given):
-            place, reason = "robot.radius", f"{reason}, or a smaller radius"
-        name = re.split(r"[.[]", place, maxsplit=1)[0]
+        name = _parameter(place)
         if not (reason and name in given):
             if first:
                 report((("parameters", name) if reason and name in known else ("parameters",)), wrong)
             return
         if first or _by_itself(simulation, name, given[name], wrong):
-            report(("parameters", *path_of(place)), reason)
+            _report_parameter(place, reason, given, report)
         del given[name]
-        for other in _SETTLED_BY.get(name, ()):
-            given.pop(other, None)
         first = False
+
+
+def _parameter(place: str) -> str:
+    """Return the name of the parameter in which a place is."""
+    return re.split(r"[.[]", place, maxsplit=1)[0]
+
+
+def _report_parameter(place: str, reason: str, given: Mapping[str, Any], report: Report) -> None:
+    if place == "mission.robots" and _has_own_radius(given):
+        place, reason = "robot.radius", f"{reason}, or a smaller radius"
+    name = _parameter(place)
+    if name in given:
+        report(("parameters", *path_of(place)), reason)
+    else:
+        report(("parameters", name), f"parameter {place}: {reason}")
 
 
 def _has_own_radius(parameters: Mapping[str, Any]) -> bool:

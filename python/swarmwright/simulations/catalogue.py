@@ -381,6 +381,18 @@ def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | Non
     return None
 
 
+def parameter_mistakes(simulation: str, parameters: dict[str, Any]) -> list[tuple[str, str]] | None:
+    """Return all that is wrong with the parameters of a simulation that is here, each as (place, reason).
+
+    None for simulations that tell one mistake at a time, which `parameters_problem` returns.
+    """
+    known = _engine_title(simulation)
+    if known is None or not _is_finite(parameters):
+        return None
+    with engine_errors():
+        return _engine.parameter_mistakes(known, parameters)
+
+
 def _is_finite(value: Any) -> bool:  # noqa: ANN401 - any nested value
     if isinstance(value, dict):
         return all(map(_is_finite, value.values()))

@@ -142,7 +142,7 @@ def test_of_two_tools_the_one_that_gave_it_work_says_how_fast_a_server_is(watch:
 
 def test_work_without_a_server_is_told(watch: Watch) -> None:
     watch.update(status(no_server={"seconds": 12.5, "found": "server 1: has 3 dimensions"}))
-    assert watch.view().tools[0].waits_for == "no server for 12.5 s (server 1: has 3 dimensions)"
+    assert watch.view().tools[0].waits_for == "waiting for a server for 12.5 s (server 1: has 3 dimensions)"
     assert watch.view().blocking is None
 
 

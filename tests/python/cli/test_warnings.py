@@ -10,6 +10,7 @@ import pytest
 from swarmwright import Run
 from swarmwright.cli._warnings import Warnings
 
+MORE = "more warnings of the same kind"
 FRAGILE = """\
 import numpy as np
 from swarmwright import Simulation
@@ -54,7 +55,7 @@ def test_what_fails_again_and_again_is_told_once_and_counted(program: Any, tmp_p
     once = f"an evaluation failed after 3 attempts: {reason}"
     (hint,) = (line for line in lines if "repeat it" in line)
     lines.remove(hint)
-    assert lines[1:] == [f"swarmwright: {once}", f"swarmwright: and {failed - 1} more alike: {once}"]
+    assert lines[1:] == [f"swarmwright: {once}", f"swarmwright: {failed - 1} {MORE}: {once}"]
     # Which candidate it was is in the record, and how it is evaluated again is told once.
     warnings = [event for event in result.events() if event.kind == "warning"]
     first = next(event for event in warnings if event.text.startswith("candidate "))
@@ -72,7 +73,7 @@ def test_what_fails_again_and_again_is_told_once_and_counted(program: Any, tmp_p
     logged = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     told = [line["message"] for line in logged if line["event"] == "warning"]
     told = [line for line in told if "repeat it" not in line]
-    assert told[1:] == [once, f"and {failed - 1} more alike: {once}"]
+    assert told[1:] == [once, f"{failed - 1} {MORE}: {once}"]
 
 
 def test_lines_that_differ_in_numbers_alone_are_of_one_kind(capsys: pytest.CaptureFixture[str]) -> None:
@@ -81,15 +82,15 @@ def test_lines_that_differ_in_numbers_alone_are_of_one_kind(capsys: pytest.Captu
         warnings.report({"event": "warning", "message": f"server {server} is silent for {server}.5 s"})
     warnings.report({"event": "broker_lost", "reason": "end of file"})
     warnings.report({"event": "broker_back"})
-    warnings.report({"event": "warning", "message": "and 7 more alike: counted already"})
+    warnings.report({"event": "warning", "message": f"7 {MORE}: counted already"})
     warnings.close()
     warnings.close()
     assert capsys.readouterr().err.splitlines() == [
         "swarmwright: server 1 is silent for 1.5 s",
         "swarmwright: lost the broker (end of file); trying again",
         "swarmwright: the broker is back",
-        "swarmwright: and 7 more alike: counted already",
-        "swarmwright: and 3 more alike (server 2: 1, server 3: 1, server 4: 1): a server is silent for 1.5 s",
+        f"swarmwright: 7 {MORE}: counted already",
+        f"swarmwright: 3 {MORE} (server 2: 1, server 3: 1, server 4: 1): a server is silent for 1.5 s",
     ]
 
 
@@ -103,7 +104,7 @@ def test_repetitions_are_counted_by_reason_and_server(capsys: pytest.CaptureFixt
 
     fails(1, "was ended by SIGABRT; see /tmp/instance-0/failed-7a")
     for server, count in ((1, 4), (2, 2), (1, 3)):
-        before = f"and {count} more alike: "
+        before = f"{count} {MORE}: "
         fails(server, f"was ended by SIGABRT; see /tmp/instance-{server}/failed-8b", before)
     for status in (3, 4):
         fails(2, f"ended with exit status {status}")
@@ -117,8 +118,8 @@ def test_repetitions_are_counted_by_reason_and_server(capsys: pytest.CaptureFixt
         "swarmwright: an episode failed on server 2: sim: ended with exit status 3",
         "swarmwright: an episode failed on server 2: sim: ended with exit status 4",
         "swarmwright: an evaluation failed after 3 attempts: no licence",
-        f"swarmwright: and 9 more alike (server 1: 7, server 2: 2): an episode failed on a server: {reason}",
-        "swarmwright: and 2 more alike: an evaluation failed after 3 attempts: no licence",
+        f"swarmwright: 9 {MORE} (server 1: 7, server 2: 2): an episode failed on a server: {reason}",
+        f"swarmwright: 2 {MORE}: an evaluation failed after 3 attempts: no licence",
     ]
 
 
@@ -132,6 +133,6 @@ def test_counts_come_less_and_less_often(
     for second in range(101):
         now = float(second)
         warnings.report({"event": "warning", "message": "no licence"})
-        if "more alike" in capsys.readouterr().err:
+        if MORE in capsys.readouterr().err:
             told.append(second)
     assert told == [10, 30, 70]

@@ -70,7 +70,7 @@ def test_the_headline_says_what_matters_most() -> None:
     assert "b is lost (gone)" in headline(View([SILENT], [ADA], "gone"), "b")[0]
     assert headline(View([FREE], [], None), "b")[0] == "1 server, none blocking"
     alone = ToolRow({**STATUS, "waiting_for": [], "no_server": {"seconds": 3.0, "found": "none"}}, 0.1)
-    assert headline(View([], [alone], None), "b")[0] == "ada: no server for 3.0 s (none)"
+    assert headline(View([], [alone], None), "b")[0] == "ada: waiting for a server for 3.0 s (none)"
 
 
 def test_a_server_that_is_reserved_for_a_tool_that_was_killed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -145,6 +145,25 @@ def test_a_mistake_in_a_file_is_told_with_file_and_line(
     )
 
 
+def test_all_mistakes_of_a_mission_and_its_robots_are_told_at_once(tmp_path: Path) -> None:
+    """The robot charges on a patch of this mission: nothing is said of the patches of the default one."""
+    mission = MISSION.replace("color: black", "color: blue").replace("robots: 12", "robots: 0")
+    (tmp_path / "mission.yaml").write_text(mission)
+    battery = "battery: {standing: 600, driving: 300, charging: {patch: west, duration: 20}}\n"
+    (tmp_path / "robot.yaml").write_text(ROBOT.replace("count: 8", "count: 0") + battery)
+    swarm = tmp_path / "swarm.yaml"
+    swarm.write_text("simulation: arena\nparameters: {mission: mission.yaml, robot: robot.yaml}\nseeed: 1\n")
+    with pytest.raises(InputError) as caught:
+        Experiment.load(swarm)
+    lines = str(caught.value).splitlines()
+    found = sorted(line.removeprefix(f"{swarm}:") for line in lines)
+    assert len(found) == 4
+    assert found[0].startswith(f"2: parameters.mission: {tmp_path}/mission.yaml:4: floor.patches[0].color: ")
+    assert found[1].startswith(f"2: parameters.mission: {tmp_path}/mission.yaml:7: robots: 0 found")
+    assert found[2].startswith(f"2: parameters.robot: {tmp_path}/robot.yaml:4: sensors[0].count: 0 found")
+    assert found[3].startswith("3: seeed: ")
+
+
 def test_a_mistake_in_the_experiment_is_told_with_its_line(tmp_path: Path) -> None:
     lines = MISSION.replace("radius: 0.25", "radius: -1").splitlines()
     indented = "".join(f"    {line}\n" for line in lines)
@@ -318,7 +337,7 @@ def test_a_controller_is_evaluated_on_its_robot_with_other_noise(tmp_path: Path)
             "compass: {noise: 5}",
             ":4: sensors.compass: e-puck-rm1.1 has no such sensor",
         ),
-        ("{noise: 0.9}", "0.9", ":4: sensors.light: 0.9 found, expected what is different from the preset"),
+        ("{noise: 0.9}", "0.9", ":4: sensors.light: 0.9 found, but with preset it is a mapping of what"),
         ("range: 0.6", "gives: [count]", ":5: sensors.range_and_bearing.gives: unknown field `gives`"),
     ],
 )

@@ -7,34 +7,23 @@ use serde_json::Value;
 
 use super::super::robot::LedColor;
 
-/// A mission as it is written.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// A mission as it is written: its sections, each of which is read by itself so that all mistakes are told at once.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub(super) struct Text {
-    pub title: Option<String>,
+    pub title: Option<Value>,
     pub robots: Option<Value>,
-    #[serde(default = "two_minutes")]
-    pub duration: f64,
+    pub duration: Option<Value>,
     pub robot: Option<Value>,
-    pub walls: Walls,
-    #[serde(default)]
-    pub obstacles: Vec<Obstacle>,
-    #[serde(default)]
-    pub objects: Vec<ObjectText>,
-    #[serde(default)]
-    pub floor: Floor,
-    #[serde(default)]
-    pub lights: Vec<Lamp>,
-    pub start: StartText,
-    #[serde(default)]
+    pub walls: Option<Value>,
+    pub obstacles: Option<Value>,
+    pub objects: Option<Value>,
+    pub floor: Option<Value>,
+    pub lights: Option<Value>,
+    pub start: Option<Value>,
     pub failures: Option<Value>,
-    #[serde(default)]
-    pub metrics: BTreeMap<String, Value>,
-    pub fitness: Fitness,
-}
-
-fn two_minutes() -> f64 {
-    120.0
+    pub metrics: Option<Value>,
+    pub fitness: Option<Value>,
 }
 
 fn wall_height() -> f32 {
@@ -120,26 +109,11 @@ fn sliding() -> f32 {
     0.3
 }
 
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub(super) struct Floor {
-    #[serde(default = "grey")]
-    pub color: Color,
-    #[serde(default)]
-    pub patches: Vec<PatchText>,
-}
-
-impl Default for Floor {
-    fn default() -> Self {
-        Self {
-            color: grey(),
-            patches: Vec::new(),
-        }
-    }
-}
-
-fn grey() -> Color {
-    Color::Named(Named::Grey)
+    pub color: Option<Value>,
+    pub patches: Option<Value>,
 }
 
 #[derive(Debug, Deserialize)]

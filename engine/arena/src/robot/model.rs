@@ -11,6 +11,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use super::super::mistakes::{Mistakes, part};
 use super::super::settings::mismatch_at;
 use super::Robot;
 use actuators::Actuator;
@@ -46,7 +47,7 @@ struct Model {
     /// Coefficient of friction with other robots and with walls.
     #[serde(default = "friction")]
     friction: [f32; 2],
-    battery: Option<BatteryText>,
+    battery: Option<Value>,
     #[serde(default)]
     sensors: Vec<Value>,
     #[serde(default)]
@@ -72,9 +73,12 @@ fn parsed_kind<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, Parame
 }
 
 /// Reads a robot. Complaints name places within it; `others_send`: whether it may hear messages without sending one.
-pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, ParameterError> {
+///
+/// # Errors
+/// All that is wrong with it.
+pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, Mistakes> {
     if value.get("preset").is_some() {
-        return preset::read(value);
+        return Ok(preset::read(value)?);
     }
     let model: Model = swarmwright_values::read(value).map_err(|mut mismatch| {
         if mismatch.reason == "missing field `radius`" {
@@ -83,31 +87,50 @@ pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, ParameterE
         }
         mismatch_at("", mismatch)
     })?;
-    let height = model.height.unwrap_or(2.0 * model.radius);
-    within("mass", model.mass, MASSES)?;
-    let drive: DriveText = parsed_kind(&model.drive, "drive")?;
-    let mut robot = drive::body(model.radius, height, model.friction, &drive)?;
-    robot.mass = model.mass;
-    robot.battery = model.battery.map(BatteryText::read).transpose()?;
+    let mut mistakes = Mistakes::default();
+    mistakes.take(within("mass", model.mass, MASSES));
+    let Some(mut robot) = mistakes.take(body(&model)) else {
+        return Err(mistakes);
+    };
+    let battery = |given| part::<BatteryText>(given, "battery").and_then(BatteryText::read);
+    let battery = model.battery.as_ref().map(battery).transpose();
+    robot.battery = mistakes.take(battery).flatten();
     for (index, actuator) in model.actuators.iter().enumerate() {
         let at = format!("actuators[{index}]");
-        let actuator: Actuator = parsed_kind(actuator, &at)?;
-        actuators::add(&mut robot, &actuator, &at)?;
+        let read = parsed_kind::<Actuator>(actuator, &at);
+        let added = read.and_then(|actuator| actuators::add(&mut robot, &actuator, &at));
+        mistakes.take(added);
     }
+    let before = mistakes.len();
     for (index, sensor) in model.sensors.iter().enumerate() {
         let at = format!("sensors[{index}]");
-        let sensor: Sensor = parsed_kind(sensor, &at)?;
-        sensors::add(&mut robot, &sensor, &at, others_send)?;
+        let read = parsed_kind::<Sensor>(sensor, &at);
+        // Whether messages can be heard is known only where all actuators are.
+        let others_send = others_send || before > 0;
+        let added = read.and_then(|sensor| sensors::add(&mut robot, &sensor, &at, others_send));
+        mistakes.take(added);
+    }
+    if mistakes.len() > before {
+        return Err(mistakes);
     }
     if robot.outputs.is_empty() {
-        return Err(wrong("sensors", "a robot needs at least one sensor"));
+        mistakes.add(wrong("sensors", "a robot needs at least one sensor"));
     }
     if robot.message > 0 && robot.links.is_none() {
-        return Err(wrong(
+        mistakes.add(wrong(
             "actuators",
             "no robot receives the message; add a sensor {kind: range_and_bearing, gives: [message]}",
         ));
     }
+    mistakes.or(Some(robot))
+}
+
+/// A robot without sensors.
+fn body(model: &Model) -> Result<Robot, ParameterError> {
+    let height = model.height.unwrap_or(2.0 * model.radius);
+    let drive: DriveText = parsed_kind(&model.drive, "drive")?;
+    let mut robot = drive::body(model.radius, height, model.friction, &drive)?;
+    robot.mass = model.mass;
     Ok(robot)
 }
 

@@ -165,7 +165,7 @@ impl Scheduler {
         let quarantined = verdict == Verdict::Quarantined;
         self.outbox.warn_counted(if quarantined {
             format!(
-                "an evaluation is in quarantine: servers failed {downs} times with nothing but it, the last time because: {reason}"
+                "an evaluation is quarantined: servers failed {downs} times while evaluating nothing else; last reason: {reason}"
             )
         } else {
             format!("an evaluation failed after {} attempts: {reason}", piece.tries)

@@ -120,7 +120,10 @@ impl Outbox {
     pub fn take_repeated(&mut self) -> Vec<String> {
         let counted = self.repeated.iter_mut().filter(|(_, more)| **more > 0);
         counted
-            .map(|(text, more)| format!("and {} more alike: {text}", std::mem::take(more)))
+            .map(|(text, more)| match std::mem::take(more) {
+                1 => format!("1 more warning of the same kind: {text}"),
+                count => format!("{count} more warnings of the same kind: {text}"),
+            })
             .collect()
     }
 

@@ -123,7 +123,7 @@ impl Scheduler {
             Some(_) => String::new(),
             None => match self.no_server(now) {
                 Some(NoServer { seconds, found }) => {
-                    format!("no server for {seconds:.1} s ({found})")
+                    format!("waiting for a server for {seconds:.1} s ({found})")
                 }
                 None => String::new(),
             },
@@ -134,7 +134,9 @@ impl Scheduler {
         let unserved = self.unserved(now);
         (unserved >= SILENCE).then(|| NoServer {
             seconds: unserved.as_secs_f64(),
-            found: self.found(),
+            found: self
+                .found_servers()
+                .unwrap_or_else(|| "none is connected".to_owned()),
         })
     }
 

@@ -1,60 +1,73 @@
 //! Objects that robots can push, as a mission says them.
 
+use serde_json::Value;
+
+use super::super::super::mistakes::{Mistakes, items};
 use super::super::super::objects::{Form, Kind, MOST_OBJECTS, Places, free, overlap};
 use super::super::super::place::Place;
 use super::super::super::start::Pose;
 use super::super::text::ObjectText;
-use super::{coordinates, length, start, wrong_in};
+use super::place::start;
+use super::{coordinates, length};
 use swarmwright_simulation::ParameterError;
+use swarmwright_simulation::parameters::wrong;
 
-/// Adds them to a place that has its walls and obstacles.
-pub(super) fn add(texts: &[ObjectText], place: &mut Place) -> Result<(), ParameterError> {
+/// Adds them to a place that has its walls, if these are known, and obstacles.
+pub(super) fn add(texts: Option<&Value>, place: &mut Place, mistakes: &mut Mistakes) {
     let mut fixed: Vec<(String, Form, Pose)> = Vec::new();
-    for (index, text) in texts.iter().enumerate() {
-        let at = format!("objects[{index}]");
-        if text.name.is_empty() {
-            return Err(wrong_in(format_args!("{at}.name"), "it is empty"));
-        }
-        if place.objects.iter().any(|kind| kind.name == text.name) {
-            return Err(wrong_in(
-                format_args!("{at}.name"),
-                format!("other objects are named {:?}, too", text.name),
-            ));
-        }
-        let form = form(&at, text)?;
-        length(&format!("{at}.height"), text.height)?;
-        within(&format!("{at}.mass"), text.mass, [0.001, 1000.0])?;
-        within(&format!("{at}.friction"), text.friction, [0.001, 10.0])?;
-        let places = places(&at, text, place)?;
-        if let Places::Fixed(pose) = places {
-            if !free((form, pose), place) {
-                let reason = "it does not stand inside of the walls and outside of obstacles";
-                return Err(wrong_in(at, reason));
-            }
-            let other = fixed
-                .iter()
-                .find(|(_, other, their)| overlap((form, pose), (*other, *their)));
-            if let Some((name, ..)) = other {
-                let reason = format!("{:?} and {name:?} overlap", text.name);
-                return Err(wrong_in(at, reason));
-            }
-            fixed.push((text.name.clone(), form, pose));
-        }
-        place.objects.push(Kind {
-            name: text.name.clone(),
-            form,
-            height: text.height,
-            mass: text.mass,
-            friction: text.friction,
-            color: text.color,
-            places,
-        });
+    for (at, text) in items(texts, "mission.objects", mistakes) {
+        mistakes.take(add_one(&at, &text, &mut fixed, place));
     }
     let count: usize = place.objects.iter().map(Kind::count).sum();
     if count > MOST_OBJECTS {
         let reason = format!("{count} objects found, at most {MOST_OBJECTS} are possible");
-        return Err(wrong_in("objects", reason));
+        mistakes.add(wrong("mission.objects", reason));
     }
+}
+
+fn add_one(
+    at: &str,
+    text: &ObjectText,
+    fixed: &mut Vec<(String, Form, Pose)>,
+    place: &mut Place,
+) -> Result<(), ParameterError> {
+    if text.name.is_empty() {
+        return Err(wrong(&format!("{at}.name"), "it is empty"));
+    }
+    if place.objects.iter().any(|kind| kind.name == text.name) {
+        return Err(wrong(
+            &format!("{at}.name"),
+            format!("other objects are named {:?}, too", text.name),
+        ));
+    }
+    let form = form(at, text)?;
+    length(&format!("{at}.height"), text.height)?;
+    within(&format!("{at}.mass"), text.mass, [0.001, 1000.0])?;
+    within(&format!("{at}.friction"), text.friction, [0.001, 10.0])?;
+    let places = places(at, text, place)?;
+    if let Places::Fixed(pose) = places {
+        if !place.outline.is_empty() && !free((form, pose), place) {
+            let reason = "it does not stand inside of the walls and outside of obstacles";
+            return Err(wrong(at, reason));
+        }
+        let other = fixed
+            .iter()
+            .find(|(_, other, their)| overlap((form, pose), (*other, *their)));
+        if let Some((name, ..)) = other {
+            let reason = format!("{:?} and {name:?} overlap", text.name);
+            return Err(wrong(at, reason));
+        }
+        fixed.push((text.name.clone(), form, pose));
+    }
+    place.objects.push(Kind {
+        name: text.name.clone(),
+        form,
+        height: text.height,
+        mass: text.mass,
+        friction: text.friction,
+        color: text.color,
+        places,
+    });
     Ok(())
 }
 
@@ -75,7 +88,7 @@ fn form(at: &str, text: &ObjectText) -> Result<Form, ParameterError> {
                 half: size.map(|size| size / 2.0),
             })
         }
-        _ => Err(wrong_in(
+        _ => Err(wrong(
             at,
             "expected radius (a disc), or size: [length, width] (a box)",
         )),
@@ -86,8 +99,8 @@ fn places(at: &str, text: &ObjectText, place: &Place) -> Result<Places, Paramete
     match (text.center, &text.start) {
         (Some(center), None) => {
             if let Some(count) = text.count.filter(|count| *count != 1) {
-                return Err(wrong_in(
-                    format_args!("{at}.count"),
+                return Err(wrong(
+                    &format!("{at}.count"),
                     format!("{count} found, but there is one at a center; several need a start"),
                 ));
             }
@@ -103,22 +116,22 @@ fn places(at: &str, text: &ObjectText, place: &Place) -> Result<Places, Paramete
         }
         (None, Some(region)) => {
             if text.angle.is_some() {
-                return Err(wrong_in(
-                    format_args!("{at}.angle"),
+                return Err(wrong(
+                    &format!("{at}.angle"),
                     "with a start the angle is drawn, too; leave it out, or say a center",
                 ));
             }
             let count = text.count.unwrap_or(1);
             if !(1..=MOST_OBJECTS).contains(&count) {
-                return Err(wrong_in(
-                    format_args!("{at}.count"),
+                return Err(wrong(
+                    &format!("{at}.count"),
                     format!("{count} found, expected 1 to {MOST_OBJECTS}"),
                 ));
             }
             let start = start(&format!("{at}.start"), region, place)?;
             Ok(Places::Drawn(start, count))
         }
-        _ => Err(wrong_in(
+        _ => Err(wrong(
             at,
             "expected center (where it is), or start (where it is drawn)",
         )),
@@ -129,7 +142,7 @@ fn within(at: &str, number: f32, [low, high]: [f32; 2]) -> Result<(), ParameterE
     if (low..=high).contains(&number) {
         return Ok(());
     }
-    Err(wrong_in(
+    Err(wrong(
         at,
         format!("{number} found, expected {low} to {high}"),
     ))

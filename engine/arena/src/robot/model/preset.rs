@@ -86,18 +86,19 @@ struct NoiseChange {
 
 /// Reads a robot that names a built-in one. Complaints name places within it.
 pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
-    check_nesting(value)?;
-    let changes: Changes = parsed(value)?;
-    let mut robot = Robot::preset(&changes.preset).ok_or_else(|| {
-        let (found, names) = (&changes.preset, presets::names());
+    let preset = &value["preset"];
+    let mut robot = preset.as_str().and_then(Robot::preset).ok_or_else(|| {
+        let hint = preset.as_str().map(presets::suggestion).unwrap_or_default();
         wrong(
             "preset",
             format!(
-                "{found:?} found, expected the name of a robot ({names}){}",
-                presets::suggestion(found)
+                "{preset} found, expected the name of a robot ({}){hint}",
+                presets::names()
             ),
         )
     })?;
+    check_nesting(value)?;
+    let changes: Changes = parsed(value)?;
     change_body(&mut robot, &changes)?;
     change_drive(&mut robot, &changes)?;
     drive::check(&robot)?;
@@ -119,10 +120,19 @@ fn check_nesting(value: &Value) -> Result<(), ParameterError> {
                 "sensors" => "{light: {noise: 0.5}}",
                 _ => "{noise: 0.5}",
             };
+            let found = match part {
+                Value::Array(_) => "a list".to_owned(),
+                other => other.to_string(),
+            };
+            let all = if part.is_array() && name == "sensors" {
+                "; to list all sensors of a robot of your own, leave preset out"
+            } else {
+                ""
+            };
             return Err(wrong(
                 &name,
                 format!(
-                    "{part} found, expected what is different from the preset, such as {example}"
+                    "{found} found, but with preset it is a mapping of what is different, such as {example}{all}"
                 ),
             ));
         }

@@ -220,8 +220,9 @@ impl Pool {
                 return Err(self.no_server(start, Instant::now()));
             }
             let reason = busy.or_else(|| self.waiting_for_broker(Instant::now()));
-            let reason =
-                reason.unwrap_or_else(|| format!("no server for {:.1} s", waited.as_secs_f64()));
+            let reason = reason.unwrap_or_else(|| {
+                format!("waiting for a server for {:.1} s", waited.as_secs_f64())
+            });
             if !on_wait(&reason) {
                 return Err(PoolError::Interrupted);
             }

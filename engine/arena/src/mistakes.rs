@@ -1,0 +1,82 @@
+//! Collects what is wrong with parameters, so that all of it is told at once.
+
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use swarmwright_simulation::ParameterError;
+
+use super::settings::mismatch_at;
+
+/// Mistakes in the order in which they were found; what would only follow from another one is not among them.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Mistakes(Vec<ParameterError>);
+
+impl From<ParameterError> for Mistakes {
+    fn from(error: ParameterError) -> Self {
+        Self(vec![error])
+    }
+}
+
+impl Mistakes {
+    /// Notes what is wrong; the value where nothing is.
+    pub(super) fn take<T>(&mut self, result: Result<T, impl Into<Self>>) -> Option<T> {
+        match result {
+            Ok(value) => Some(value),
+            Err(mistakes) => {
+                self.0.extend(mistakes.into().0);
+                None
+            }
+        }
+    }
+
+    pub(super) fn add(&mut self, mistake: ParameterError) {
+        self.0.push(mistake);
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// A value, if nothing was wrong with it.
+    pub(super) fn or<T>(self, value: Option<T>) -> Result<T, Self> {
+        value.filter(|_| self.0.is_empty()).ok_or(self)
+    }
+
+    /// The same where complaints name places of `change`.
+    pub(super) fn map(self, change: impl FnMut(ParameterError) -> ParameterError) -> Self {
+        Self(self.0.into_iter().map(change).collect())
+    }
+
+    pub(super) fn into_all(self) -> Vec<ParameterError> {
+        self.0
+    }
+
+    /// The first one; there is none only where a value is missing and nothing was noted, which is a fault here.
+    pub(super) fn into_first(self) -> ParameterError {
+        let unknown = || ParameterError {
+            name: String::new(),
+            reason: "cannot be read".to_owned(),
+        };
+        self.0.into_iter().next().unwrap_or_else(unknown)
+    }
+}
+
+/// Reads a value at a place.
+pub(super) fn part<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, ParameterError> {
+    swarmwright_values::read(value).map_err(|mismatch| mismatch_at(at, mismatch))
+}
+
+/// Reads a list: the items that can be read, each with its place.
+pub(super) fn items<T: DeserializeOwned>(
+    list: Option<&Value>,
+    at: &str,
+    mistakes: &mut Mistakes,
+) -> Vec<(String, T)> {
+    let values = list.and_then(|list| mistakes.take(part::<Vec<Value>>(list, at)));
+    let values = values.unwrap_or_default();
+    let item = |(index, value): (usize, &Value)| {
+        let at = format!("{at}[{index}]");
+        let item = mistakes.take(part(value, &at))?;
+        Some((at, item))
+    };
+    values.iter().enumerate().filter_map(item).collect()
+}
