@@ -99,7 +99,7 @@ class NoBrokerError(EngineError):
     """No broker answers there; one may later."""
 
 class NoServerError(EngineError):
-    """There is no server at all, not even one that does not fit."""
+    """No server answered, not even one that does not fit."""
 
 class LostError(EngineError):
     """Messages of an episode were lost, or its server: another time it may go well."""

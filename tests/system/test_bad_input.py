@@ -69,7 +69,7 @@ def test_a_broker_that_asks_for_a_password(
             "requirements: {dimensions: 1, max_agents: 9}",
             ["at least 9 agents", "server 31", "at most 4 agents"],
         ),
-        ({"title": "chess"}, "", ["simulation toy", "no server at all"]),
+        ({"title": "chess"}, "", ["simulation toy", "no server answered"]),
         ({"title": "chess", "answers": True}, "", ["simulation toy", "server 31", "offers chess"]),
     ],
     ids=["dimensions", "agents", "silent", "title"],

@@ -29,7 +29,7 @@ fn told(tool: &Alone, words: &str) -> usize {
 fn an_answer_that_was_refused_is_not_no_server() {
     let mut tool = Alone::new(work(1, &SEEDS));
     assert!(tool.machine.found_nothing());
-    assert!(tool.machine.describe().ends_with("no server at all"));
+    assert!(tool.machine.describe().ends_with("no server answered"));
     tool.hear("server", &json!({"server": "4"}));
     assert!(!tool.machine.found_nothing());
     let described = tool.machine.describe();

@@ -22,7 +22,7 @@ pyo3::create_exception!(
     swarmwright._engine,
     NoServerError,
     EngineError,
-    "There is no server at all, not even one that does not fit."
+    "No server answered, not even one that does not fit."
 );
 pyo3::create_exception!(
     swarmwright._engine,

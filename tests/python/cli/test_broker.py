@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import re
 import signal
 import socket
 import stat
@@ -11,7 +12,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+import paho.mqtt.client as mqtt
 import pytest
+from paho.mqtt.enums import CallbackAPIVersion
 
 from tests.conftest import PROGRAM, environment
 from tests.python.cli.test_services import events
@@ -167,6 +170,30 @@ def test_a_new_password_file_is_private_and_one_that_is_not_is_warned_of(tmp_pat
     assert again.returncode == 0
     assert "users.txt can be read by every user" in again.stderr
     assert "chmod 600" in again.stderr
+
+
+def test_the_log_says_whose_message_was_denied(start: Any, tmp_path: Path) -> None:
+    add_user(tmp_path, "users.txt", "ada", "correct horse\n")
+    (tmp_path / "access.txt").write_text("user ada\ntopic write allowed\n")
+    rules = ("--users", "users.txt", "--access", "access.txt")
+    broker = start("broker", "--port", "0", *rules, "--json", "--log", "broker.log")
+    (listening,) = events(broker, "listening")
+    port = int(listening["url"].rsplit(":", 1)[1])
+    client = mqtt.Client(CallbackAPIVersion.VERSION2, "probe")
+    client.username_pw_set("ada", "correct horse")
+    client.connect("127.0.0.1", port)
+    client.loop_start()
+    for topic in ("control", "allowed"):
+        client.publish(topic, "x", qos=1).wait_for_publish(20)
+    client.disconnect()
+    client.loop_stop()
+    broker.terminate()
+    assert broker.wait(20) == 0
+    logged = [
+        json.loads(line).get("message", "") for line in (tmp_path / "broker.log").read_text().splitlines()
+    ]
+    (denied,) = (message for message in logged if "may not publish" in message)
+    assert re.search(r"client probe of account ada at 127.0.0.1:\d+: may not publish to control", denied)
 
 
 def test_sighup_has_files_read_again_and_ends_nothing(start: Any, program: Any, tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ controller: {kind: parameter_set, parameters: {x: {type: real, range: [0, 1]}}}
 """
 
 
-NOTHING = "no server at all"
+NOTHING = "no server answered"
 
 
 class Unanswered:
@@ -64,7 +64,8 @@ class Unanswered:
             NOTHING,
             (
                 "; start a server that offers 'line' on this broker, or name a launcher that does under "
-                "`servers:` in the experiment"
+                "`servers:` in the experiment; a server that runs, but does not announce itself, answers only "
+                "if it has the title, the dimensions and the max_agents that are required"
             ),
         ),
         ("line", "server 4: offers chess, not line", ""),
@@ -94,7 +95,7 @@ def test_a_class_is_served_by_its_name_and_a_command_by_its_experiment(tmp_path:
 def test_the_engine_says_that_there_is_none_in_these_words(embedded_broker: str) -> None:
     experiment = Experiment.from_mapping({"simulation": "minisim", "timeouts": {"discovery": 0.2}})
     with (
-        pytest.raises(RunError, match=r"no server at all; start one with: swarmwright serve minisim$"),
+        pytest.raises(RunError, match=r"no server answered; start one with: swarmwright serve minisim$"),
         open_backend(experiment, broker=embedded_broker),
     ):
         pass

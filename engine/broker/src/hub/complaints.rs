@@ -59,12 +59,12 @@ impl Complaints {
             let left_out = tally.count.saturating_sub(LINES);
             if left_out > 0 {
                 let what = [
-                    "messages that may not be published",
-                    "connections that were refused",
-                    "clients that were disconnected",
+                    "denied messages",
+                    "refused connections",
+                    "disconnected clients",
                     "messages or subscriptions that do not fit",
                 ][kind];
-                log::warn!("{left_out} more {what} within {} s", PERIOD.as_secs());
+                log::warn!("{left_out} more {what} in the last {} s", PERIOD.as_secs());
             }
             *tally = Tally::default();
         }

@@ -198,9 +198,18 @@ impl Hub {
 
     /// Logs what a client did.
     fn complain(&mut self, kind: Kind, session: usize, now: Instant, what: impl std::fmt::Display) {
-        let client = &self.sessions[session].client_id;
-        self.complaints
-            .say(kind, now, || format!("client {client}: {what}"));
+        let session = &self.sessions[session];
+        let peer = session.link.map(|link| self.links[link].peer.as_str());
+        self.complaints.say(kind, now, || {
+            let (client, user) = (&session.client_id, session.user.as_deref());
+            let account = user.map(|user| format!(" of account {user}"));
+            let address = peer.map(|peer| format!(" at {peer}"));
+            format!(
+                "client {client}{}{}: {what}",
+                account.unwrap_or_default(),
+                address.unwrap_or_default()
+            )
+        });
     }
 
     /// Has the server look at this connection, to which something was appended.

@@ -71,7 +71,7 @@ impl Scheduler {
 
     fn found(&self) -> String {
         let found = self.found_servers();
-        found.unwrap_or_else(|| "no server at all".to_owned())
+        found.unwrap_or_else(|| "no server answered".to_owned())
     }
 
     fn found_servers(&self) -> Option<String> {
