@@ -17,6 +17,7 @@ from swarmwright.cli._log import Log, log_options
 from swarmwright.cli._options import ExistingPath, Prefix, WholeNumber, json_option
 from swarmwright.cli._output import Output
 from swarmwright.cli._reloading import hangups, reload
+from swarmwright.core.open_files import allow_more_open_files
 
 Port = WholeNumber(0, 65535)
 
@@ -214,6 +215,7 @@ def command(
     _check_exposure(host, users=users, certificate=certificate, client_ca=client_ca)
     from swarmwright import _engine
 
+    allow_more_open_files()
     with Log(log, log_level, size=log_size or LOG_SIZE) as lines, hangups() as hung_up:
         broker = _engine.Broker(
             host,

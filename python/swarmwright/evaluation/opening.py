@@ -16,6 +16,7 @@ from swarmwright.core.engine_types import Faults, Requirements, Timeouts
 from swarmwright.core.errors import InputError, RunError, engine_errors
 from swarmwright.core.modules import ACTUATORS, SENSORS
 from swarmwright.core.notebook import in_notebook
+from swarmwright.core.open_files import allow_more_open_files
 from swarmwright.core.server_use import ServerUses
 from swarmwright.core.simulation_names import LIBRARIES, is_command, is_python
 from swarmwright.core.suggestions import did_you_mean, unknown
@@ -266,6 +267,7 @@ def open_servers(
     if wanted == "local" and not visual:
         count = min(processors(), most or processors())
     if broker is None:
+        allow_more_open_files()
         with engine_errors():
             embedded = _engine.Broker()
         stack.callback(embedded.stop)

@@ -213,7 +213,7 @@ def _advice(experiment: Experiment) -> str:
     elif not catalogue.is_here(served):
         return (
             f"; start a server that offers {served!r} on this broker, or name a launcher that does under "
-            "`servers:` in the experiment; a server that runs, but does not announce itself, answers only if it "
-            "has the title, the dimensions and the max_agents that are required"
+            "`servers:` in the experiment; a server that runs, but does not announce itself, answers only if "
+            "it has the title, the dimensions and the max_agents that are required"
         )
     return f"; start one with: swarmwright serve {shlex.quote(served)}"

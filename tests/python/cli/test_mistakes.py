@@ -33,6 +33,16 @@ def test_closed_standard_output(finished: Run) -> None:
         assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.parametrize(("limit", "status"), [("-Sn", 0), ("-n", 1)], ids=["soft", "hard"])
+def test_the_limit_of_open_files_is_raised_as_far_as_allowed(limit: str, status: int, tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text("simulation: minisim\nservers: 8\nmethod: {generations: 1}\n")
+    words = f"ulimit {limit} 40; {sys.executable} -m swarmwright optimize x.yaml --out run"
+    done = subprocess.run(
+        ["/bin/bash", "-c", words], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == status, done.stderr
+
+
 def test_too_few_open_files_are_named_with_the_limit(tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text("simulation: minisim\nservers: 40\n")
     words = f"ulimit -n 64; {sys.executable} -m swarmwright optimize x.yaml --out run"

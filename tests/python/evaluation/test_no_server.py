@@ -64,8 +64,8 @@ class Unanswered:
             NOTHING,
             (
                 "; start a server that offers 'line' on this broker, or name a launcher that does under "
-                "`servers:` in the experiment; a server that runs, but does not announce itself, answers only "
-                "if it has the title, the dimensions and the max_agents that are required"
+                "`servers:` in the experiment; a server that runs, but does not announce itself, answers "
+                "only if it has the title, the dimensions and the max_agents that are required"
             ),
         ),
         ("line", "server 4: offers chess, not line", ""),

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 from swarmwright import _engine
 from swarmwright.broker.mosquitto import Account, access_rules
 from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.open_files import allow_more_open_files
 
 _DAYS = 366
 """Term of the certificate, which is made for one run."""
@@ -124,6 +125,7 @@ def embedded(
     Raises:
         RunError: the port is taken.
     """
+    allow_more_open_files()
     if all(map(is_loopback, hosts)):
         with engine_errors():
             broker = _engine.Broker(port=port or 0)

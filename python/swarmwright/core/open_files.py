@@ -1,0 +1,16 @@
+"""The limit of open files, of which a broker needs one for each client."""
+
+import resource
+from contextlib import suppress
+
+_ENOUGH = 65536
+"""Files that a broker with its most clients has open, and more."""
+
+
+def allow_more_open_files() -> None:
+    """Raise this process's soft limit of open files (`ulimit -Sn`, often 1024) to the hard one, at most 65536."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = _ENOUGH if hard == resource.RLIM_INFINITY else min(hard, _ENOUGH)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        with suppress(ValueError, OSError):  # macOS: fewer than the hard limit says
+            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
