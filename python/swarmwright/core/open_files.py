@@ -8,7 +8,7 @@ _ENOUGH = 65536
 
 
 def allow_more_open_files() -> None:
-    """Raise this process's soft limit of open files (`ulimit -Sn`, often 1024) to the hard one, at most 65536."""
+    """Raise the soft limit of open files (`ulimit -Sn`, often 1024) to the hard one, at most 65536."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = _ENOUGH if hard == resource.RLIM_INFINITY else min(hard, _ENOUGH)
     if soft != resource.RLIM_INFINITY and soft < wanted:
