@@ -63,6 +63,9 @@ use swarmwright_simulation::{
     Parameters, RolloutError, Scene, Simulation,
 };
 
+/// Vectors of lanes that are computed side by side.
+pub const VECTORS: usize = ArenaLanes::VECTORS;
+
 /// Evaluates a block of controllers that fit the robots.
 ///
 /// # Errors

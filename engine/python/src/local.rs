@@ -227,10 +227,11 @@ impl Evaluation {
         }
     }
 
-    /// As many evaluations on all threads as fill vectors of lanes, of so many on each, at least one vector: a vector that is not full
-    /// takes as long as a full one.
+    /// As many evaluations on all threads as fill the vectors that are computed side by side, of so many on each, at least once:
+    /// vectors that are not full take as long as full ones.
     fn in_vectors(&self, evaluations: usize) -> usize {
-        let lanes = self.means.level.map_or(1, Level::width);
+        let vectors = worlds::vectors(&self.title).unwrap_or(1);
+        let lanes = self.means.level.map_or(1, |level| level.width() * vectors);
         (evaluations / lanes)
             .max(1)
             .saturating_mul(lanes * self.threads())

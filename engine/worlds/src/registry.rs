@@ -1,6 +1,6 @@
 //! The built-in simulations: one line each.
 
-use crate::block::{self, Block, Create, Evaluate, Means};
+use crate::block::{self, Block, Create, Evaluate, LaneWorld, Means};
 use crate::emergency_exit::EmergencyExitLanes;
 use crate::minisim::MinisimLanes;
 use crate::{Arena, Description, EmergencyExit, Minisim, ParameterError, Parameters, RolloutError};
@@ -13,6 +13,8 @@ struct Entry {
     title: &'static str,
     create: Create,
     evaluate: Evaluate,
+    /// Vectors of lanes that are computed side by side.
+    vectors: usize,
     /// Whether sensors and metrics depend on parameters.
     varies: bool,
 }
@@ -23,18 +25,21 @@ const SIMULATIONS: [Entry; 3] = [
         title: "arena",
         create: || Box::<Arena>::default(),
         evaluate: swarmwright_arena::evaluate,
+        vectors: swarmwright_arena::VECTORS,
         varies: true,
     },
     Entry {
         title: "emergency_exit",
         create: || Box::<EmergencyExit>::default(),
         evaluate: block::evaluate::<EmergencyExitLanes>,
+        vectors: EmergencyExitLanes::VECTORS,
         varies: false,
     },
     Entry {
         title: "minisim",
         create: || Box::<Minisim>::default(),
         evaluate: block::evaluate::<MinisimLanes>,
+        vectors: MinisimLanes::VECTORS,
         varies: false,
     },
 ];
@@ -101,6 +106,11 @@ pub fn evaluate(
         entry.evaluate,
         || description(index, block.parameters),
     ))
+}
+
+/// Vectors of lanes that a simulation computes side by side; None for an unknown title.
+pub fn vectors(title: &str) -> Option<usize> {
+    find(title).map(|index| SIMULATIONS[index].vectors)
 }
 
 /// A JSON object: title, dimensions, max_agents (null: no limit), sensors, actuators, their names and units,
