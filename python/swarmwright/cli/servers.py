@@ -9,7 +9,14 @@ import click
 
 from swarmwright.broker.credentials import prepare
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import DEFAULT_BROKER, RealNumber, broker_option, json_option, prefix_option
+from swarmwright.cli._options import (
+    DEFAULT_BROKER,
+    RealNumber,
+    WholeNumber,
+    broker_option,
+    json_option,
+    prefix_option,
+)
 from swarmwright.cli._output import Output, complain
 
 HEADINGS = (
@@ -24,21 +31,35 @@ HEADINGS = (
     "actuators",
     "metrics",
 )
-COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
+COLORS = {"ready": "green", "busy": "yellow", "lost": "red", "answers": "green"}
+USUAL_DIMENSIONS = (1, 2, 3)
 
 
 @click.command(
     "servers",
     cls=Command,
-    example="swarmwright servers --broker mqtt://localhost:1883\nswarmwright servers --watch",
+    example="swarmwright servers --broker mqtt://localhost:1883\nswarmwright servers --watch\n"
+    "swarmwright servers --simulation line --dimensions 1",
 )
 @broker_option(default=DEFAULT_BROKER, text="Address of the broker.")
 @prefix_option
 @click.option(
+    "--simulation",
+    metavar="TITLE",
+    help="Also send a discovery of this simulation, as an optimization tool does, and list the servers that "
+    "answer: those without presence, too. Needs the account of a tool, and the extra `conformance`.",
+)
+@click.option(
+    "--dimensions",
+    type=WholeNumber(0, 1000),
+    metavar="N",
+    help="With --simulation: the number of dimensions that is required. Default: 1, 2 and 3 are tried.",
+)
+@click.option(
     "--wait",
     type=RealNumber(0.0, 3600.0),
     metavar="SECONDS",
-    help="How long to listen for answers. Default: 1.",
+    help="How long to listen for announcements, and then for answers to --simulation. Default: 1.",
 )
 @click.option(
     "--watch",
@@ -62,6 +83,8 @@ COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 def command(
     broker: str,
     prefix: str,
+    simulation: str | None,
+    dimensions: int | None,
     wait: float | None,
     watch: bool,
     every: float | None,
@@ -71,15 +94,14 @@ def command(
     """List the servers on a broker, or watch them at work.
 
     What each simulation server offers, and whether it is ready, busy (and for whom) or lost.
+
+    Servers announce themselves by presence, an extension of the protocol. Servers without it, such as those
+    that implement D6.1 alone, are not listed, although runs use them: give --simulation to find those that
+    are free.
     """
     from swarmwright import _engine
 
-    if watch and wait is not None:
-        raise click.UsageError("--wait says how long to listen before the list is printed; --watch goes on")
-    if not watch and every is not None:
-        raise click.UsageError("--every goes with --watch")
-    if watch and forget_lost:
-        raise click.UsageError("--forget-lost ends when it is done; --watch goes on")
+    _check(broker, simulation, dimensions, wait, every, watch=watch, forget_lost=forget_lost)
     output = Output(as_json=as_json)
     if watch:
         from swarmwright.cli._watching import watch as go_on
@@ -90,29 +112,110 @@ def command(
     found = _engine.servers(broker, prefix=prefix, wait=wait)
     if forget_lost:
         return _forget_lost(output, broker, prefix, wait, found)
-    for server in found:
+    servers: list[Mapping[str, Any]] = list(found)
+    numbers = USUAL_DIMENSIONS if dimensions is None else (dimensions,)
+    if simulation is not None:
+        servers = _with_answers(servers, broker, simulation, numbers, prefix=prefix, wait=wait)
+    for server in servers:
         output.json(server)
-    if as_json:
-        return 0
-    if not found:
+    if servers and not as_json:
+        _list(output, servers)
+    if not servers:
         where = f" under the prefix {prefix}" if prefix else ""
-        option = f" --prefix {shlex.quote(prefix)}" if prefix else ""
         output.text(f"No simulation server on {broker}{where}.")
         if os.environ.get("SWARMWRIGHT_USERNAME"):
             output.text("An account that may not read this prefix sees none either.")
-        output.text(f"Start one with: swarmwright serve minisim --broker {broker}{option}")
-        output.text(
-            "Servers that implement D6.1 only do not announce themselves: `optimize` finds them by "
-            "their simulation."
-        )
-        return 0
-    rows = [row(server) for server in found]
+    if simulation is not None and not any(server["answers"] for server in servers):
+        _explain_silence(output, simulation, numbers)
+    elif not servers:
+        _advise(output, broker, prefix)
+    return 0
+
+
+def _check(
+    broker: str,
+    simulation: str | None,
+    dimensions: int | None,
+    wait: float | None,
+    every: float | None,
+    *,
+    watch: bool,
+    forget_lost: bool,
+) -> None:
+    """Refuse options that do not go together."""
+    if watch and wait is not None:
+        raise click.UsageError("--wait says how long to listen before the list is printed; --watch goes on")
+    if not watch and every is not None:
+        raise click.UsageError("--every goes with --watch")
+    if watch and forget_lost:
+        raise click.UsageError("--forget-lost ends when it is done; --watch goes on")
+    if simulation is None and dimensions is not None:
+        raise click.UsageError("--dimensions goes with --simulation")
+    if simulation is not None and (watch or forget_lost):
+        raise click.UsageError("--simulation is for the list of servers, without --watch and --forget-lost")
+    if simulation is not None and "," in broker:
+        raise click.BadParameter("names several brokers; --simulation needs one.", param_hint="'--broker'")
+
+
+def _with_answers(
+    announced: Sequence[Mapping[str, Any]],
+    broker: str,
+    simulation: str,
+    dimensions: Sequence[int],
+    *,
+    prefix: str,
+    wait: float,
+) -> list[Mapping[str, Any]]:
+    """The servers with presence and those that answer a discovery.
+
+    `presence` and `answers` say which of both holds for each.
+    """
+    from swarmwright.conformance.answers import answers
+
+    found = {
+        answer["server"]: answer
+        for answer in answers(broker, simulation, dimensions, prefix=prefix, wait=wait)
+    }
+    known = {server["server"] for server in announced}
+    servers: list[Mapping[str, Any]] = [
+        {**server, "presence": True, "answers": server["server"] in found} for server in announced
+    ]
+    servers += [
+        {**answer, "presence": False, "answers": True}
+        for server, answer in found.items()
+        if server not in known
+    ]
+    return sorted(servers, key=lambda server: int(server["server"]))
+
+
+def _explain_silence(output: Output, simulation: str, dimensions: Sequence[int]) -> None:
+    """Why no server may have answered a discovery."""
+    needed = ", ".join(map(str, dimensions))
+    output.text(
+        f"No server answered a discovery of {simulation!r} (dimensions: {needed}). A server is silent while it "
+        "is taken, if it offers another title, or if it has other dimensions; an account that may not publish "
+        "discoveries gets no answers either."
+    )
+
+
+def _advise(output: Output, broker: str, prefix: str) -> None:
+    """What to do where no server announces itself."""
+    option = f" --prefix {shlex.quote(prefix)}" if prefix else ""
+    output.text(f"Start one with: swarmwright serve minisim --broker {broker}{option}")
+    output.text(
+        "Servers without presence, such as those that implement D6.1 alone, are not listed, but runs use "
+        f"them. Find them with: swarmwright servers --broker {broker}{option} --simulation TITLE"
+    )
+
+
+def _list(output: Output, servers: Sequence[Mapping[str, Any]]) -> None:
+    """A table; lines of cells where there is no terminal."""
+    rows = [row(server) for server in servers]
     if output.terminal:
         _table(output, rows)
-    else:
-        for line in [HEADINGS, *rows]:
-            output.cells(line)
-    return 0
+        return
+    for line in [HEADINGS, *rows]:
+        output.cells(line)
 
 
 def _forget_lost(
@@ -143,7 +246,9 @@ def _forget_lost(
 def row(server: Mapping[str, Any]) -> tuple[str, ...]:
     """What the table says of one server, a cell per heading; '-' where it does not say."""
     capabilities = server.get("capabilities") or {}
-    extension = capabilities.get("swarmwright") or {}
+    extension = capabilities.get("swarmwright")
+    if not isinstance(extension, dict):  # answers to a discovery are not checked any further
+        extension = {}
 
     def cell(*keys: str) -> str:
         for source in (server, capabilities, extension):
@@ -152,18 +257,24 @@ def row(server: Mapping[str, Any]) -> tuple[str, ...]:
                     return str(source[key])
         return "-"
 
+    def names(value: object) -> str:
+        return ", ".join(map(str, value)) if isinstance(value, list) and value else "-"
+
+    state = cell("state")
+    if server.get("answers"):
+        state = f"{state}, answers" if server["presence"] else "answers, without presence"
     return (
         cell("server"),
         f"{cell('host')}/{cell('pid')}",
-        cell("state"),
+        state,
         cell("tool"),
         # A last will is fixed when the server connects: its time is not that of the loss.
         "-" if server.get("state") == "lost" else cell("since"),
-        ", ".join(map(str, server.get("simulations") or ["-"])),
+        names(server.get("simulations")),
         cell("dimensions"),
         cell("sensors"),
         cell("actuators"),
-        ", ".join(map(str, extension.get("metrics") or ["-"])),
+        names(extension.get("metrics")),
     )
 
 
@@ -179,5 +290,6 @@ def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
         table.add_column(heading, justify="right" if right else "left", overflow="fold")
     for cells in rows:
         state = cells[2]
-        add_row(table, [*cells[:2], text(state, COLORS.get(state, "")), *cells[3:]])
+        color = COLORS.get(state.partition(",")[0], "")
+        add_row(table, [*cells[:2], text(state, color), *cells[3:]])
     output.console().print(table)
