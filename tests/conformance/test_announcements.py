@@ -115,12 +115,14 @@ def test_the_servers_of_the_page_keep_every_rule_that_applies(program: str, tmp_
     report = check_server(
         command=f"{sys.executable} {tmp_path / program} {{broker}} {{id}}",
         simulation="line",
+        parameters={"agents": 3},
         sensors=1,
         actuators=1,
         timeout=2.0,
     )
     assert report.ok, str(report)
     assert set(report.of("skipped")) >= RESERVED | ONE_ID
+    assert {"S2.5", "S3.5", "S4.2"} <= set(report.of("passed")), "those that need agents and a seed"
     scenes = {"S14.1", "S14.2", "S14.3"}
     assert scenes <= set(report.of("passed" if program == "scene_server.py" else "skipped"))
 
