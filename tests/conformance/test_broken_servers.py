@@ -17,11 +17,10 @@ from swarmwright.conformance._server_under_test import QUIET_S
 from swarmwright.conformance.results import Report
 from swarmwright.conformance.rules import Profile
 from swarmwright.conformance.server import one_id
-from tests.conformance.broken import batches, offloaded
+from tests.conformance.broken import batches, offloaded, seeds
 from tests.conformance.broken.base import Broken
 from tests.conformance.broken.batches import Batched
 from tests.conformance.broken.episodes import QuotesAMetric
-from tests.conformance.broken.seeds import FitnessOfTheLast, Leaks
 from tests.conformance.broken.servers import SERVERS
 from tests.conformance.sound import PATIENCE, Json, SoundServer, World
 from tests.conftest import ROOT
@@ -124,11 +123,11 @@ def test_a_field_that_is_wrong_is_shown_in_full() -> None:
 
 def test_a_fitness_of_another_episode_is_told_from_sensors_of_another() -> None:
     """What agents sense is compared nevertheless."""
-    report = report_of(FitnessOfTheLast, "S2,S3,S4")
+    report = report_of(seeds.FitnessOfTheLast, "S2,S3,S4")
     (failed,) = (result for result in report.results if result.status == "failed")
     assert "the sensors were the same: the fitness is of an earlier episode" in failed.came, failed.came
     assert {"S3.3", "S3.4", "S3.5", "S4.1"} <= set(report.of("passed")), str(report)
-    report = report_of(Leaks, "S2,S3,S4")
+    report = report_of(seeds.Leaks, "S2,S3,S4")
     (failed,) = (result for result in report.results if result.status == "failed")
     assert "senses" in failed.came, failed.came
     assert {"S3.3", "S3.4", "S3.5", "S4.1"} <= set(report.of("not run")), str(report)
@@ -224,14 +223,37 @@ def test_mistakes_of_a_controller_are_none_of_seeds() -> None:
 
 def test_the_words_of_the_report_name_how_a_seed_was_lost() -> None:
     for kind, words in (
-        (offloaded.OffloadedSeeds, "the seed is truncated to 32 bits"),
-        (offloaded.PrefersTheSeedOfParameters, "the seed in parameters was used"),
-        (batches.BatchSeedsAsDoubles, "the seed is read through a double"),
-        (batches.BatchPrefersTheSeedOfParameters, "the seed in parameters was used"),
+        (offloaded.OffloadedSeeds, "as with the seed 1, as if it were truncated to 32 bits"),
+        (offloaded.PrefersTheSeedOfParameters, "as with the seed 5, which is in parameters"),
+        (batches.BatchSeedsAsDoubles, "as if it were read through a double"),
+        (batches.BatchPrefersTheSeedOfParameters, "as with the seed 5, which is in parameters"),
     ):
         report = report_of(kind, "S1.1,S2.3,S3.2,S9.3,S9.20,S10.1,S10.7")
         (failed,) = (result for result in report.results if result.status == "failed")
         assert words in failed.came, failed.came
+
+
+class SeedsOfRuby(SoundServer):
+    """Passes the seed to a generator that drops its upper 32 bits if they are 1, as Ruby's does."""
+
+    def make(self, parameters: Json) -> World:
+        seed = parameters.get("seed", 0)
+        return super().make({**parameters, "seed": seed % 2**32 if seed >> 32 == 1 else seed})
+
+
+def test_a_generator_that_makes_one_state_of_few_seeds_is_no_truncated_seed() -> None:
+    report = report_of(SeedsOfRuby, "S1.1,S2.3,S3.1,S3.5")
+    assert report.ok, str(report)
+
+
+def test_a_cause_that_the_kit_cannot_see_is_no_statement() -> None:
+    for kind, words in (
+        (seeds.SeedOf32Bits, "as if the seed, or what the generator makes of it, were truncated to 32 bits"),
+        (seeds.SeedAsDouble, "as if the seed were read through a double, which has 53 bits"),
+    ):
+        report = report_of(kind, "S1.1,S2.3,S3.1,S3.5")
+        (failed,) = (result for result in report.results if result.status == "failed")
+        assert failed.came.endswith(words), failed.came
 
 
 STARTED = """\

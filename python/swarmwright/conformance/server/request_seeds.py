@@ -12,10 +12,10 @@ from swarmwright.conformance._trajectory import Trajectory, same
 from swarmwright.conformance.rules import Failure, NotTried
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.batches import BATCHED, Batch, must_have_batches
-from swarmwright.conformance.server.determinism import LARGEST_SEED
+from swarmwright.conformance.server.determinism import BEYOND_32_BITS, LARGEST_SEED
 from swarmwright.conformance.server.offloaded import NUMBERS, SEEDS, evaluated, some
 
-_SEEDS = (2**32 + 1, 2**53 + 1, LARGEST_SEED)
+_SEEDS = (BEYOND_32_BITS + 1, 2**53 + 1, LARGEST_SEED)
 """Seeds of evaluate and start that are others if bits are lost."""
 _OTHER = 5
 """What `parameters` of evaluate and start say as seed, which the seeds of the message replace."""
@@ -136,11 +136,11 @@ def _lost_seed(played: Callable[[int], Trajectory], seed: int, agrees: Callable[
     played: the episode of a seed. agrees: whether what came is that episode.
     """
     causes = {
-        _OTHER: "the seed in parameters was used",
-        seed & 0xFFFF_FFFF: "the seed is truncated to 32 bits",
-        int(float(seed)): "the seed is read through a double, which has 53 bits",
+        _OTHER: "which is in parameters",
+        seed & 0xFFFF_FFFF: "as if it were truncated to 32 bits",
+        int(float(seed)): "as if it were read through a double, which has 53 bits",
     }
     for other, cause in causes.items():
         if other not in {seed, 2**63} and agrees(played(other)):
-            return f": {cause}"
+            return f", as with the seed {other}, {cause}"
     return ""
