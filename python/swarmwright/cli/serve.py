@@ -224,6 +224,10 @@ def _title(simulation: str) -> str:
     if is_python(simulation):
         return catalogue.title(simulation)
     known = catalogue.titles()
+    if simulation.endswith(".py"):
+        from swarmwright.simulations.file_names import class_missing
+
+        raise click.UsageError(class_missing(simulation))
     if simulation not in known:
         raise click.UsageError(
             f"{unknown('simulation', simulation, known)}; a class in Python is named like file.py:Class"

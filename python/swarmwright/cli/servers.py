@@ -192,9 +192,9 @@ def _explain_silence(output: Output, simulation: str, dimensions: Sequence[int])
     """Why no server may have answered a discovery."""
     needed = ", ".join(map(str, dimensions))
     output.text(
-        f"No server answered a discovery of {simulation!r} (dimensions: {needed}). A server is silent while it "
-        "is taken, if it offers another title, or if it has other dimensions; an account that may not publish "
-        "discoveries gets no answers either."
+        f"No server answered a discovery of {simulation!r} (dimensions: {needed}). A server is silent while "
+        "it is taken, if it offers another title, or if it has other dimensions; an account that may not "
+        "publish discoveries gets no answers either."
     )
 
 

@@ -356,13 +356,16 @@ def require_here(experiment: Experiment) -> None:
     """Raise InputError unless the simulation can run in this process, with the requirements."""
     simulation = experiment.simulation
     if not catalogue.is_here(simulation):
+        where = experiment.place("simulation")
+        if simulation.endswith(".py"):
+            from swarmwright.simulations.file_names import class_missing  # noqa: PLC0415 - only for this message
+
+            folder = None if experiment.path is None else experiment.path.parent
+            raise InputError(f"{where}{class_missing(simulation, folder)}")
         library, _, rest = simulation.partition(":")
         hint = "any other needs a broker on which a server offers it"
-        if simulation.endswith(".py"):
-            hint = f"one in Python is named by its class, {simulation}:Class"
-        elif rest and did_you_mean(library, LIBRARIES):
+        if rest and did_you_mean(library, LIBRARIES):
             hint = f"environments of other libraries are named {', '.join(f'{one}:..' for one in LIBRARIES)}"
-        where = experiment.place("simulation")
         raise InputError(f"{where}{unknown('simulation', simulation, catalogue.titles())}; {hint}")
     if is_command(simulation):
         from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command

@@ -85,18 +85,30 @@ def load(name: str, folder: Path | None = None) -> Kind:
     found = getattr(module, wanted, None)
     if isinstance(found, type) and issubclass(found, Simulation | BatchSimulation | Physics):
         return found
-    classes = [
+    classes = _classes(module)
+    where = getattr(module, "__file__", None) or parsed.place
+    if found is not None:
+        raise InputError(f"{where}: {wanted} is not a subclass of swarmwright.Simulation")
+    there = f"available: {', '.join(classes)}" if classes else "it has no subclass of swarmwright.Simulation"
+    raise InputError(f"{where}: has no class {wanted!r}{did_you_mean(wanted, classes) or ';'} {there}")
+
+
+def classes_of_file(path: Path) -> list[str]:
+    """Import a file as `load` does; return the names of its simulations.
+
+    Raises InputError: there is no such file, importing it fails, or it is a run's and not trusted.
+    """
+    return _classes(_from_file(path.resolve()))
+
+
+def _classes(module: ModuleType) -> list[str]:
+    return [
         key
         for key, value in vars(module).items()
         if isinstance(value, type)
         and issubclass(value, Described | Physics)
         and value not in {Described, Simulation, BatchSimulation, Physics}
     ]
-    where = getattr(module, "__file__", None) or parsed.place
-    if found is not None:
-        raise InputError(f"{where}: {wanted} is not a subclass of swarmwright.Simulation")
-    there = f"available: {', '.join(classes)}" if classes else "it has no subclass of swarmwright.Simulation"
-    raise InputError(f"{where}: has no class {wanted!r}{did_you_mean(wanted, classes) or ';'} {there}")
 
 
 def _kept_command(name: str) -> str:

@@ -76,6 +76,7 @@ def test_a_person_sees_the_traceback(start: Any, embedded_broker: str) -> None:
     [
         ("minisin", "unknown simulation 'minisin'; did you mean 'minisim'?"),
         ("away.py:Walk", "there is no such file"),
+        ("away.py", "away.py: there is no such file"),
         (f"{FILE}:Wlak", "has no class 'Wlak'; did you mean 'Walk'?"),
         (f"{FILE}:Parameter", "Parameter is not a subclass of swarmwright.Simulation"),
         ("no_such_module:Walk", "there is no module 'no_such_module'"),
@@ -85,6 +86,19 @@ def test_what_cannot_be_served(name: str, words: str, program: Any) -> None:
     result = program("serve", name, "--broker", "mqtt://127.0.0.1:1")
     assert result.returncode == 2
     assert words in result.stderr
+
+
+def test_a_file_without_a_class_is_refused_with_the_classes_in_it(program: Any, tmp_path: Path) -> None:
+    (tmp_path / "walks.py").write_text(f"{SOURCE}\nclass Boom(Walk):\n    pass\n")
+    (tmp_path / "empty.py").write_text("from swarmwright import Simulation\n")
+    (tmp_path / "walks.yaml").write_text("simulation: walks.py\n")
+    for words in (("serve", "walks.py"), ("optimize", "walks.yaml")):
+        result = program(*words)
+        assert result.returncode == 2
+        assert "named by its file and its class; walks.py has Walk, " in result.stderr
+        assert "Boom: write walks.py:Walk" in result.stderr
+    result = program("serve", "empty.py")
+    assert "empty.py has no subclass of swarmwright.Simulation" in result.stderr
 
 
 def test_a_simulation_that_hangs_ends_with_its_server(
