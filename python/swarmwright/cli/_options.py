@@ -16,6 +16,8 @@ from swarmwright.broker.address import PREFIX_VARIABLE, broker_problem, environm
 from swarmwright.core.suggestions import did_you_mean
 
 DEFAULT_BROKER = "mqtt://localhost:1883"
+LARGEST_ID = 2**63 - 1
+"""Largest id of a server, in the protocol."""
 BROKER_VARIABLE = "SWARMWRIGHT_BROKER"
 
 Decorator = Callable[[Any], Any]

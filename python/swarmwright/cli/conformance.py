@@ -9,6 +9,7 @@ import click
 from swarmwright.cli._commands import Command, Group
 from swarmwright.cli._options import (
     BROKER_VARIABLE,
+    LARGEST_ID,
     OutputFile,
     RealNumber,
     WholeNumber,
@@ -24,8 +25,6 @@ from swarmwright.core.errors import InputError
 if TYPE_CHECKING:
     from swarmwright.conformance.results import Report, Result
     from swarmwright.conformance.rules import Profile, Rules
-
-LARGEST_ID = 2**63 - 1
 
 
 @click.group(

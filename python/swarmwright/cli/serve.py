@@ -17,6 +17,7 @@ from swarmwright.cli._log import Log
 from swarmwright.cli._observing import Observing, observe_options, observed_servers
 from swarmwright.cli._options import (
     DEFAULT_BROKER,
+    LARGEST_ID,
     RealNumber,
     WholeNumber,
     broker_option,
@@ -34,7 +35,8 @@ from swarmwright.supervision import Output as Printed
 if TYPE_CHECKING:
     from swarmwright.monitoring.prometheus import ServeFigures
 
-LARGEST_ID = 2**31 - 1
+LARGEST_RANDOM_ID = 2**31 - 1
+"""Ids that are drawn are short, because people read and type them."""
 
 
 @click.command(
@@ -130,7 +132,7 @@ def command(
     names = [name.strip() for text in modules for name in text.split(",")]
     title += _with(names)
     if first is None:
-        first = 1 + secrets.randbelow(LARGEST_ID - count + 1)
+        first = 1 + secrets.randbelow(LARGEST_RANDOM_ID - count + 1)
     elif first + count - 1 > LARGEST_ID:
         raise click.UsageError(f"--id {first} with --count {count} passes the largest id, {LARGEST_ID}.")
     shared = {

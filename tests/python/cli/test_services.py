@@ -98,6 +98,24 @@ def test_servers_are_listed_and_leave_with_their_supervisor(
     assert "swarmwright serve" in empty.stdout
 
 
+def test_a_server_has_any_id_of_the_protocol(
+    start: Any, program: Any, embedded_broker: str, tmp_path: Path
+) -> None:
+    last = 2**63 - 1
+    serving = start(
+        "serve", "minisim", "--broker", embedded_broker, "--id", str(last - 1), "--count", "2", "--json"
+    )
+    assert {event["server"] for event in events(serving, "ready", 2)} == {last - 1, last}
+    (tmp_path / "x.yaml").write_text("simulation: minisim\nmethod: {population: 4, generations: 1}\n")
+    for mode in ("stepwise", "offloaded"):
+        words = ("--set", f"mode={mode}", "--out", mode, "--broker", embedded_broker)
+        result = program("optimize", "x.yaml", *words)
+        assert result.returncode == 0, result.stderr
+    too_large = program("serve", "minisim", "--id", str(last), "--count", "2")
+    assert too_large.returncode == 2
+    assert f"passes the largest id, {last}" in too_large.stderr
+
+
 def test_optimize_uses_the_servers_of_a_broker(
     start: Any, program: Any, any_broker: str, tmp_path: Path
 ) -> None:
