@@ -26,6 +26,7 @@ from swarmwright.evaluation.base import (
     metrics_of,
 )
 from swarmwright.evaluation.code_failures import CodeFailures
+from swarmwright.evaluation.missing_audits import MissingAudits
 from swarmwright.evaluation.module_code import is_in_python, with_digests
 from swarmwright.evaluation.warning_times import WarningTimes
 from swarmwright.experiment.experiment import Experiment
@@ -51,6 +52,7 @@ class BrokerBackend:
         self._run: str | None = None
         self._times = WarningTimes()
         self._code_failures = CodeFailures()
+        self._missing_audits = MissingAudits(experiment.faults.audit)
         self._listen()
         self._expression = experiment.fitness_expression
         self.metrics = metrics_of(self._expression, metrics)
@@ -106,6 +108,9 @@ class BrokerBackend:
         """Return the journal of what a pool has evaluated, with the times at which it warned."""
         journal = self._times.journal(attempts, warnings)
         self._code_failures.note(journal)
+        warning = self._missing_audits.note(journal)
+        if warning is not None:
+            reports.tell({"event": "warning", "message": warning})
         return journal
 
     def failure_of(self, reason: str, /) -> SimulationError | None:

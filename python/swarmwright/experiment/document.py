@@ -130,7 +130,7 @@ class Faults(Options):
     """The share of evaluations that are audited: repeated on another server before they count. If two servers
     disagree, a third one decides: the outvoted server is no longer used, and its evaluations are repeated.
     Needs servers that declare their determinism: two, and three to decide; with one server nothing is
-    audited."""
+    audited, and the run warns of that."""
 
 
 def _episodes(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
