@@ -76,7 +76,10 @@ def incidents(connection: sqlite3.Connection, session: int, counts: Mapping[str,
         slower = [f"{counted(count, 'attempt')} of server {server}" for server, count in servers]
         if slower:
             more = " and others" * (len(slower) > _NAMED)
-            texts["backups"] += f" (another server was faster than {', '.join(slower[:_NAMED])}{more})"
+            texts["backups"] += (
+                " (work of slow servers that was repeated on others, and the first result counted; slower "
+                f"were {', '.join(slower[:_NAMED])}{more})"
+            )
     return ", ".join(texts.values())
 
 

@@ -344,8 +344,9 @@ def test_incidents_name_the_servers_whose_work_was_copied(copy: Path) -> None:
         change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
         store.incidents({"retries": 1, "backups": 9, "audits_left_out": 2})
     assert [event.text for event in StoreReader(copy).events() if event.kind == "incidents"][-1] == (
-        "retries: 1, backups: 9 (another server was faster than 3 attempts of server 3, 2 attempts of "
-        "server 4, 1 attempt of server 5 and others), audits left out: 2"
+        "retries: 1, backups: 9 (work of slow servers that was repeated on others, and the first result "
+        "counted; slower were 3 attempts of server 3, 2 attempts of server 4, 1 attempt of server 5 and "
+        "others), audits left out: 2"
     )
 
 
