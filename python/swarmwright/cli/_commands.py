@@ -29,6 +29,9 @@ SETTINGS = {
 """Options that are expected where an experiment is given -> what has their effect, for a value."""
 
 
+HELP_OPTIONS = ["-h", "--help"]
+
+
 class Command(click.Command):
     """A command whose help ends with an example.
 
@@ -42,6 +45,8 @@ class Command(click.Command):
         instead: Mapping[str, str] | None = None,
         **kwargs: Any,  # noqa: ANN401 - click's signature
     ) -> None:
+        # Here too, because click keeps the option that it made first, also where there was no program above.
+        kwargs.setdefault("context_settings", {"help_option_names": HELP_OPTIONS})
         super().__init__(*args, **kwargs)
         self.example = example
         self.instead = dict(instead or {})
@@ -151,7 +156,7 @@ def _print_version(context: click.Context, _parameter: click.Parameter, wanted: 
     # A module cannot be named like a keyword: `import` is in import_.py.
     modules={name: f"swarmwright.cli.{name.replace('-', '_')}{'_' * iskeyword(name)}" for name in COMMANDS},
     sections=SECTIONS,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    context_settings={"help_option_names": HELP_OPTIONS, "max_content_width": 110},
     example="swarmwright new minisim > my.yaml\nswarmwright optimize my.yaml --servers 2",
 )
 @click.option(
