@@ -47,7 +47,8 @@ USUAL_DIMENSIONS = (1, 2, 3)
     "--simulation",
     metavar="TITLE",
     help="Also send a discovery of this simulation, as an optimization tool does, and list the servers that "
-    "answer: those without presence, too. Needs the account of a tool, and the extra `conformance`.",
+    "answer: those without presence, too; with --json `presence` and `answers` say which holds for each. "
+    "Needs the account of a tool, and the extra `conformance`.",
 )
 @click.option(
     "--dimensions",
