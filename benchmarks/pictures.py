@@ -49,7 +49,15 @@ def played(run: Run, place: Place, seed: int, broker: Broker) -> Recording:
     """Play an episode of the best controller of a run in a simulator."""
     controller = Controller(run.best.specification)
     address = None if place.command is None else broker.url
-    return Replay(run, controller, None, run.path, None, seed, there(run, place), address).recording()
+    replay = Replay(
+        run=run,
+        controller=controller,
+        source=run.path,
+        seed=seed,
+        experiment=there(run, place),
+        broker=address,
+    )
+    return replay.recording()
 
 
 def draw(recordings: Mapping[str, Recording], times: Sequence[float]) -> "Figure":

@@ -11,7 +11,7 @@ from PIL import Image
 
 from swarmwright import InputError, Run, RunError, _engine
 from swarmwright.display import Recording
-from swarmwright.runs import remote
+from swarmwright.evaluation import remote
 from swarmwright.runs.replay import Replay
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch
@@ -92,6 +92,19 @@ def test_what_agents_sensed_and_did_is_kept(embedded: BrokerProcess, connect: An
     assert recording.fitness == run.best.fitness
     page = run.replay(broker=embedded.url)
     assert page.fitness == run.best.fitness
+
+
+def test_an_experiment_is_shown_before_any_run(
+    embedded: BrokerProcess, connect: Any, launch: Launch, experiment: Experiment, tmp_path: Path
+) -> None:
+    connect(SceneServer, embedded.url)
+    path = experiment(f"{TOGETHER}broker: {embedded.url}\n")
+    saved = launch("simulate", path, "--save", "before.png")
+    assert saved.wait() == 0, saved.stderr
+    printed = launch("simulate", path)
+    assert printed.wait() == 0, printed.stderr
+    assert saved.lines == [f"{printed.lines[0]} The picture is in before.png"]
+    assert (tmp_path / "before.png").is_file()
 
 
 def test_the_run_knows_its_broker(

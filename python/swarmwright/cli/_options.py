@@ -88,13 +88,15 @@ class Prefix(click.ParamType[str]):
 class ExistingPath(click.ParamType[Path]):
     """A file or folder that is there; a mistyped one is answered with its nearest neighbour.
 
-    folder: whether a folder is wanted rather than a file; None takes either.
+    folder: whether a folder is wanted rather than a file; None takes either. for_experiment: what an
+    experiment file is for where the folder of a run is wanted; `FILE` and `PAGE` in it are replaced.
     """
 
     name = "path"
 
-    def __init__(self, *, folder: bool | None = False) -> None:
+    def __init__(self, *, folder: bool | None = False, for_experiment: str = "") -> None:
         self.folder = folder
+        self.for_experiment = for_experiment
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """The path, if it is there and of the right kind."""
@@ -104,12 +106,19 @@ class ExistingPath(click.ParamType[Path]):
                 self.fail(f"'{path}' is a link to '{_target(path)}', which does not exist.", param, ctx)
             self.fail(f"'{path}' does not exist{_nearest(path)}.", param, ctx)
         if self.folder is True and not path.is_dir():
-            self.fail(f"'{path}' is a file where a folder is expected.", param, ctx)
+            self.fail(f"'{path}' is a file where a folder is expected{self._instead(path)}.", param, ctx)
         if self.folder is False and path.is_dir():
             self.fail(f"'{path}' is a folder where a file is expected{_experiment_in(path)}.", param, ctx)
         if not os.access(path, os.R_OK):
             self.fail(f"'{path}' may not be read by this user.", param, ctx)
         return path
+
+    def _instead(self, file: Path) -> str:
+        """Return what to do with an experiment file, empty for another one."""
+        if not self.for_experiment or file.suffix.lower() not in {".yaml", ".yml"}:
+            return ""
+        page = shlex.quote(f"{file.stem}.html")
+        return f", {self.for_experiment.replace('FILE', shlex.quote(str(file))).replace('PAGE', page)}"
 
 
 class OutputFile(click.ParamType[Path]):

@@ -1,23 +1,17 @@
 """`swarmwright replay`: watch a candidate of a run."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     ExistingPath,
-    OutputFile,
-    RealNumber,
-    SaveOption,
     WholeNumber,
     broker_option,
     candidate_options,
-    experiment_broker,
     experiment_prefix_option,
     json_option,
     set_option,
@@ -25,12 +19,25 @@ from swarmwright.cli._options import (
     trust_option,
 )
 from swarmwright.cli._output import Output, results, show_warnings
+from swarmwright.cli._pictures import (
+    Colors,
+    broker_of,
+    check_file,
+    check_unsaved,
+    picture_options,
+    saved,
+    shown_parts,
+    where,
+)
 from swarmwright.core.errors import engine_errors
 
 if TYPE_CHECKING:
-    from swarmwright import Run
     from swarmwright.display import Shown
     from swarmwright.runs.replay import Replay
+
+_BEFORE_A_RUN = (
+    "that of a run; to look at an experiment before any run, use 'swarmwright simulate FILE --save PAGE'"
+)
 
 
 @click.command(
@@ -42,41 +49,8 @@ if TYPE_CHECKING:
     "swarmwright replay runs/line-1 --broker mqtt://lab-3:1883 --save line.html\n"
     "swarmwright replay runs/minisim-1 --beside 0:7 --beside runs/minisim-2 --save several.html",
 )
-@click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
-@click.option(
-    "--save",
-    "file",
-    cls=SaveOption,
-    type=OutputFile(),
-    metavar="FILE",
-    help="Write a file instead: .html is an interactive page, .gif an animation, .mp4 a video, .png a still "
-    "image with all trajectories.",
-)
-@click.option(
-    "--speed",
-    type=RealNumber(0.01, 1000.0),
-    default=1.0,
-    show_default=True,
-    metavar="FACTOR",
-    help="How many times faster than the simulation's step size.",
-)
-@click.option(
-    "--show",
-    "parts",
-    metavar="WHAT",
-    default="trails,labels",
-    show_default=True,
-    help="Drawn in addition to bodies, separated by commas: trails, rays (of sensors), links (who hears "
-    "whom), labels; or none. On a page it can be changed.",
-)
-@click.option(
-    "--colors",
-    type=click.Choice(["auto", "state", "value", "controller"]),
-    default="auto",
-    show_default=True,
-    help="What gives bodies their colours: their kind and state, their value, or the state of the agent's "
-    "controller where that is a state machine. A page begins with it.",
-)
+@click.argument("run", type=ExistingPath(folder=True, for_experiment=_BEFORE_A_RUN), metavar="RUN")
+@picture_options
 @click.option(
     "--beside",
     multiple=True,
@@ -116,10 +90,10 @@ if TYPE_CHECKING:
 @json_option
 def command(
     run: Path,
-    file: Path | None,
+    picture: Path | None,
     speed: float,
     parts: str,
-    colors: Literal["auto", "state", "value", "controller"],
+    colors: Colors,
     beside: tuple[str, ...],
     generation: int | None,
     candidate: int | None,
@@ -144,13 +118,13 @@ def command(
         )
     if seed is not None and episode is not None:
         raise click.UsageError("--episode is one of the run's, --seed another one; give one of them.")
-    if file is not None:
-        _check_file(file)
-    if beside and (file is None or file.suffix.lower() != ".html"):
+    if picture is not None:
+        check_file(picture)
+    if beside and (picture is None or picture.suffix.lower() != ".html"):
         raise click.UsageError("--beside is shown by a page: --save FILE.html.")
-    shown = _shown(parts, colors)
-    if file is None:
-        _check_unsaved()
+    shown = shown_parts(parts, colors)
+    if picture is None:
+        check_unsaved({"parts": "--show", "colors": "--colors"})
     from swarmwright import Run
     from swarmwright.runs.replay import Replay
 
@@ -161,7 +135,7 @@ def command(
         "simulation": simulation,
         "settings": settings,
         "prefix": prefix,
-        "broker": _broker(simulation or opened.experiment.simulation, opened, broker),
+        "broker": broker_of(simulation or opened.experiment.simulation, broker, opened.experiment.broker),
     }
     replay = Replay.of(
         opened,
@@ -172,9 +146,9 @@ def command(
         seed=seed,
         **how,
     )
-    if file is not None:
+    if picture is not None:
         others = [_beside(replay, which, how) for which in beside]
-        _save(output, replay, file, speed, shown, others)
+        _save(output, replay, picture, speed, shown, others)
     elif as_json:
         _print_scenes(output, replay)
     else:
@@ -185,44 +159,6 @@ def command(
             played = replay.episode()
             play(played, results(), in_place=output.terminal, color=output.color, speed=speed)
         output.text(replay.outcome(played.fitness))
-
-
-def _check_unsaved() -> None:
-    """Refuse what is said of a picture where none is made."""
-    context = click.get_current_context()
-    for name, option in (("parts", "--show"), ("colors", "--colors")):
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"{option} is for pictures, videos and pages: give --save FILE as well.")
-
-
-def _broker(simulation: str, run: "Run", broker: str | None) -> str | None:
-    """The broker that is named; for a simulation that is not here, also the one of the environment."""
-    from swarmwright.simulations import catalogue
-
-    if broker is not None or catalogue.is_here(simulation):
-        return broker
-    return experiment_broker(None, run.experiment.broker, None)
-
-
-def _check_file(file: Path) -> None:
-    from swarmwright.display.files import FORMATS
-
-    if file.suffix.lower() not in FORMATS:
-        raise click.UsageError(f"--save {file}: files end with {', '.join(FORMATS[:-1])} or {FORMATS[-1]}.")
-
-
-def _shown(parts: str, colors: Literal["auto", "state", "value", "controller"]) -> "Shown":
-    from swarmwright.display import PARTS, Shown
-
-    given = [part.strip() for part in parts.split(",") if part.strip()]
-    if given == ["none"]:
-        given = []
-    for part in given:
-        if part not in PARTS:
-            raise click.UsageError(f"--show: '{part}' found, expected {', '.join(PARTS)} or none.")
-    shown = Shown(**{part: part in given for part in PARTS}, colors=colors)
-    chosen = click.get_current_context().get_parameter_source("parts") is not ParameterSource.DEFAULT
-    return shown if chosen else replace(shown, labels=None)
 
 
 def _beside(replay: "Replay", which: str, how: dict[str, Any]) -> "Replay":
@@ -244,44 +180,17 @@ def _beside(replay: "Replay", which: str, how: dict[str, Any]) -> "Replay":
 def _save(
     output: Output,
     replay: "Replay",
-    file: Path,
+    picture: Path,
     speed: float,
     shown: "Shown",
     others: list["Replay"],
 ) -> None:
-    from swarmwright import InputError
-    from swarmwright.display import Recording
-    from swarmwright.display.files import save
-    from swarmwright.display.pictures import PictureRecording
-    from swarmwright.display.pictures import save as save_pictures
     from swarmwright.runs.replay import names
 
-    recording: Recording | PictureRecording
-    try:
-        if replay.pictured:
-            if others:
-                raise InputError("--beside: this simulation draws pictures, which are shown alone")
-            recording = pictures = replay.pictures()
-            save_pictures(pictures, file, caption=replay.caption(pictures), speed=speed)
-        else:
-            recording = scenes = replay.recording()
-            called = names([replay, *others]) if others else [""]
-            recordings = [scenes, *(other.recording() for other in others)]
-            parts = [
-                one.part(recorded, name)
-                for one, recorded, name in zip([replay, *others], recordings, called, strict=True)
-            ]
-            save(parts, file, caption=replay.caption(scenes), speed=speed, shown=shown)
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written: {error.strerror or error}") from error
-    output.text(f"{replay.who} {replay.outcome(recording.fitness)} {_what(file)} is in {file}")
-    steps = len(recording.fitness_so_far) - 1
-    output.json({"fitness": recording.fitness, "steps": steps, "picture": str(file), **replay.identity()})
-
-
-def _what(file: Path) -> str:
-    words = {".html": "The page", ".mp4": "The video", ".gif": "The animation"}
-    return words.get(file.suffix.lower(), "The picture")
+    called = names([replay, *others]) if others else [""]
+    recording = replay.save(picture, speed=speed, shown=shown, others=others, names=called)
+    output.text(f"{replay.who} {replay.outcome(recording.fitness)} {where(picture)}")
+    output.json({**saved(recording, picture), **replay.identity()})
 
 
 def _print_scenes(output: Output, replay: "Replay") -> None:

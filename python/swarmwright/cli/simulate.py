@@ -2,7 +2,10 @@
 
 import os
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -20,13 +23,29 @@ from swarmwright.cli._options import (
     trust_option,
 )
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._pictures import (
+    Colors,
+    broker_of,
+    check_file,
+    check_unsaved,
+    picture_options,
+    saved,
+    shown_parts,
+    where,
+)
 from swarmwright.cli._server_output import server_output_option
+
+if TYPE_CHECKING:
+    from swarmwright import Experiment
+    from swarmwright.display import Shown
+    from swarmwright.evaluation.evaluate import Episode
 
 
 @click.command(
     "simulate",
     cls=Command,
     example="swarmwright simulate experiments/minisim.yaml --visual\n"
+    "swarmwright simulate my.yaml --save my.html\n"
     "swarmwright simulate experiments/minisim.yaml --seed 7 --set parameters.placement=random",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
@@ -45,9 +64,11 @@ from swarmwright.cli._server_output import server_output_option
 )
 @broker_option(
     default=None,
-    text="Use a server on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
+    text="Use a server on this broker, with --save one that sends its scenes. Default: FILE's, "
+    "SWARMWRIGHT_BROKER's, or one started here; with --save this process, where the simulation is here.",
 )
 @experiment_prefix_option("FILE's")
+@picture_options
 @click.option("--visual", is_flag=True, help="Ask the server to draw the episode, a frame every step.")
 @server_output_option
 @trust_option
@@ -59,26 +80,75 @@ def command(
     seed: int | None,
     broker: str | None,
     prefix: str | None,
+    picture: Path | None,
+    speed: float,
+    parts: str,
+    colors: Colors,
     visual: bool,
     as_json: bool,
 ) -> None:
-    """Run one episode, without optimization.
+    """Run one episode without optimization, or save it as a page, video or picture.
 
     FILE is an experiment, or a session of FREVO (.zse), whose simulation is run once.
     """
     if visual and as_json:
         raise click.UsageError("--visual draws where --json prints; give one of them.")
+    if visual and picture is not None:
+        raise click.UsageError(
+            "--visual has a server draw the episode, --save writes it into a file; give one of them."
+        )
+    if picture is None:
+        check_unsaved({"speed": "--speed", "parts": "--show", "colors": "--colors"})
+    else:
+        check_file(picture)
+    shown = shown_parts(parts, colors)
     from swarmwright import Controller
     from swarmwright.evaluation.evaluate import episode
 
     output = Output(as_json=as_json)
     show_warnings()
     experiment = experiment_of(file, (*settings, *prefix_settings(prefix)))
+    if picture is not None:
+        broker = broker_of(experiment.simulation, broker, experiment.broker)
+        _save(output, experiment, controller, seed, broker, picture, speed, shown)
+        return
     loaded = None if controller is None else Controller.load(controller)
     if visual:  # the server's process, which draws, takes the width from its environment
         os.environ["COLUMNS"] = str(shutil.get_terminal_size().columns)
     broker = experiment_broker(broker, experiment.broker, experiment.servers)
     result = episode(experiment, loaded, broker=broker, visual=visual, seed=seed)
+    _print(output, result, controller)
+
+
+def _save(
+    output: Output,
+    experiment: "Experiment",
+    controller: Path | None,
+    seed: int | None,
+    broker: str | None,
+    picture: Path,
+    speed: float,
+    shown: "Shown",
+) -> None:
+    from swarmwright.evaluation.evaluate import Episode
+    from swarmwright.evaluation.shown import ShownEpisode
+
+    episode = ShownEpisode.of_experiment(experiment, controller, seed=seed, broker=broker)
+    recording = episode.save(picture, speed=speed, shown=shown)
+    result = Episode(
+        recording.fitness, episode.metrics(recording), episode.controller.parameters, episode.seed
+    )
+    _print(output, result, controller, saved(recording, picture), where(picture))
+
+
+def _print(
+    output: Output,
+    result: "Episode",
+    controller: Path | None,
+    more: Mapping[str, Any] = MappingProxyType({}),
+    sentence: str = "",
+) -> None:
+    """Print what came out. more, sentence: of a picture, for --json and for readers."""
     whose = None if controller is None else str(controller)
     output.json(
         {
@@ -87,10 +157,11 @@ def command(
             "seed": result.seed,
             "parameters": result.parameters,
             "metrics": result.metrics,
+            **more,
         }
     )
     random = "random values" if result.parameters else "a random controller"
-    output.text(f"Fitness {result.fitness:.6g} with {whose or random}.")
+    output.text(f"Fitness {result.fitness:.6g} with {whose or random}. {sentence}".rstrip())
     for values in (result.parameters, result.metrics):
         if values:
             output.text(", ".join(f"{name} {_plain(value)}" for name, value in values.items()))

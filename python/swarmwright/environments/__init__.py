@@ -7,6 +7,7 @@ are evolved in. The sum of an episode's rewards is its fitness.
 """
 
 from collections.abc import Mapping
+from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal
 
 from swarmwright.core.errors import InputError
@@ -20,7 +21,7 @@ __all__ = ["gymnasium_env", "parallel_env"]
 
 
 def parallel_env(
-    simulation: "Experiment | str | type",
+    simulation: "Experiment | Mapping[str, Any] | str | PathLike[str] | type",
     parameters: Mapping[str, Any] | None = None,
     *,
     render_mode: Literal["rgb_array"] | None = None,
@@ -36,8 +37,8 @@ def parallel_env(
     at first of `parameters.seed` (0).
 
     Args:
-        simulation: the name of a built-in simulation, `FILE:Class`, a class, or an experiment: then its
-            simulation, parameters and fitness are used.
+        simulation: the name of a built-in simulation, `FILE:Class`, a class, or an experiment, its file
+            (.yaml) or a mapping with its keys: then its simulation, parameters and fitness are used.
         parameters: of the simulation, as in an experiment; for an experiment, those that differ.
         render_mode: rgb_array: `render()` returns a picture, (height, width, 3) of uint8.
 
@@ -53,7 +54,7 @@ def parallel_env(
 
 
 def gymnasium_env(
-    simulation: "Experiment | str | type",
+    simulation: "Experiment | Mapping[str, Any] | str | PathLike[str] | type",
     parameters: Mapping[str, Any] | None = None,
     *,
     render_mode: Literal["rgb_array"] | None = None,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ class World:
 
     def __init__(
         self,
-        simulation: Experiment | str | type,
+        simulation: Experiment | Mapping[str, Any] | str | PathLike[str] | type,
         parameters: Mapping[str, Any] | None,
         render_mode: str | None,
     ) -> None:

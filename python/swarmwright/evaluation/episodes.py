@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from os import PathLike
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from swarmwright.display import Caption, Recording, Scene
 from swarmwright.display.files import save
 from swarmwright.display.pictures import Pictures
 from swarmwright.display.pictures import save as save_pictures
-from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.experiment.fitness import Fault
 from swarmwright.representations.controller import ControlledEpisodes, Controller
 from swarmwright.simulations import catalogue
@@ -55,8 +55,8 @@ class Episodes:
     same fitness.
 
     Args:
-        simulation: the name of a built-in simulation, `FILE:Class`, a class, or an experiment: then its
-            simulation, parameters and fitness are used.
+        simulation: the name of a built-in simulation, `FILE:Class`, a class, or an experiment, its file
+            (.yaml) or a mapping with its keys: then its simulation, parameters and fitness are used.
         parameters: of the simulation, as in an experiment; for an experiment, those that differ.
         seeds: of the simulation, from 0 to 2**63 - 1, one for each episode; at least one.
         watch: keep what the first episode looks like at each step, for `save`.
@@ -72,7 +72,7 @@ class Episodes:
 
     def __init__(
         self,
-        simulation: Experiment | str | type,
+        simulation: Experiment | Mapping[str, Any] | str | PathLike[str] | type,
         parameters: Mapping[str, Any] | None = None,
         *,
         seeds: Iterable[int] = (0,),
@@ -304,7 +304,9 @@ class EpisodeSequence(Episodes):
     """
 
     def __init__(
-        self, simulation: Experiment | str | type, parameters: Mapping[str, Any] | None = None
+        self,
+        simulation: Experiment | Mapping[str, Any] | str | PathLike[str] | type,
+        parameters: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(simulation, parameters)
 
@@ -338,21 +340,20 @@ class DrawnEpisodes(EpisodeSequence):
 def _experiment(simulation: object, parameters: Mapping[str, Any] | None) -> Experiment:
     if parameters is not None:
         mapping("parameters", parameters, '{"mission": "aggregation"}')
-    if isinstance(simulation, Experiment):
-        found = simulation if not parameters else simulation.replace(parameters=dict(parameters))
+    file = isinstance(simulation, PathLike) or (
+        isinstance(simulation, str) and simulation.endswith((".yaml", ".yml"))
+    )
+    if file or isinstance(simulation, Experiment | Mapping):
+        found = experiment_of(simulation)  # type: ignore[arg-type] # one of these
+        found = found if not parameters else found.replace(parameters=dict(parameters))
     elif isinstance(simulation, str | type):
         found = Experiment.from_mapping({"simulation": simulation, "parameters": dict(parameters or {})})
     else:
-        hint = "; write Experiment.from_mapping(..)" if isinstance(simulation, Mapping) else ""
-        if isinstance(simulation, PurePath):
-            hint = f"; write Experiment.load({str(simulation)!r})"
         raise InputError(
-            "simulation: must be a name such as 'arena', a class or an Experiment, "
-            f"not an object of the class {type(simulation).__name__}{hint}"
+            "simulation: must be a name such as 'arena', a class, an Experiment or its file, not an object "
+            f"of the class {type(simulation).__name__}"
         )
     if not catalogue.is_here(found.simulation):
         hint = did_you_mean(found.simulation, catalogue.titles())
-        if found.simulation.endswith((".yaml", ".yml")):
-            hint = f"; for an experiment's file write Experiment.load({found.simulation!r})"
         raise InputError(f"simulation: {found.simulation!r} is not built in, nor a class in Python{hint}")
     return found

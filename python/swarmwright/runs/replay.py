@@ -8,22 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from swarmwright import _engine
 from swarmwright.core.arguments import simulation_seed
-from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.errors import InputError
 from swarmwright.core.flatten import flat
-from swarmwright.display import Caption, Part, Playable, Recording, record
-from swarmwright.experiment.fitness import JudgedEpisode
-from swarmwright.experiment.kinds import kinds
+from swarmwright.display import Caption
+from swarmwright.evaluation.shown import ShownEpisode, check_shown_on
 from swarmwright.experiment.settings import Setting, parse_settings, refuse_seed
-from swarmwright.modules.played import PlayedEpisode
 from swarmwright.representations.controller import Controller, controller_words
-from swarmwright.runs import remote
 from swarmwright.runs.choice import Choice, choose
 from swarmwright.runs.code import used_for
 from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:
+    from swarmwright.display import Recording
     from swarmwright.display.pictures import PictureRecording
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.runs.run import Run
@@ -35,24 +32,15 @@ _LONGEST = 40
 """Characters of a value there."""
 
 
-@dataclass(frozen=True)
-class Replay:
-    """One episode of one controller, in the simulation of a run."""
+@dataclass(frozen=True, kw_only=True)
+class Replay(ShownEpisode):
+    """One episode of one controller, in the simulation of a run, whose parameters may be set to others."""
 
     run: "Run"
-    controller: Controller
-    choice: Choice | None
+    choice: Choice | None = None
     """The candidate of the run that the controller is; None when it comes from elsewhere."""
-    source: Path | None
-    """Where a controller from elsewhere comes from."""
-    number: int | None
+    number: int | None = None
     """Index of the episode; None for one that the run did not have."""
-    seed: int
-    """Seed of the simulation."""
-    experiment: "Experiment"
-    """The run's, or with other parameters."""
-    broker: str | None = None
-    """Where a server computes it; None in this process."""
     other: "Run | None" = None
     """The run that the controller is a candidate of, where that is another one."""
     settings: tuple[str, ...] = ()
@@ -110,14 +98,17 @@ class Replay:
             has = "one episode, 0" if len(seeds) == 1 else f"{len(seeds)} episodes, 0 to {len(seeds) - 1}"
             raise InputError(f"episode {number}: the run evaluated {has}; name the seed of another one")
         played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
-        if broker is not None and played.in_python:
-            raise InputError(
-                f"broker: {broker}: behaviours and conditions in Python are shown in this process alone; "
-                "leave it out"
-            )
-        played_seed = seeds[number] if number is not None else seed or 0
+        check_shown_on(broker, played)
         return cls(
-            run, played, chosen, controller, number, played_seed, experiment, broker, settings=tuple(settings)
+            run=run,
+            controller=played,
+            choice=chosen,
+            source=controller,
+            number=number,
+            seed=seeds[number] if number is not None else seed or 0,
+            experiment=experiment,
+            broker=broker,
+            settings=tuple(settings),
         )
 
     def beside(self, other: "Run") -> Self:
@@ -153,111 +144,26 @@ class Replay:
             raise InputError(f"{other.path}: does not fit {here}: {error}{advice}") from error
 
     @property
-    def pictured(self) -> bool:
-        """Whether the simulation draws pictures itself, in the place of scenes.
-
-        Raises InputError for a simulation that has neither.
-        """
-        return self.broker is None and catalogue.shown_as(self.experiment.simulation) == "picture"
-
-    def episode(self) -> Playable:
-        """Return the episode, before its first step.
-
-        One on a server is to be ended with `close` where it is not played to its end. Raises RunError when no
-        server there has scenes.
-        """
-        if self.broker is not None:
-            return self._judged(self._remote())
-        if not self.pictured:
-            return self._episode(catalogue.playable(self.experiment.simulation))
-        from swarmwright.display.pictures import Pictured
-
-        host = catalogue.drawing(self.experiment.simulation)
-        return Pictured(self._episode(host), host.picture)
-
-    def recording(self) -> Recording:
-        """Play the episode and return its scenes.
-
-        Raises RunError when a server cannot compute or show it.
-        """
-        if self.broker is None:
-            return record(self.episode())
-
-        def make() -> tuple[_engine.RemoteEpisode, Playable]:
-            episode = self._remote()
-            return episode, self._judged(episode)
-
-        return remote.recorded(make)
-
-    def _remote(self) -> _engine.RemoteEpisode:
-        parameters = {**self.experiment.parameters, "seed": self.seed}
-        return remote.begin(self.experiment, self.broker or "", parameters, self.controller.json)
-
-    def _judged(self, episode: Any) -> Playable:  # noqa: ANN401 - one of the engine's
-        expression = self.experiment.fitness_expression
-        played: Playable = episode if expression is None else JudgedEpisode(episode, expression)
-        return played
-
-    def pictures(self) -> "PictureRecording":
-        """Play the episode of a simulation that draws pictures, and return them."""
-        from swarmwright.display.pictures import record
-
-        host = catalogue.drawing(self.experiment.simulation)
-        return record(self._episode(host), host.picture)
-
-    def engine_episode(self) -> _engine.Episode | PlayedEpisode:
-        """Return the episode as the engine steps it, before its first step, with the simulation's fitness."""
-        return self._engine_episode(catalogue.playable(self.experiment.simulation))
-
-    def _episode(self, simulation: Any) -> Playable:  # noqa: ANN401 - as the engine takes it
-        return self._judged(self._engine_episode(simulation))
-
-    def _engine_episode(self, simulation: Any) -> _engine.Episode | PlayedEpisode:  # noqa: ANN401 - as the engine takes it
-        if self.controller.in_python:
-            values = self.controller.specification
-            with engine_errors():
-                return PlayedEpisode(simulation, dict(self.experiment.parameters), self.seed, values)
-        evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
-        parameters = {**self.experiment.parameters, **evolved, "seed": self.seed}
-        with engine_errors():
-            return _engine.Episode(simulation, parameters, self.controller.json)
-
-    @property
     def name(self) -> str:
         """What is played, as the command line names it: GENERATION:CANDIDATE, or the controller's file."""
         if self.choice is None:
             return str(self.source)
         return f"{self.choice.generation}:{self.choice.candidate}"
 
-    def part(self, recording: Recording, name: str = "") -> Part:
-        """Return a recording of the episode with what is known of its controller."""
-        try:
-            described = catalogue.description(self.experiment.simulation, self.experiment.parameters)
-        except InputError:  # sensors and actuators are numbered
-            described = None
-        sensors, actuators = (
-            (described["sensor_names"], described["actuator_names"]) if described is not None else ((), ())
-        )
-        of = kinds(self.experiment.simulation, self.experiment.parameters) if described is not None else ()
-        try:
-            seconds = catalogue.step_seconds(self.experiment.simulation)
-        except InputError:
-            seconds = None
-        return Part(recording, name, self.controller.specification, sensors, actuators, of, seconds)
-
     @property
     def title(self) -> str:
         """What is played, in a line."""
-        return f"{self.run.experiment.label}: {self._who}{self._which}"
+        return f"{self.run.experiment.label}: {self.whose}{self._which}"
 
     @property
     def who(self) -> str:
         """Which candidate or controller it is, in a sentence."""
         number = "" if self.choice is None else f", evaluation {self.choice.number}"
-        return f"{self._who[:1].upper()}{self._who[1:]}{number}."
+        return f"{self.whose[:1].upper()}{self.whose[1:]}{number}."
 
     @property
-    def _who(self) -> str:
+    def whose(self) -> str:
+        """Which candidate or controller it is, in words."""
         if self.choice is None:
             return f"controller of {self.source}"
         return f"candidate {self.choice.candidate} of generation {self.choice.generation}"
@@ -294,15 +200,6 @@ class Replay:
         """Whether parameters and fitness are those of the run."""
         mine, runs = self.experiment, self.run.experiment
         return (mine.parameters, mine.fitness) == (runs.parameters, runs.fitness)
-
-    def _simulated(self, recording: "Recording | PictureRecording | None") -> Iterator[tuple[str, str]]:
-        """Yield the title of what was simulated: the message that all scenes have."""
-        if not isinstance(recording, Recording):
-            return
-        first, last = recording.scenes[0].message, recording.scenes[-1].message
-        if first and first == last and len(recording.scenes) > 1:
-            mission = catalogue.built_in(self.experiment.simulation) == catalogue.ARENA
-            yield ("mission" if mission else "scene", first)
 
     def _changed(self) -> Iterator[tuple[str, str]]:
         """Yield what is not as in the run."""

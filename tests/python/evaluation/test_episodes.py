@@ -215,13 +215,9 @@ def test_mistakes() -> None:
         Episodes(Walk, seeds=[])
     with pytest.raises(InputError, match="simulation: must be a name"):
         Episodes(3)  # type: ignore[arg-type]
-    for given, advice in (
-        ("pole.yaml", r"for an experiment's file write Experiment\.load\('pole\.yaml'\)"),
-        (Path("pole.yaml"), r"write Experiment\.load\('pole\.yaml'\)"),
-        ({"simulation": "minisim"}, r"write Experiment\.from_mapping\(\.\.\)"),
-    ):
-        with pytest.raises(InputError, match=advice):
-            Episodes(given)  # type: ignore[arg-type]
+    for given in ("pole.yaml", Path("pole.yaml")):
+        with pytest.raises(InputError, match=r"pole\.yaml: there is no such file"):
+            Episodes(given)
     episodes = Episodes(Walk)
     with pytest.raises(InputError, match=r"have the shape \(1, 1\); expected \(2, 1\)"):
         episodes.step([[0]])
@@ -319,3 +315,15 @@ def test_the_next_episode_of_a_sequence_takes_the_place_of_the_one_before() -> N
         assert sequence.run(lambda _: [[0.5], [0.25]]) == expected.run(lambda _: [[0.5], [0.25]])
         sequence.restart(seed)
     assert not hasattr(Episodes, "restart"), "several episodes, and what is kept of them"
+
+
+def test_an_experiment_may_be_named_by_its_file_or_given_as_a_mapping(tmp_path: Path) -> None:
+    file = tmp_path / "my.yaml"
+    file.write_text("simulation: arena\nparameters: {robots: 3, duration: 2}\n")
+    values = {"simulation": "arena", "parameters": {"robots": 3, "duration": 2}}
+    expected = Experiment.from_mapping(values)
+    for given in (file, str(file), values):
+        assert Episodes(given).experiment.parameters == expected.parameters
+    changed = Episodes(str(file), {"robots": 2})
+    assert changed.experiment.parameters == {**expected.parameters, "robots": 2}
+    assert len(changed.observe().agents) == 2

@@ -1,4 +1,4 @@
-"""Episodes of runs, computed by a simulation server and shown here."""
+"""Episodes that a simulation server computes and that are shown here."""
 
 import logging
 from collections.abc import Callable

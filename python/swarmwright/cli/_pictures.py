@@ -1,0 +1,118 @@
+"""Pictures, videos and pages of episodes: the options of commands that save them, and what they print."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+from click.core import ParameterSource
+
+from swarmwright.cli._options import Decorator, OutputFile, RealNumber, SaveOption, experiment_broker
+
+if TYPE_CHECKING:
+    from swarmwright.display import Recording, Shown
+    from swarmwright.display.pictures import PictureRecording
+
+Colors = Literal["auto", "state", "value", "controller"]
+
+_OPTIONS: tuple[Decorator, ...] = (
+    click.option(
+        "--save",
+        "picture",
+        cls=SaveOption,
+        type=OutputFile(),
+        metavar="FILE",
+        help="Write the episode to a file: .html is an interactive page, .gif an animation, .mp4 a video, "
+        ".png a still image with all trajectories.",
+    ),
+    click.option(
+        "--speed",
+        type=RealNumber(0.01, 1000.0),
+        default=1.0,
+        show_default=True,
+        metavar="FACTOR",
+        help="How many times faster than the simulation's step size.",
+    ),
+    click.option(
+        "--show",
+        "parts",
+        metavar="WHAT",
+        default="trails,labels",
+        show_default=True,
+        help="Drawn in addition to bodies, separated by commas: trails, rays (of sensors), links (who hears "
+        "whom), labels; or none. On a page it can be changed.",
+    ),
+    click.option(
+        "--colors",
+        type=click.Choice(["auto", "state", "value", "controller"]),
+        default="auto",
+        show_default=True,
+        help="What gives bodies their colours: their kind and state, their value, or the state of the "
+        "agent's controller where that is a state machine. A page begins with it.",
+    ),
+)
+
+
+def picture_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+    """`--save`, `--speed`, `--show`, `--colors`: a command gets `picture`, `speed`, `parts`, `colors`."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def check_unsaved(options: Mapping[str, str]) -> None:
+    """Refuse what is said of a picture where none is made. options: parameter -> name on the command line."""
+    context = click.get_current_context()
+    for name, option in options.items():
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"{option} is for pictures, videos and pages: give --save FILE as well.")
+
+
+def broker_of(simulation: str, broker: str | None, of_experiment: str | None) -> str | None:
+    """Return where an episode is computed that is shown here; None for this process.
+
+    That is the broker that is named; for a simulation that is not here, also the experiment's or the one of
+    the environment.
+    """
+    from swarmwright.simulations import catalogue
+
+    if broker is not None or catalogue.is_here(simulation):
+        return broker
+    return experiment_broker(None, of_experiment, None)
+
+
+def check_file(picture: Path) -> None:
+    """Refuse a file whose ending stands for no format."""
+    from swarmwright.display.files import FORMATS
+
+    if picture.suffix.lower() not in FORMATS:
+        endings = f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
+        raise click.UsageError(f"--save {picture}: files end with {endings}.")
+
+
+def shown_parts(parts: str, colors: Colors) -> "Shown":
+    """Return what `--show` and `--colors` say is drawn."""
+    from swarmwright.display import PARTS, Shown
+
+    given = [part.strip() for part in parts.split(",") if part.strip()]
+    if given == ["none"]:
+        given = []
+    for part in given:
+        if part not in PARTS:
+            raise click.UsageError(f"--show: '{part}' found, expected {', '.join(PARTS)} or none.")
+    shown = Shown(**{part: part in given for part in PARTS}, colors=colors)
+    chosen = click.get_current_context().get_parameter_source("parts") is not ParameterSource.DEFAULT
+    return shown if chosen else replace(shown, labels=None)
+
+
+def where(picture: Path) -> str:
+    """Say what was written, and into which file."""
+    words = {".html": "The page", ".mp4": "The video", ".gif": "The animation"}
+    return f"{words.get(picture.suffix.lower(), 'The picture')} is in {picture}"
+
+
+def saved(recording: "Recording | PictureRecording", picture: Path) -> dict[str, Any]:
+    """Return what was written as plain values, for `--json`."""
+    steps = len(recording.fitness_so_far) - 1
+    return {"fitness": recording.fitness, "steps": steps, "picture": str(picture)}
