@@ -53,7 +53,7 @@ class SteppedEpisodes:
         return self._taken(self._dialogue.reset(parameters, seed))
 
     def step(self, actions: NDArray[np.float32]) -> ArrayLike | None:
-        """Go on by one step; return the sensors as `reset`."""
+        """Advance by one step; return the sensors as `reset`."""
         assert self._dialogue is not None
         return self._taken(self._dialogue.ask({"actuators": actions.tolist()}))
 

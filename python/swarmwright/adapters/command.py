@@ -215,7 +215,7 @@ class CommandSimulation(Simulation):
         return np.zeros((1, self.sensors))
 
     def step(self, actions: NDArray[np.float32]) -> ArrayLike:
-        """Go on by one step, where the command is stepped."""
+        """Advance by one step, where the command is stepped."""
         stepped = self._stepped
         assert stepped is not None
         return self._sensed(lambda: stepped.step(actions))

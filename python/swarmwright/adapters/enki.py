@@ -119,7 +119,7 @@ class Robots(Simulation):
         return self._look()
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Go on by one step of control."""
+        """Advance by one step of control."""
         for robot, (left, right) in zip(self.robots, actions.tolist(), strict=True):
             robot.leftSpeed, robot.rightSpeed = self.fastest * left, self.fastest * right
         self.world.step(self.step_seconds, 3)

@@ -85,7 +85,7 @@ class Gymnasium(Environment):
         return self._seen(begun[0])
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Go on by one step."""
+        """Advance by one step."""
         seen, reward, terminated, truncated, _ = self._stepped(
             self._act(actions[0].astype(float), self._mask)
         )

@@ -92,7 +92,7 @@ class PettingZoo(Environment):
         return self._rows(seen)
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Go on by one step."""
+        """Advance by one step."""
         given = {}
         for name in self.env.agents:
             act = self._spaces[name][1]

@@ -68,7 +68,7 @@ class Vmas(BatchSimulation):
         )
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Go on by one step."""
+        """Advance by one step."""
         spaces = enumerate(self._env.action_space)
         given = [torch.as_tensor(_scaled(actions[:, index], space)) for index, space in spaces]
         seen, rewards, dones, _ = self._env.step(given)

@@ -235,9 +235,10 @@ def compare(
     three groups and more by Kruskal and Wallis' test as well, and p of pairs is corrected after Holm.
     One group alone is described and not tested. Groups of different simulations, parameters of the simulation
     or definitions of fitness, such as those of a sweep over methods and missions, solve different tasks: then
-    tests are within a task, and p is corrected for the pairs of that task. Reference models of the arena's
-    e-puck make no task. Groups that differ in nothing but parameters are tested against each other, with a
-    note, unless they have different missions.
+    tests are within a task, and p is corrected for the pairs of that task. Runs that differ only in the
+    reference model of the arena's e-puck (`e-puck-rm1.1`, `e-puck-rm1.2`) have the same task, since both
+    describe the same robot. Groups that differ in nothing but parameters are tested against each other,
+    with a note, unless they have different missions.
 
     Runs of `nsga2` with the same objectives can be compared by the hypervolume of their fronts, those of
     `map_elites` with the same measures, ranges and bins by the QD score and the coverage of their archives,

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FILES = {
     "best.json": "the best controller",
     "fitness.png": "fitness over generations, a plot",
-    "run.sqlite": "every evaluation, and how it came about",
+    "run.sqlite": "every evaluation: genome, seeds, fitness, server, errors",
     "experiment.yaml": "the experiment with every default written out",
     "code": "a copy of the source of its simulation and plug-ins",
     "servers.log": "what the simulation servers printed",

@@ -57,13 +57,14 @@ class Budget:
         return max(min(expected), generations, 1)
 
     def words(self, ended: Ended, generations: int, evaluations: int) -> str:
-        """Return why a run ended, which had so many generations and evaluations."""
+        """Return why a run ended after these generations and evaluations."""
         done = f"all {self.generations} generations are done"
         if self.generations is not None and generations < self.generations:
-            # Restarts with larger populations use up the evaluations.
+            # Of the methods, only those that restart with larger populations use the evaluations up earlier.
+            whole = self.generations
             done = (
-                f"the evaluations of {self.generations} generations of the first population are used, or "
-                "too few are left for the next generation, which restarts have enlarged"
+                f"restarts have enlarged the population: the evaluations of {whole} generations of the "
+                f"first size were enough for {generations}; method.restart: none runs all {whole}"
             )
         used = f"the next generation would not fit into {self.evaluations} evaluations"
         if self.evaluations is not None and evaluations >= self.evaluations:

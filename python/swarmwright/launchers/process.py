@@ -32,8 +32,8 @@ class ProcessOptions(LauncherOptions):
     recycle: int = Field(default=0, ge=0)
     """Evaluations after which a server's process is ended and another one started, for simulations that lose
     memory; 0 for never. The request, or the episode, under way is finished first. A batch of the mode batched
-    counts as one. Of servers that start together, some are replaced earlier at first, so that they are not
-    all replaced at once."""
+    counts as one. Replacements are staggered: of servers that start together, some are replaced earlier the
+    first time."""
 
 
 class Process(Launcher):

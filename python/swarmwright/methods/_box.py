@@ -15,7 +15,7 @@ class BoxOptions(MethodOptions):
 
     population: int
     reach: float = Field(default=5.0, ge=1, le=1e6)
-    """Genes without bounds stay within so many times their initial range around its middle. Where a given
+    """Genes without bounds stay within this many times their initial range around its middle. Where a given
     controller is outside of that, up to half of the initial range farther."""
 
 

@@ -37,7 +37,7 @@ class RacingOptions(MethodOptions):
     candidates: int = Field(default=1024, ge=2, le=100_000)
     """Candidates that a race begins with, at most."""
     survivors: int | None = Field(default=None, ge=1, le=10_000)
-    """A race ends when so many candidates are left; so many of the best are the elites, which take part in
+    """A race ends when this many candidates are left. As many of the best are the elites, which take part in
     the next race and have candidates sampled around them. Default: the whole part of 2 + log2(genes)."""
     first_test: int = Field(default=5, ge=2, le=100_000)
     """Instances before the first test of a race."""

@@ -31,17 +31,20 @@ def check_memory(experiment: Experiment, representation: Representation) -> None
     free = available()
     what = f"{count:,} candidates with {representation.genome_size:,} genes each"
     if free is None:
-        progress.info("%s: about %s of memory is needed", what, size(needed))
+        progress.info("%s: this takes about %s of memory, and a while", what, size(needed))
         return
     if genomes > free:
         raise InputError(
             f"method.population: {what} do not fit into memory: the genomes alone are {size(genomes)}, and "
             f"{size(free)} are available; take a smaller population"
         )
-    fits = "enough" if needed <= free else "perhaps too little: take a smaller population if it ends early"
-    progress.log(
-        logging.INFO if needed <= free else logging.WARNING,
-        *("%s: about %s of memory is needed, %s are available, %s", what, size(needed), size(free), fits),
+    if needed <= free:
+        progress.info("%s: this takes about %s of memory, and a while", what, size(needed))
+        return
+    progress.warning(
+        "%s: about %s of memory is needed, but %s are available; take a smaller population if the run ends "
+        "early",
+        *(what, size(needed), size(free)),
     )
 
 

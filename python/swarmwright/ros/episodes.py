@@ -211,7 +211,7 @@ class Robots:
         return self._answer()
 
     def step(self, actuators: Sequence[Sequence[float]]) -> dict[str, Any]:
-        """Go on by one step; return the answer."""
+        """Advance by one step; return the answer."""
         for outputs, row in zip(self._outputs, actuators):
             outputs.publish(row)
         if self.moves_alone:

@@ -63,8 +63,9 @@ class Run:
     """An optimization's results, in a folder.
 
     Made by `swarmwright.optimize`, `Run.open(folder)` or `Run(folder)`. The files: run.sqlite (every
-    evaluation and how it came about), experiment.yaml (every default written out), best.json (the best
-    controller) and fitness.png. A run that was killed can be opened too, and one that still goes on.
+    evaluation with its seeds, servers and errors), experiment.yaml (every default written out), best.json
+    (the best controller) and fitness.png. A run that was killed can be opened too, and one that still
+    goes on.
 
     All of it is as it was when it was opened, whatever is added later: generations, sessions, attempts,
     validation. Only `state`, and with it `interrupted` and `ended`, tell of a run that goes on what has

@@ -124,7 +124,10 @@ def test_larger_populations_use_up_the_budget_in_fewer_generations(tmp_path: Pat
     assert 300 * 20 * 0.8 < run.evaluations <= 300 * 20
     assert run.ended == "generations"
     shown = CliRunner().invoke(program, ["runs", "show", str(run.path)]).output
-    assert "ended since the evaluations of 300 generations of the first population are used, or too" in shown
+    assert (
+        "ended since restarts have enlarged the population: the evaluations of 300 generations of the first "
+        f"size were enough for {run.generations}; method.restart: none runs all 300\n"
+    ) in shown
 
 
 @pytest.mark.parametrize("ahead", [True, False])

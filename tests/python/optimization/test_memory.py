@@ -31,9 +31,9 @@ def test_what_cannot_fit_is_refused_at_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("free", "level", "said"),
     [
-        (10**12, logging.INFO, "are available, enough"),
-        (30_000_000, logging.WARNING, "30 MB are available, perhaps too little"),
-        (None, logging.INFO, "of memory is needed"),
+        (10**12, logging.INFO, "MB of memory, and a while"),
+        (30_000_000, logging.WARNING, "but 30 MB are available; take a smaller population"),
+        (None, logging.INFO, "of memory, and a while"),
     ],
 )
 def test_it_is_said_how_much_is_needed(
@@ -46,7 +46,7 @@ def test_it_is_said_how_much_is_needed(
     (record,) = caplog.records
     assert record.levelno == level
     assert said in record.getMessage()
-    assert record.getMessage().startswith("200,000 candidates with 19 genes each: about ")
+    assert record.getMessage().startswith("200,000 candidates with 19 genes each: ")
 
 
 def test_limits_of_the_process_count() -> None:

@@ -100,7 +100,7 @@ class Quadrotors(Robots):
         self._closest = self._least()
 
     def step(self, actions: NDArray[np.float32]) -> Numbers:
-        """Go on by one step of control."""
+        """Advance by one step of control."""
         for _ in range(self.physics_steps):
             self._steer(_FASTEST * actions.astype(float))
             mujoco.mj_step(self.model, self.data)

@@ -78,7 +78,7 @@ class Rovers(Robots):
         self._sum, self._counted, self._touched = 0.0, 0, 0.0
 
     def step(self, actions: NDArray[np.float32]) -> Numbers:
-        """Go on by one step of control."""
+        """Advance by one step of control."""
         self.data.ctrl[:] = _FASTEST * actions.ravel()
         mujoco.mj_step(self.model, self.data, self.physics_steps)
         self.left -= 1
