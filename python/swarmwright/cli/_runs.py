@@ -242,6 +242,8 @@ def _list_servers(output: Output, servers: list[dict[str, Any]]) -> None:
         said += f", busy for {duration(server['seconds'])}"
         if server["failed"]:
             said += f", {counted(server['failed'], 'attempt')} failed"
+        if server["lost"]:
+            said += f", {server['lost']:,} more lost with it"
         if server["slower"]:
             said += f", {counted(server['slower'], 'attempt')} ended as another server was faster (backup)"
         output.text(said)
@@ -264,6 +266,9 @@ def _list_failures(output: Output, failures: list[dict[str, Any]]) -> None:
         if len(servers) > 1:  # the text is that of the first one
             reason = _SERVER.sub("the server", reason)
         output.item(f"  {counted(failure['attempts'], 'attempt')} ({named}): {reason}", indent="    ")
+        if failure["lost"]:
+            lost = counted(failure["lost"], "attempt")
+            output.item(f"    {lost} at other evaluations, lost with the server and repeated", indent="    ")
     if len(failures) > _FAILURES:
         output.text(f".. and {counted(len(failures) - _FAILURES, 'more reason')}: --json shows all")
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import math
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -9,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmwright.core.attempts import NOT_FINISHED, SAME_END_S, is_overtaken, is_server_end
+from swarmwright.core.formatting import counted
 from swarmwright.evaluation.base import Results
 from swarmwright.store import Journal, WarningEntry
 from swarmwright.store.rows import AttemptEntry
@@ -27,7 +30,9 @@ class Failure(NamedTuple):
     """As the journal counts it."""
     episode: int
     last: AttemptEntry
-    """The last attempt."""
+    """The last attempt that failed."""
+    attempts: int
+    """That failed, copies on other servers included."""
 
     @property
     def time(self) -> float:
@@ -36,9 +41,8 @@ class Failure(NamedTuple):
 
     def text(self, seeds: Sequence[int]) -> str:
         """Say which episode failed, and how often it was tried."""
-        tries = self.last.attempt
         where = f"episode {self.episode} (seed {seeds[self.episode]})"
-        return f"{where} failed after {tries} attempt{'s' if tries != 1 else ''}"
+        return f"{where} failed after {counted(self.attempts, 'attempt')}"
 
 
 class Failures:
@@ -106,14 +110,55 @@ def _failures(results: Results, rows: Mapping[int, int] | None) -> Iterator[Fail
     failed = np.isnan(results.fitness)
     if not failed.any():
         return
-    found: dict[tuple[int, int], AttemptEntry] = {}
-    for entry in results.journal.attempts:
-        if not entry.error:
-            continue
+    found: dict[tuple[int, int], list[AttemptEntry]] = {}
+    for entry in _without_lost(results.journal.attempts):
         for candidate in range(entry.candidate, entry.candidate + entry.candidates):
             row = candidate if rows is None else rows.get(candidate, -1)
             for episode in range(entry.episode, entry.episode + entry.episodes):
                 if 0 <= row < failed.shape[0] and episode < failed.shape[1] and failed[row, episode]:
-                    found[candidate, episode] = entry
-    for (candidate, episode), entry in sorted(found.items(), key=lambda one: one[0]):
-        yield Failure(candidate, episode, entry)
+                    found.setdefault((candidate, episode), []).append(entry)
+    for (candidate, episode), entries in sorted(found.items(), key=lambda one: one[0]):
+        # Copies of one attempt have one number; a batch that failed as a whole says nothing of its parts.
+        alone = sum(entry.candidates * entry.episodes == 1 for entry in entries)
+        attempts = max(alone, *(entry.attempt for entry in entries))
+        yield Failure(candidate, episode, entries[-1], attempts)
+
+
+def _without_lost(entries: Sequence[AttemptEntry]) -> Iterator[AttemptEntry]:
+    """Yield attempts that failed, without those that a server lost since it failed at another one."""
+    groups: dict[tuple[int, str], list[tuple[float, int]]] = {}
+    for number, entry in enumerate(entries):
+        error = entry.error or ""
+        reason = error.removeprefix(NOT_FINISHED)
+        if is_server_end(reason) and not is_overtaken(error):
+            groups.setdefault((entry.server, reason), []).append((entry.started + entry.seconds, number))
+    lost: set[int] = set()
+    for group in groups.values():
+        together: list[int] = []
+        before = -math.inf
+        for end, number in sorted(group):
+            if end - before > SAME_END_S:
+                lost.update(_lost(entries, together))
+                together = []
+            together.append(number)
+            before = end
+        lost.update(_lost(entries, together))
+    for number, entry in enumerate(entries):
+        if entry.error and not is_overtaken(entry.error) and number not in lost:
+            yield entry
+
+
+def _lost(entries: Sequence[AttemptEntry], together: Sequence[int]) -> list[int]:
+    """Return which of the attempts that ended together with a server are not the one at which it failed."""
+
+    def is_cause(number: int) -> tuple[bool, bool, int, int]:
+        entry = entries[number]
+        size = entry.candidates * entry.episodes
+        # The pool gives it a stack, at first, and writes it behind the batch that it was part of. Later it is
+        # sent alone, with a higher number than others that wait at the server.
+        whole = number > 0 and (entries[number - 1].error or "").startswith(NOT_FINISHED)
+        return entry.stack is not None, whole, entry.attempt, -size
+
+    ended = [number for number in together if not (entries[number].error or "").startswith(NOT_FINISHED)]
+    cause = max(ended, key=is_cause, default=None)
+    return [number for number in together if number != cause]

@@ -1,10 +1,11 @@
 """How a run went: its attempts and events, what servers did, and why attempts failed."""
 
 import sqlite3
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from swarmwright.core.attempts import OVERTAKEN
+from swarmwright.core.attempts import NOT_FINISHED, OVERTAKEN, SAME_END_S, is_server_end
 from swarmwright.core.formatting import counted
 from swarmwright.core.message_kinds import kind_of
 from swarmwright.store.pieces import Begin
@@ -27,9 +28,17 @@ FROM one GROUP BY server ORDER BY server
 """What each server did; attempts that overlap count once as time: what is before the end of an earlier one is
 left out. They are sorted for that: as numbers, without the texts of errors."""
 _FAILURES = """
-SELECT error, server, count(*) FROM attempt WHERE error NOT LIKE :overtaken AND rowid <= :last
-GROUP BY server, error ORDER BY server, min(rowid)
+WITH failed AS (
+    SELECT rowid AS number, session, server, started + seconds AS ended,
+        iif(substr(error, 1, length(:prefix)) = :prefix, substr(error, length(:prefix) + 1), error) AS reason
+    FROM attempt WHERE error NOT LIKE :overtaken AND rowid <= :last),
+one AS (
+    SELECT *, ended - lag(ended) OVER (PARTITION BY session, server, reason ORDER BY ended) AS pause
+    FROM failed)
+SELECT reason, server, count(*), sum(coalesce(pause <= :same, 0))
+FROM one GROUP BY server, reason ORDER BY server, min(number)
 """
+"""Why attempts failed on each server, how many, and how many of these ended together with another one."""
 _OVERTAKEN = """
 SELECT server, count(*) FROM attempt WHERE session = ? AND error LIKE ?
 GROUP BY server ORDER BY count(*) DESC, server
@@ -60,8 +69,19 @@ def lines(begin: Begin, kind: type[Any], table: str, last: int) -> Iterator[Any]
 
 def shares(connection: sqlite3.Connection, last: int) -> list[ServerShare]:
     """Return what each server did in the attempts up to the row `last`, by its number."""
+    lost: Counter[int] = Counter()
+    for _, server, _, others in _failed(connection, last):
+        lost[server] += others
     return [
-        ServerShare(int(server), int(evaluations), int(failed), seconds, int(slower), bool(within))
+        ServerShare(
+            int(server),
+            int(evaluations),
+            int(failed) - lost[server],
+            seconds,
+            int(slower),
+            bool(within),
+            lost[server],
+        )
         for server, evaluations, failed, seconds, slower, within in connection.execute(
             _SHARES, {"overtaken": OVERTAKEN, "last": last}
         )
@@ -86,8 +106,16 @@ def incidents(connection: sqlite3.Connection, session: int, counts: Mapping[str,
 def failures(connection: sqlite3.Connection, last: int) -> list[FailureReason]:
     """Return why attempts up to the row `last` failed, the most frequent reason first."""
     found: dict[str, FailureReason] = {}
-    for error, server, count in connection.execute(_FAILURES, {"overtaken": OVERTAKEN, "last": last}):
-        one = found.get(kind_of(error)) or FailureReason(error, 0, {})
+    for reason, server, count, lost in _failed(connection, last):
+        one = found.get(kind_of(reason)) or FailureReason(reason, 0, {}, 0)
         servers = {**one.servers, server: one.servers.get(server, 0) + count}
-        found[kind_of(error)] = one._replace(attempts=one.attempts + count, servers=servers)
+        found[kind_of(reason)] = FailureReason(one.reason, one.attempts + count, servers, one.lost + lost)
     return sorted(found.values(), key=lambda one: -one.attempts)
+
+
+def _failed(connection: sqlite3.Connection, last: int) -> Iterator[tuple[str, int, int, int]]:
+    """Yield reasons, a server, how many attempts failed on it, and how many others were lost with it."""
+    named = {"overtaken": OVERTAKEN, "last": last, "prefix": NOT_FINISHED, "same": SAME_END_S}
+    for reason, server, count, together in connection.execute(_FAILURES, named):
+        lost = int(together) if is_server_end(reason) else 0
+        yield reason, int(server), int(count) - lost, lost

@@ -110,13 +110,15 @@ class ServerShare(NamedTuple):
     evaluations: int
     """Episodes of all attempts that it answered."""
     failed: int
-    """Attempts that failed, but for those that another server was faster with."""
+    """Attempts that failed, but for those that another server was faster with, and for lost ones."""
     seconds: float
     """During which an attempt was under way; several at the same time count once."""
     slower: int
     """Attempts that ended because another server, which had the same work, was faster."""
     with_failed: bool
     """Whether episodes that failed are among `evaluations`: a server answers many episodes at once."""
+    lost: int
+    """Attempts at other evaluations that the server had when it failed at one; they were repeated."""
 
 
 class FailureReason(NamedTuple):
@@ -127,6 +129,8 @@ class FailureReason(NamedTuple):
     attempts: int
     servers: dict[int, int]
     """Attempts on each server; those in the tool's own process have -1."""
+    lost: int
+    """Attempts at other evaluations that these servers had when they failed; they were repeated."""
 
 
 class AttemptEntry(NamedTuple):

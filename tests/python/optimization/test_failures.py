@@ -86,6 +86,24 @@ def test_candidate_episode_and_seed_are_named(caplog: pytest.LogCaptureFixture) 
     )
 
 
+def test_attempts_at_a_candidate_are_counted_with_their_copies_and_without_those_lost_at_others() -> None:
+    """Copies on two servers have one number; what waited at a server that failed is no attempt."""
+    crash = "a simulation server was killed by SIGSEGV in step (own.py:14)"
+    whole = attempt(0, 0, 1, f"not finished: {crash}", candidates=2)
+    first = attempt(0, 0, 1, crash)._replace(stack="line 14 in step")
+    waited = attempt(1, 0, 1, crash)
+    copied = [one._replace(server=2, stack=None) for one in (whole, first, waited)]
+    overtaken = attempt(0, 0, 2, "server 2 was faster")
+    again = [attempt(0, 0, 2, crash)._replace(server=3), attempt(1, 0, 1, crash)._replace(server=3)]
+    later = attempt(1, 0, 1, crash)._replace(started=50.0)
+    tried = [whole, first, waited, *copied, *again, later, overtaken]
+    found = Failures(Path("run")).named(results([[np.nan], [np.nan]], *tried), [17])
+    assert [one.text for one in found.journal.warnings[1:]] == [
+        f"episode 0 (seed 17) failed after 3 attempts: {crash}",
+        f"episode 0 (seed 17) failed after 1 attempt: {crash}",
+    ]
+
+
 def test_candidates_that_are_counted_over_the_run(caplog: pytest.LogCaptureFixture) -> None:
     failures = Failures(Path("run"))
     given = results([[np.nan], [0.5]], attempt(7, 0, 1, "broke"), attempt(9, 0, 1, None))

@@ -317,7 +317,7 @@ def test_the_time_of_a_server_counts_once_and_a_slower_backup_is_no_failure(copy
     ]
     change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
     (share,) = StoreReader(copy).servers()
-    assert share == (1, 17, 1, 6.5, 1, True)
+    assert share == (1, 17, 1, 6.5, 1, True, 0)
     said = CliRunner().invoke(program, ["runs", "show", str(copy)]).output
     assert (
         "server 1: 17 episodes (failed ones included), busy for 6.5 s, 1 attempt failed, 1 attempt ended as "
@@ -360,12 +360,52 @@ def test_attempts_that_failed_are_counted_by_reason_and_server(copy: Path) -> No
     change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
     reasons = StoreReader(copy).failures()
     assert [tuple(reason) for reason in reasons] == [
-        (aborted.format(1), 4, {1: 3, 2: 1}),
-        ("sim: ended with exit status 3", 1, {2: 1}),
+        (aborted.format(1), 4, {1: 3, 2: 1}, 0),
+        ("sim: ended with exit status 3", 1, {2: 1}, 0),
     ]
     said = CliRunner().invoke(program, ["runs", "show", str(copy)]).output
     assert f"  4 attempts (server 1: 3, server 2: 1): {aborted.format(1)}\n" in said
     assert "  1 attempt (server 2: 1): sim: ended with exit status 3\n" in said
+
+
+def test_attempts_that_are_lost_with_a_server_are_listed_apart(copy: Path) -> None:
+    """A server that ends takes all its attempts with it; one of them counts as failed."""
+    row = "(1, 0, 'offloaded', {first}, {count}, 0, 1, {server}, 1, NULL, {at}, {took}, '{error}', NULL)"
+    crash = "a simulation server was killed by SIGSEGV in step (own.py:14)"
+    attempts = [
+        (0, 25, 1, 1_700_000_000.0, 1.5, f"not finished: {crash}"),
+        (12, 1, 1, 1_700_000_000.0, 1.5, crash),
+        (38, 6, 1, 1_700_000_000.5, 1.0000001, crash),  # waited for the batch before
+        (12, 1, 2, 1_700_000_003.0, 0.5, crash),
+        (38, 6, 2, 1_700_000_003.0, 0.5, crash),
+        (12, 1, 1, 1_700_000_004.0, 0.5, crash),  # the same server, at another time
+        (50, 2, 3, 1_700_000_005.0, 1.0, "server 3 left"),
+        (52, 2, 3, 1_700_000_005.0, 1.0, "server 3 left"),
+        (60, 1, 1, 1_700_000_006.0, 1.0, "no licence"),  # of one answer: both failed
+        (61, 1, 1, 1_700_000_006.0, 1.0, "no licence"),
+    ]
+    rows = [
+        row.format(first=first, count=count, server=server, at=at, took=took, error=error)
+        for first, count, server, at, took, error in attempts
+    ]
+    change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
+    store = StoreReader(copy)
+    assert [tuple(reason) for reason in store.failures()] == [
+        (crash, 3, {1: 2, 2: 1}, 3),
+        ("no licence", 2, {1: 2}, 0),
+        ("server 3 left", 1, {3: 1}, 1),
+    ]
+    assert [(one.server, one.failed, one.lost) for one in store.servers()] == [
+        (1, 4, 2),
+        (2, 1, 1),
+        (3, 1, 1),
+    ]
+    said = CliRunner().invoke(program, ["runs", "show", str(copy)]).output
+    assert (
+        f"  3 attempts (server 1: 2, server 2: 1): {crash}\n"
+        "    3 attempts at other evaluations, lost with the server and repeated\n"
+    ) in said
+    assert "4 attempts failed, 2 more lost with it\n" in said
 
 
 def test_a_warning_has_the_time_at_which_it_arose(copy: Path) -> None:
