@@ -18,6 +18,7 @@ and the wrappers for Java and C++ are there as in a clone, and built.
 """
 
 import contextlib
+import dataclasses
 import importlib.util
 import os
 import re
@@ -272,3 +273,45 @@ def test_the_page_of_the_python_library_has_every_public_name() -> None:
     table = page[page.index("| name | purpose |") : page.index("## Experiment")]
     public = {name for name in swarmwright.__all__ if not name.startswith("__")}
     assert {name for name in public if not re.search(rf"`{name}`", table)} == set()
+
+
+def _attributes(cls: type) -> tuple[set[str], set[str]]:
+    """Return the public attributes of a class, and which of them are keys of an experiment file."""
+    fields = {one.name for one in dataclasses.fields(cls)} if dataclasses.is_dataclass(cls) else set()
+    keys = fields - {"path"} if cls is swarmwright.Experiment else set()
+    return {name for name in {*dir(cls), *fields} if not name.startswith("_")}, keys
+
+
+@pytest.mark.parametrize(
+    ("classes", "section"),
+    [
+        ((swarmwright.Experiment,), "Experiment"),
+        ((swarmwright.Run,), "Run"),
+        (
+            (swarmwright.PostEvaluation, swarmwright.ControllerEvaluation, swarmwright.Validation),
+            "post_evaluate",
+        ),
+        ((swarmwright.BundleVerification,), "export_bundle"),
+    ],
+)
+def test_the_page_of_the_python_library_has_every_public_attribute(
+    classes: tuple[type, ...], section: str
+) -> None:
+    """What completion and `help` show is documented, and what is documented is there."""
+    page = (ROOT / "docs" / "reference" / "python.md").read_text(encoding="utf-8")
+    text = page.split(f"\n## {section}\n")[1].split("\n## ")[0]
+    of = [_attributes(cls) for cls in classes]
+    named = set(re.findall(r"\w+", " ".join(re.findall(r"`([^`\n]+)`", FENCE.sub("", text)))))
+    assert [public - keys - named for public, keys in of] == [set() for _ in classes]
+    cells = re.findall(r"^\| (`[^|]+) \|", FENCE.sub("", text), re.MULTILINE)
+    listed = {name for cell in cells for name in re.findall(r"`(?:\w+\.)?(\w+)", cell)} - {"print"}
+    assert listed <= set().union(*(public for public, _ in of))
+
+
+@pytest.mark.parametrize(
+    "error",
+    [swarmwright.SwarmwrightError, swarmwright.InputError, swarmwright.RunError, swarmwright.SimulationError],
+)
+def test_errors_have_no_attributes_beside_those_of_the_page(error: type) -> None:
+    own = {name for name in dir(error) if not name.startswith("_")} - set(dir(Exception))
+    assert own <= {"exit_status"}

@@ -477,7 +477,7 @@ def experiment_prefix_option(whose: str) -> Decorator:
     """`--prefix P` of commands that have an experiment, which names a prefix itself.
 
     whose: experiment, `FILE's`. The environment's prefix is used where neither names one, see
-    `Experiment.with_environment`.
+    `swarmwright.experiment.derived.with_environment`.
     """
     return click.option(
         "--prefix",

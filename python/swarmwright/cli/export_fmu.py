@@ -19,6 +19,7 @@ from swarmwright.cli._options import (
     set_option,
 )
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.experiment.derived import with_environment
 
 if TYPE_CHECKING:
     from swarmwright import Experiment
@@ -125,7 +126,7 @@ def command(
     if proxy:
         address = Address(
             broker or experiment.broker or experiment_broker(None, None, "auto") or DEFAULT_BROKER,
-            experiment.with_environment().prefix if prefix is None else prefix,
+            with_environment(experiment).prefix if prefix is None else prefix,
             server,
             experiment.timeouts.discovery,
             experiment.timeouts.step,

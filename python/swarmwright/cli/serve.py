@@ -29,6 +29,7 @@ from swarmwright.cli._options import (
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._signals import Terminated
 from swarmwright.core.suggestions import unknown
+from swarmwright.experiment.derived import place_of
 from swarmwright.supervision import Ended, Event, News, Restarted, Supervisor
 from swarmwright.supervision import Output as Printed
 
@@ -214,7 +215,7 @@ def _named(simulation: str) -> str:
     experiment = Experiment.load(simulation)
     problem = missing(experiment.simulation) if is_command(experiment.simulation) else None
     if problem is not None:
-        raise InputError(f"{experiment.place('simulation')}{problem}")
+        raise InputError(f"{place_of(experiment, 'simulation')}{problem}")
     return experiment.simulation
 
 

@@ -53,7 +53,7 @@ def command(bundle: Path, require_fitness: bool, require_formats: bool, as_json:
         said.text(f"Evaluated again in {found.episodes} episode{'s' if found.episodes > 1 else ''}")
     for problem in found.problems:
         said.text(f"PROBLEM: {problem}")
-    said.text(found.words)
+    said.text(str(found))
     said.json({"bundle": str(bundle), **found.to_mapping()})
     missing = (require_fitness and found.fitness_not_checked) or (
         require_formats and found.formats_not_checked

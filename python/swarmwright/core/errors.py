@@ -6,9 +6,11 @@ Each message is complete, and each class has the exit status of a command line t
 import traceback
 from collections.abc import Callable
 from types import TracebackType
-from typing import ClassVar, Self
+from typing import ClassVar, TypeVar
 
 from swarmwright.core.untrusted import one_line
+
+Reworded = TypeVar("Reworded", bound="SwarmwrightError")
 
 
 class SwarmwrightError(Exception):
@@ -16,13 +18,6 @@ class SwarmwrightError(Exception):
 
     exit_status: ClassVar[int] = 1
     """What a command line tool that ends with this error exits with."""
-
-    def reworded(self, message: str) -> Self:
-        """Return a copy with another message, of the same class and with the same attributes."""
-        copy = type(self).__new__(type(self))
-        vars(copy).update(vars(self))
-        copy.args = (message,)
-        return copy
 
 
 class InputError(SwarmwrightError):
@@ -71,6 +66,14 @@ def explained(error: BaseException) -> str:
     last = frames[-1]
     line = f": {last.line}" if last.line else ""
     return f"{kind} ({last.filename}:{last.lineno}{line})"
+
+
+def reworded(error: Reworded, message: str) -> Reworded:
+    """Return a copy of an error with another message, of the same class and with the same attributes."""
+    copy = type(error).__new__(type(error))
+    vars(copy).update(vars(error))
+    copy.args = (message,)
+    return copy
 
 
 class engine_errors:  # noqa: N801 - used like a function

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable
 
-from swarmwright.core.errors import RunError, SimulationError
+from swarmwright.core.errors import RunError, SimulationError, reworded
 from swarmwright.core.untrusted import lines, one_line
 from swarmwright.store import Journal
 from swarmwright.store.rows import IN_PROCESS
@@ -72,6 +72,6 @@ def failed(message: str, reasons: list[str], failure_of: FailureOf, *, unknown: 
     failure = failure_of(reasons[-1])
     if failure is None:
         return RunError(words)
-    error = failure.reworded(words)
+    error = reworded(failure, words)
     error.__cause__ = failure.__cause__
     return error

@@ -19,6 +19,7 @@ from swarmwright.display import Caption, Recording, Scene
 from swarmwright.display.files import save
 from swarmwright.display.pictures import Pictures
 from swarmwright.display.pictures import save as save_pictures
+from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.experiment.fitness import Fault
 from swarmwright.representations.controller import ControlledEpisodes, Controller
@@ -220,7 +221,7 @@ class Episodes:
 
     def fitness_and_faults(self) -> tuple[NDArray[np.float64], list[Fault]]:
         """Return the fitness so far, and why the experiment's expression has no value where it has none."""
-        expression = self.experiment.fitness_expression
+        expression = fitness_expression(self.experiment)
         with self._errors():
             own = self._episodes.fitness()
             if expression is None:

@@ -25,6 +25,7 @@ from swarmwright.evaluation.metrics import asked_for
 from swarmwright.evaluation.opening import is_here, open_backend
 from swarmwright.evaluation.prepared import check_finite, check_size, prepared
 from swarmwright.evaluation.seeds import seeds_of
+from swarmwright.experiment.derived import has_python_modules, place_of, steers_agents
 from swarmwright.experiment.evolved import unknown
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.rankings.slow_simulation import SlowOptions
@@ -156,8 +157,9 @@ def _check_ranking(experiment: Experiment, generation: int) -> None:
     if isinstance(experiment.ranking, SlowOptions):
         kind: str = experiment.ranking.kind
         raise InputError(
-            f"{experiment.place('ranking')}{kind} needs a second simulation, and earlier generations, which "
-            "only optimize() has; take another ranking: experiment.replace(ranking={'kind': 'absolute'})"
+            f"{place_of(experiment, 'ranking')}{kind} needs a second simulation, and earlier generations, "
+            "which only optimize() has; take another ranking: "
+            "experiment.replace(ranking={'kind': 'absolute'})"
         )
 
 
@@ -282,7 +284,7 @@ def episode(
     _warn_of_edits(experiment)
     specification = None if controller is None else controller.specification
     if servers is None and broker is None and experiment.broker is None and experiment.servers not in HERE:
-        in_python = experiment.in_python or (controller is not None and controller.in_python)
+        in_python = has_python_modules(experiment) or (controller is not None and controller.in_python)
         servers = "in-process" if in_python else 1
     with open_backend(
         experiment, broker=broker, servers=servers, visual=visual, most=1, controller=specification
@@ -293,7 +295,7 @@ def episode(
             representation = experiment.representation(backend.sensors, backend.actuators)
             genome = representation.initial(Stream(experiment.seed, "initial"))
             controllers = Controllers.of(representation, genome[np.newaxis])
-            if not experiment.steers:
+            if not steers_agents(experiment):
                 controller = Controller(representation.specification(genome))
         else:
             check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)

@@ -18,6 +18,7 @@ from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Controllers, Feed, Progress, Results, apply_expression, metrics_of
 from swarmwright.evaluation.code_failures import CodeFailures
 from swarmwright.evaluation.repetition import Failed, Repetition, Value
+from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.hosts import hosted
@@ -43,7 +44,7 @@ class InProcessBackend:
         self.description = "in this process"
         self._simulation = experiment.simulation
         self.parameters = experiment.parameters
-        self._expression = experiment.fitness_expression
+        self._expression = fitness_expression(experiment)
         self.metrics = metrics_of(self._expression, metrics)
         self._failed = 0
         self._evaluator: tuple[dict[str, Any], _engine.Evaluator] | None = None  # of the last architecture

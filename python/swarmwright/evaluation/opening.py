@@ -33,6 +33,7 @@ from swarmwright.evaluation.base import (
 from swarmwright.evaluation.launched import LaunchedServers, start
 from swarmwright.evaluation.module_code import is_in_python, names_of, with_digests
 from swarmwright.evaluation.through_broker import BrokerBackend
+from swarmwright.experiment.derived import fitness_expression, has_python_modules, place_of, with_environment
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers.entries import Entries
 from swarmwright.simulations import catalogue
@@ -95,7 +96,7 @@ def open_backend(
         if wanted == "in-process" or not has_workers(experiment.simulation):
             yield _in_process(experiment, metrics)
             return
-    experiment = experiment.with_environment()
+    experiment = with_environment(experiment)
     with ExitStack() as stack:
         local: StartedServers | None
         account: tuple[str, str, str] | None = None
@@ -124,7 +125,7 @@ def open_backend(
                     address,
                     visual=visual and not is_command(experiment.simulation),
                     alone=broker is None,
-                    metrics=metrics_of(experiment.fitness_expression, metrics),
+                    metrics=metrics_of(fitness_expression(experiment), metrics),
                     machines=machines,
                     account=account,
                 ),
@@ -170,7 +171,7 @@ def is_here(experiment: Experiment, broker: str | None, servers: Servers | None)
         return broker is None
     if wanted != "auto" or experiment.broker is not None:
         return False
-    return experiment.in_python or in_process_is_better(experiment)
+    return has_python_modules(experiment) or in_process_is_better(experiment)
 
 
 def has_workers(simulation: str) -> bool:
@@ -216,7 +217,7 @@ def open_once(
     wanted = chosen(experiment, servers)
     here = wanted in HERE and (wanted == "in-process" or not has_workers(experiment.simulation))
     outside = broker is not None or (experiment.broker is not None and wanted not in HERE)
-    if here or outside or isinstance(wanted, tuple) or experiment.in_python:
+    if here or outside or isinstance(wanted, tuple) or has_python_modules(experiment):
         yield broker, servers
         return
     if wanted == "auto" and in_process_is_better(experiment):
@@ -253,7 +254,7 @@ def open_servers(
     Returns:
         The broker's address, and the servers; None when none were started.
     """
-    experiment = experiment.with_environment()
+    experiment = with_environment(experiment)
     if broker is None:
         check_environment()
     else:
@@ -356,7 +357,7 @@ def require_here(experiment: Experiment) -> None:
     """Raise InputError unless the simulation can run in this process, with the requirements."""
     simulation = experiment.simulation
     if not catalogue.is_here(simulation):
-        where = experiment.place("simulation")
+        where = place_of(experiment, "simulation")
         if simulation.endswith(".py"):
             from swarmwright.simulations.file_names import class_missing  # noqa: PLC0415 - only for this message
 
@@ -372,20 +373,21 @@ def require_here(experiment: Experiment) -> None:
 
         problem = commands.missing(simulation)
         if problem is not None:
-            raise InputError(f"{experiment.place('simulation')}{problem}")
+            raise InputError(f"{place_of(experiment, 'simulation')}{problem}")
         warning = commands.warning_of(experiment)
         if warning is not None:
-            warn_once(f"{experiment.place('simulation')}{warning}")
+            warn_once(f"{place_of(experiment, 'simulation')}{warning}")
     announced, wanted = catalogue.description(simulation), experiment.requirements
     title, most = announced["title"], announced.get("max_agents")
     if wanted.dimensions != announced["dimensions"]:
         raise InputError(
-            f"{experiment.place('requirements')}{title} has {announced['dimensions']} dimensions, not "
+            f"{place_of(experiment, 'requirements')}{title} has {announced['dimensions']} dimensions, not "
             f"{wanted.dimensions}; leave the key out"
         )
     if most is not None and (wanted.max_agents or 0) > most:
         raise InputError(
-            f"{experiment.place('requirements')}{title} has at most {most} agents, not {wanted.max_agents}"
+            f"{place_of(experiment, 'requirements')}{title} has at most {most} agents, not "
+            f"{wanted.max_agents}"
         )
 
 
@@ -393,7 +395,9 @@ def _machines(experiment: Experiment, controller: Mapping[str, Any] | None) -> M
     """Return the specification of machines with modules in Python; None for other controllers."""
     if controller is not None and is_in_python(controller):
         return controller
-    return experiment.representation(SENSORS, ACTUATORS).architecture() if experiment.in_python else None
+    if not has_python_modules(experiment):
+        return None
+    return experiment.representation(SENSORS, ACTUATORS).architecture()
 
 
 def modules_of(experiments: Iterable[Experiment]) -> list[str]:
@@ -412,7 +416,7 @@ def _require_offloaded(experiment: Experiment, *, visual: bool) -> None:
         raise InputError(f"visual: {reason}, and not shown there; `swarmwright replay` shows a run's")
     if experiment.mode not in {"auto", "offloaded"}:
         raise InputError(
-            f"{experiment.place('mode')}{experiment.mode}: {reason}: leave it out, or take offloaded"
+            f"{place_of(experiment, 'mode')}{experiment.mode}: {reason}: leave it out, or take offloaded"
         )
 
 

@@ -12,6 +12,7 @@ from swarmwright.core.processes import use_threads
 from swarmwright.evaluation.base import Progress
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.evaluation.seeds import seeds_of
+from swarmwright.experiment.derived import evaluation_key
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.rankings import RANKINGS
 from swarmwright.rankings.absolute import Absolute
@@ -77,7 +78,7 @@ def prepared(experiment: Experiment) -> Prepared | None:
 
 def _key(experiment: Experiment) -> tuple[bytes, type, type, type, type] | None:
     """Return everything that counts; None if that cannot be compared."""
-    content = experiment.evaluation_key
+    content = evaluation_key(experiment)
     if content is None:
         return None
     representation = REPRESENTATIONS.get(experiment.controller.kind)

@@ -10,6 +10,7 @@ from swarmwright.broker.waiting import patiently
 from swarmwright.core.errors import RunError, engine_errors
 from swarmwright.core.untrusted import one_line
 from swarmwright.display import Playable, Recording, record
+from swarmwright.experiment.derived import with_environment
 from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def begin(
         InputError: the address or the requirements cannot be used.
     """
     prepare(broker)
-    prefix = experiment.with_environment().prefix
+    prefix = with_environment(experiment).prefix
     requirements = cast("Requirements", experiment.requirements.model_dump(exclude_none=True))
 
     def attempt() -> _engine.RemoteEpisode:

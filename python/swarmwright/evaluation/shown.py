@@ -17,6 +17,7 @@ from swarmwright.display.pictures import save as save_pictures
 from swarmwright.evaluation import remote
 from swarmwright.evaluation.evaluate import check_fit
 from swarmwright.evaluation.opening import open_backend
+from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.fitness import JudgedEpisode
 from swarmwright.experiment.kinds import kinds
 from swarmwright.modules.played import PlayedEpisode
@@ -125,7 +126,7 @@ class ShownEpisode:
         return remote.begin(self.experiment, self.broker or "", parameters, self.controller.json)
 
     def _judged(self, episode: Any) -> Playable:  # noqa: ANN401 - one of the engine's
-        expression = self.experiment.fitness_expression
+        expression = fitness_expression(self.experiment)
         played: Playable = episode if expression is None else JudgedEpisode(episode, expression)
         return played
 
@@ -211,7 +212,7 @@ class ShownEpisode:
 
         {} where the recording has none: of pictures that a simulation draws.
         """
-        expression = self.experiment.fitness_expression
+        expression = fitness_expression(self.experiment)
         trace = recording.trace if isinstance(recording, Recording) else None
         if expression is None or trace is None:
             return {}

@@ -29,6 +29,7 @@ from swarmwright.evaluation.code_failures import CodeFailures
 from swarmwright.evaluation.missing_audits import MissingAudits
 from swarmwright.evaluation.module_code import is_in_python, with_digests
 from swarmwright.evaluation.warning_times import WarningTimes
+from swarmwright.experiment.derived import fitness_expression, steers_agents
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
@@ -54,13 +55,13 @@ class BrokerBackend:
         self._code_failures = CodeFailures()
         self._missing_audits = MissingAudits(experiment.faults.audit)
         self._listen()
-        self._expression = experiment.fitness_expression
+        self._expression = fitness_expression(experiment)
         self.metrics = metrics_of(self._expression, metrics)
         self.description = where
 
         try:
             with engine_errors():
-                self.sensors, self.actuators = pool.wait_for_server(sizes=experiment.steers)
+                self.sensors, self.actuators = pool.wait_for_server(sizes=steers_agents(experiment))
         except RunError as error:
             self.check()
             title = experiment.simulation

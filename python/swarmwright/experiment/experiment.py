@@ -1,32 +1,28 @@
 """Experiments: what is evolved, how, and where, checked and with every default filled in."""
 
 import dataclasses
-import marshal
 from collections.abc import Collection, Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, fields
-from functools import cached_property
 from os import PathLike
 from pathlib import Path, PurePath
 from typing import Any, Literal, Never, Self
 
 from pydantic import BaseModel
 
-from swarmwright.broker.address import environment_prefix
 from swarmwright.core.arguments import checked, instance, listed, mapping, path_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.core.flatten import flat
 from swarmwright.core.html import facts
-from swarmwright.core.read_only import plain, read_only
+from swarmwright.core.read_only import read_only
 from swarmwright.core.simulation_names import SimulationName, is_command
 from swarmwright.core.yaml import Source, dump, read
 from swarmwright.experiment.budget import LIMITS, Budget, sets_limit
+from swarmwright.experiment.derived import given_source, steers_agents
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
-from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.fitting import announced_sizes, check_fits
 from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
-from swarmwright.experiment.start_from import genomes_of
+from swarmwright.experiment.start_from import start_genomes
 from swarmwright.experiment.unavailable import UnavailableOptions, copies, method_of, not_installed, require
 from swarmwright.launchers.entries import Entries, written
 from swarmwright.methods import Method, MethodOptions
@@ -35,7 +31,6 @@ from swarmwright.rankings.slow_simulation import SlowOptions
 from swarmwright.representations import REPRESENTATIONS, Representation, RepresentationOptions
 from swarmwright.simulations.names import name_of
 from swarmwright.store import StoreReader
-from swarmwright.typing import Genomes
 
 LARGEST_GENOME = 1_000_000
 """Genes of a controller, at most; the engine's own limit."""
@@ -145,36 +140,6 @@ class Experiment:
         changed = self._checked(source, None, ask=ask, lenient=self._keeps_unavailable(source.values))
         return dataclasses.replace(changed, path=self.path)
 
-    def with_source(self, source: Source, *, only: Collection[str], reason: str, ask: bool = True) -> Self:
-        """Return a copy with the keys that a file has, or a part of it.
-
-        Its parameters are added to these, unless it names another simulation.
-
-        Args:
-            source: of the file, whose lines messages name.
-            only: the keys that it may have.
-            reason: why no others, the end of a sentence.
-            ask: whether a simulation that is named by its class may be imported.
-
-        Raises InputError with every problem, a line each.
-        """
-        if not isinstance(source.values, Mapping):
-            raise InputError(
-                f"{source.place(())}expected a mapping with keys of an experiment such as 'simulation'"
-            )
-        others = [key for key in source.values if key not in only]
-        if others:
-            raise InputError("\n".join(f"{source.place((key,))}{reason}" for key in others))
-        values = self.to_mapping()
-        if source.values.get("simulation", self.simulation) != self.simulation:
-            for name in (*ANNOUNCED, "parameters"):
-                values.pop(name, None)
-        for key, value in source.values.items():
-            both = key == "parameters" and isinstance(value, Mapping)
-            values[key] = {**values.get(key, {}), **value} if both else value
-        merged = dataclasses.replace(source, values=values)
-        return self._checked(merged, None, ask=ask, lenient=self._keeps_unavailable(values))
-
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Self:
         """Make an experiment of plain values, keys as in the file; `simulation` can be a class, too.
@@ -197,39 +162,6 @@ class Experiment:
             raise InputError(f"simulation: is an object of the class {kind}; give the class itself, {kind}")
         source = apply(Source("", values=_plain(values)), parse_settings(settings))
         return cls._checked(source, None, lenient=lenient)
-
-    @classmethod
-    def unasked(cls, values: Mapping[str, Any], folder: Path | None = None) -> Self:
-        """Make an experiment of what a run holds, without importing its class: reading runs no code.
-
-        folder: the run's, that paths are relative to.
-        """
-        values = dict(values)
-        ranking = values.get("ranking")
-        if isinstance(ranking, Mapping) and "unseen_episodes" in ranking:  # of an earlier version
-            values["ranking"] = {key: value for key, value in ranking.items() if key != "unseen_episodes"}
-            values.setdefault("validate", {"episodes": ranking["unseen_episodes"], "candidates": 1})
-        return cls._checked(Source("", values=values), None, ask=False, folder=folder)
-
-    @classmethod
-    def of_store(cls, store: StoreReader, values: Mapping[str, Any] | None = None) -> Self:
-        """Return the experiment as a run has stored it. Raises InputError when it cannot be used here.
-
-        values: of the experiment, read from the store before; default: those that it has now.
-        """
-        folder = store.file.parent
-        try:
-            experiment = cls.unasked(store.experiment() if values is None else values, folder)
-        except InputError as error:
-            used = store.experiment() if values is None else values
-            copied = "".join(
-                f"; the run used the module {module}, of which {place} is a copy: install its package"
-                for module, place in copies(folder, not_installed(used))
-            )
-            raise InputError(
-                f"{folder}: the experiment in {store.file.name} cannot be used: {error}{copied}"
-            ) from error
-        return dataclasses.replace(experiment, path=folder / "experiment.yaml")
 
     @classmethod
     def _checked(
@@ -325,43 +257,10 @@ class Experiment:
             announced = announced_sizes(self.simulation, dict(parameters)) or {}
             for name, size in announced.items():
                 # The file is read only where it matters.
-                if name not in changes and values.get(name) != size and self._given(name) is None:
+                if name not in changes and values.get(name) != size and given_source(self, name) is None:
                     values.pop(name, None)
         changed = self._from(values, lenient=self._keeps_unavailable(values))
         return dataclasses.replace(changed, path=self.path)
-
-    def with_environment(self) -> Self:
-        """Return it as it is evaluated here: with the environment's topic prefix where it names none.
-
-        Records keep the experiment without it.
-
-        Raises InputError for a prefix that cannot be.
-        """
-        prefix = "" if self.prefix else environment_prefix()
-        return dataclasses.replace(self, prefix=prefix) if prefix else self
-
-    def checked_again(self) -> Self:
-        """Return an equal experiment, checked as it is now: its code may have been edited since.
-
-        Raises InputError with every problem.
-        """
-        checked = self._checked(Source("", values=self.to_mapping()), None)
-        return dataclasses.replace(checked, path=self.path)
-
-    def check_new(self) -> None:
-        """Raise InputError for what runs of earlier versions may have, but none may begin with."""
-        from swarmwright.experiment.checks import metrics_problem  # noqa: PLC0415 - takes long, not for reading attributes
-        from swarmwright.simulations import catalogue  # noqa: PLC0415 - as above
-
-        problem = metrics_problem(self.ranking, self.method)
-        if problem is not None:
-            raise InputError(f"ranking.kind: {problem}")
-        problem = catalogue.unmeasured(self.simulation)
-        if problem is not None:
-            raise InputError(f"simulation: {problem}")
-        problem = method_of(self.method).surplus(self.method, len(self.start_from or ()))
-        if problem is not None:
-            raise InputError(f"start_from: {problem}")
 
     @staticmethod
     def json_schema() -> dict[str, Any]:
@@ -381,22 +280,6 @@ class Experiment:
         """
         return self.representation().genome_size
 
-    def place(self, key: str) -> str:
-        """Return where a key stands, `file.yaml:3: simulation: `; without a file or a line, what is known."""
-        source = self._given(key)
-        return f"{key}: " if source is None else source.place((key,))
-
-    def _given(self, key: str) -> Source | None:
-        """Return the file of the experiment where it gives a key; None where it does not, or is gone."""
-        if self.path is not None:
-            with suppress(InputError):
-                source = read(self.path)
-                found = source.values.get(key) if isinstance(source.values, Mapping) else None
-                other = isinstance(found, str) and found != getattr(self, key)  # another one was set
-                if found is not None and not other:
-                    return source
-        return None
-
     def _keeps_unavailable(self, values: Mapping[str, Any]) -> bool:
         """Whether changed values have the method of this experiment, of a run, that is not installed here."""
         method = values.get("method")
@@ -405,33 +288,6 @@ class Experiment:
             and isinstance(method, Mapping)
             and method.get("kind") == self.method.kind
         )
-
-    @cached_property
-    def evaluation_key(self) -> bytes | None:
-        """What the fitness of genomes depends on, with types: 1 is not 1.0; None if it is not comparable."""
-        values = (
-            self.simulation,
-            plain(self.parameters),
-            self.sensors,
-            self.actuators,
-            plain(vars(self.requirements)),
-            plain(vars(self.controller)),
-            plain(vars(self.ranking)),
-        )
-        try:
-            return marshal.dumps(values, 2)  # this version writes equal values as equal bytes
-        except ValueError:
-            return None
-
-    @property
-    def steers(self) -> bool:
-        """Whether what is evolved steers agents, and so needs to know their sensors and actuators."""
-        return REPRESENTATIONS.get(self.controller.kind).steers
-
-    @property
-    def in_python(self) -> bool:
-        """Whether controllers are evaluated in Python: machines with modules that are not the engine's."""
-        return bool(getattr(self.controller, "in_python", False))
 
     @property
     def label(self) -> str:
@@ -461,7 +317,7 @@ class Experiment:
         """
         sensors = self.sensors if sensors is None else sensors
         actuators = self.actuators if actuators is None else actuators
-        if not self.steers:
+        if not steers_agents(self):
             sensors, actuators = sensors or 0, actuators or 0
         if sensors is None or actuators is None:
             missing = "sensors" if sensors is None else "actuators"
@@ -490,33 +346,13 @@ class Experiment:
         if representation is None:
             representation = self.representation()
         method = method_of(self.method)(self.method, representation, seed=self.seed)
-        start = self.start_genomes(representation)
+        start = start_genomes(self, representation)
         if start is not None:
             try:
                 method.start_from(start)
             except InputError as error:
                 raise InputError(f"start_from: {error}") from error
         return method
-
-    def start_genomes(self, representation: Representation) -> Genomes | None:
-        """Return the genomes that the method starts from, (controllers, genome_size); None where it has none.
-
-        Raises InputError when they are not of this representation.
-        """
-        if self.start_from is not None:
-            try:
-                return genomes_of(self.start_from, representation)
-            except InputError as error:
-                raise InputError(f"start_from: {error}") from error
-        given = representation.given
-        if given is None or method_of(self.method).no_start(self.method, 1) is not None:
-            return None
-        return given.reshape(1, -1)
-
-    @property
-    def samples_around_start(self) -> bool:
-        """Whether a given controller is the center of the method's first sample, and no candidate itself."""
-        return method_of(self.method).start_as == "center"
 
     def new_ranking(self) -> Ranking:
         """Return the ranking.
@@ -525,16 +361,6 @@ class Experiment:
         """
         kind: str = self.ranking.kind
         return RANKINGS.get(kind)(self.ranking)
-
-    @property
-    def reports_slow(self) -> bool:
-        """Whether the best of a run is validated in the slow simulation of the ranking."""
-        return isinstance(self.ranking, SlowOptions)
-
-    @property
-    def fitness_expression(self) -> FitnessExpression | None:
-        """The fitness as an expression over metrics; None: the simulation's own."""
-        return None if self.fitness is None else FitnessExpression(self.fitness)
 
     @property
     def first_seed(self) -> int:
@@ -560,6 +386,82 @@ def experiment_of(given: Experiment | Mapping[str, Any] | str | PathLike[str]) -
         return Experiment.from_mapping(given)
     instance("experiment", given, Experiment, "Experiment.load(file) or Experiment.from_mapping({..})")
     return given
+
+
+def recorded_experiment(values: Mapping[str, Any], folder: Path | None = None) -> Experiment:
+    """Return the experiment of a run's plain values without importing its class: reading runs no code.
+
+    folder: the run's, that paths are relative to.
+    """
+    values = dict(values)
+    ranking = values.get("ranking")
+    if isinstance(ranking, Mapping) and "unseen_episodes" in ranking:  # of an earlier version
+        values["ranking"] = {key: value for key, value in ranking.items() if key != "unseen_episodes"}
+        values.setdefault("validate", {"episodes": ranking["unseen_episodes"], "candidates": 1})
+    return Experiment._checked(Source("", values=values), None, ask=False, folder=folder)
+
+
+def stored_experiment(store: StoreReader, values: Mapping[str, Any] | None = None) -> Experiment:
+    """Return the experiment as a run has stored it. Raises InputError when it cannot be used here.
+
+    values: of the experiment, read from the store before; default: those that it has now.
+    """
+    folder = store.file.parent
+    try:
+        experiment = recorded_experiment(store.experiment() if values is None else values, folder)
+    except InputError as error:
+        used = store.experiment() if values is None else values
+        copied = "".join(
+            f"; the run used the module {module}, of which {place} is a copy: install its package"
+            for module, place in copies(folder, not_installed(used))
+        )
+        raise InputError(
+            f"{folder}: the experiment in {store.file.name} cannot be used: {error}{copied}"
+        ) from error
+    return dataclasses.replace(experiment, path=folder / "experiment.yaml")
+
+
+def checked_again(experiment: Experiment) -> Experiment:
+    """Return an equal experiment, checked as it is now: its code may have been edited since.
+
+    Raises InputError with every problem.
+    """
+    checked = Experiment._checked(Source("", values=experiment.to_mapping()), None)
+    return dataclasses.replace(checked, path=experiment.path)
+
+
+def with_source(
+    experiment: Experiment, source: Source, *, only: Collection[str], reason: str, ask: bool = True
+) -> Experiment:
+    """Return a copy of an experiment with the keys that a file has, or a part of it.
+
+    Its parameters are added to those of the experiment, unless it names another simulation.
+
+    Args:
+        experiment: that is copied.
+        source: of the file, whose lines messages name.
+        only: the keys that it may have.
+        reason: why no others, the end of a sentence.
+        ask: whether a simulation that is named by its class may be imported.
+
+    Raises InputError with every problem, a line each.
+    """
+    if not isinstance(source.values, Mapping):
+        raise InputError(
+            f"{source.place(())}expected a mapping with keys of an experiment such as 'simulation'"
+        )
+    others = [key for key in source.values if key not in only]
+    if others:
+        raise InputError("\n".join(f"{source.place((key,))}{reason}" for key in others))
+    values = experiment.to_mapping()
+    if source.values.get("simulation", experiment.simulation) != experiment.simulation:
+        for name in (*ANNOUNCED, "parameters"):
+            values.pop(name, None)
+    for key, value in source.values.items():
+        both = key == "parameters" and isinstance(value, Mapping)
+        values[key] = {**values.get(key, {}), **value} if both else value
+    merged = dataclasses.replace(source, values=values)
+    return Experiment._checked(merged, None, ask=ask, lenient=experiment._keeps_unavailable(values))
 
 
 def shortened(value: object) -> str:

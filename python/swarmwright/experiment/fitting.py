@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from swarmwright import _engine
 from swarmwright.core.errors import InputError
 from swarmwright.core.yaml import Source
+from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.settings import SIZES
 from swarmwright.simulations import catalogue
 
@@ -31,7 +32,7 @@ def check_fits(experiment: "Experiment", source: Source) -> None:
     kept = all(values.get(name) == size for name, size in sizes.items())
     if not (kept and isinstance(simulation, str) and isinstance(parameters, Mapping)):
         return
-    if catalogue.built_in(simulation) is None or None in sizes.values() or not experiment.steers:
+    if catalogue.built_in(simulation) is None or None in sizes.values() or not steers_agents(experiment):
         return
     found = announced_sizes(simulation, dict(parameters))
     if found is None or found == sizes:

@@ -4,7 +4,9 @@ import math
 from collections.abc import Iterator, Mapping
 
 from swarmwright.core.options import Options
+from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.start_from import samples_around_start
 from swarmwright.rankings.multi_fidelity import MultiFidelityOptions
 from swarmwright.representations.network import NetworkOptions
 from swarmwright.simulations.catalogue import steers_itself, titles
@@ -27,7 +29,7 @@ def setting_warnings(experiment: Experiment) -> list[str]:
             f"validate.{key} has no effect without validate.to, validate.vary or validate.pseudo_reality"
             for key in _set_in(validate, "seeds", "random")
         ]
-    if experiment.start_from is not None and experiment.samples_around_start and validate.episodes == 0:
+    if experiment.start_from is not None and samples_around_start(experiment) and validate.episodes == 0:
         found.append(
             f"start_from: {method.kind} samples around the controller and does not keep it; with validate: "
             "false the run does not say whether its best is better"
@@ -51,7 +53,7 @@ def setting_warnings(experiment: Experiment) -> list[str]:
 def _without_influence(experiment: Experiment) -> Iterator[str]:
     """Yield sentences on settings with which all controllers have the same fitness."""
     simulation, parameters, controller = experiment.simulation, experiment.parameters, experiment.controller
-    if experiment.steers and simulation in titles() and steers_itself(simulation, parameters):
+    if steers_agents(experiment) and simulation in titles() and steers_itself(simulation, parameters):
         yield (
             f"controller: {controller.kind} steers agents, but those of {simulation} steer themselves with "
             "these parameters, and all candidates have the same fitness; change the parameters, or evolve "

@@ -4,18 +4,22 @@ import json
 from collections.abc import Container, Iterator, Mapping, Sequence
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from swarmwright.core.arrays import shortest
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
+from swarmwright.experiment.unavailable import method_of
 from swarmwright.representations import Representation
 from swarmwright.representations.controller import Controller, controller_words, genome_beside
 from swarmwright.store import StoreReader
 from swarmwright.store.folder import find_store
 from swarmwright.typing import Genomes
+
+if TYPE_CHECKING:
+    from swarmwright.experiment.experiment import Experiment
 
 Entry = dict[str, Any]
 """One controller: `architecture`, `weights`, what it is `from`, and `genome` where that is another one."""
@@ -65,11 +69,11 @@ def _of_path(path: Path, name: str) -> Entry:
 
 
 def _of_run(path: Path, name: str, candidate: int | None, generation: int | None) -> Entry:
-    from swarmwright.experiment.experiment import Experiment  # noqa: PLC0415 - it imports this module
+    from swarmwright.experiment.experiment import stored_experiment  # noqa: PLC0415 - it imports this module
 
     store = StoreReader(find_store(path))
     evaluation = store.evaluation(candidate, generation)
-    experiment = Experiment.of_store(store)
+    experiment = stored_experiment(store)
     specification = experiment.representation().specification(evaluation.genome)
     entry = entry_of(
         specification, f"{name}, candidate {evaluation.candidate} of generation {evaluation.generation}"
@@ -82,6 +86,27 @@ def entry_of(specification: Mapping[str, Any], name: str) -> Entry:
     """Return the entry of a controller; name: what it is from."""
     architecture = {key: value for key, value in specification.items() if key != "weights"}
     return {"from": name, "architecture": architecture, "weights": list(specification["weights"])}
+
+
+def start_genomes(experiment: "Experiment", representation: Representation) -> Genomes | None:
+    """Return the genomes that the method starts from, (controllers, genome_size); None where it has none.
+
+    Raises InputError when they are not of this representation.
+    """
+    if experiment.start_from is not None:
+        try:
+            return genomes_of(experiment.start_from, representation)
+        except InputError as error:
+            raise InputError(f"start_from: {error}") from error
+    given = representation.given
+    if given is None or method_of(experiment.method).no_start(experiment.method, 1) is not None:
+        return None
+    return given.reshape(1, -1)
+
+
+def samples_around_start(experiment: "Experiment") -> bool:
+    """Whether a given controller is the center of the method's first sample, and no candidate itself."""
+    return method_of(experiment.method).start_as == "center"
 
 
 def genomes_of(start_from: Sequence[Entry], representation: Representation) -> Genomes:

@@ -11,8 +11,9 @@ from swarmwright.core.random_numbers import Stream
 from swarmwright.core.simulation_names import is_python
 from swarmwright.core.suggestions import unknown
 from swarmwright.core.yaml import Path_, Source, dotted_path, read
+from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.document import Validate
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.experiment.experiment import ELSEWHERE, Experiment, with_source
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
 from swarmwright.rankings.absolute import AbsoluteOptions
 from swarmwright.rankings.slow_simulation import SlowOptions
@@ -65,7 +66,7 @@ class OtherSimulation:
         """Return the experiment of all episodes. Raises InputError where it cannot be changed like this."""
         experiment = alone(experiment)
         if self._has_keys:
-            changed = experiment.with_source(self._source(), only=CHANGED, reason=_REASON)
+            changed = with_source(experiment, self._source(), only=CHANGED, reason=_REASON)
             return [_with_sizes(changed, experiment)]
         try:
             changed = experiment.replace(simulation=self.name)
@@ -169,7 +170,7 @@ def _ranges(experiment: Experiment) -> list[Range]:
 def unfit(name: str, there: Experiment, here: Experiment) -> str | None:
     """Return why controllers of `here` do not fit, None where they do or that is not known."""
     sizes = [(one.sensors, one.actuators) for one in (here, there)]
-    if not here.steers or None in (*sizes[0], *sizes[1]) or sizes[0] == sizes[1]:
+    if not steers_agents(here) or None in (*sizes[0], *sizes[1]) or sizes[0] == sizes[1]:
         return None
     own, others = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)
     return f"{name}: the run's controllers have {own}, agents of {there.label} have {others}"
@@ -311,7 +312,7 @@ def _with_keys(
     experiment: Experiment, name: str, said: Source, place: str, *, ask: bool = True
 ) -> dict[str, Any]:
     """Return a target with the keys that it changes, as they are after checks."""
-    changed = alone(experiment).with_source(said, only=CHANGED, reason=_REASON, ask=ask)
+    changed = with_source(alone(experiment), said, only=CHANGED, reason=_REASON, ask=ask)
     _require_fit(name, _with_sizes(changed, experiment), experiment, place)
     values = changed.to_mapping()
     kept = {key: values[key] for key in said.values if key in values}

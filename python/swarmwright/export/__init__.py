@@ -1,4 +1,4 @@
-"""Controllers as source code and models: one file and one line below for each format."""
+"""Export of controllers as source code and models. `EXPORTERS` has all formats by their names."""
 
 from swarmwright.core.registry import Registry
 from swarmwright.export._base import Exporter, Files, NotInstalledError, file_bytes

@@ -29,6 +29,7 @@ from swarmwright.export.subject import Channel, Subject, subject_of
 from swarmwright.export.text import check_prefix, decimals
 from swarmwright.export.verification import Verification, verify
 from swarmwright.runs.instances import instances
+from swarmwright.runs.post_evaluation import kept_values
 from swarmwright.user_code.copying import display_name
 
 if TYPE_CHECKING:
@@ -207,7 +208,7 @@ def _evaluation(run: "Run", generation: int | None, candidate: int | None) -> di
         "seeds": one.seeds,
         "episodes": _finite(one.episodes + 0.0),
         "metrics": {name: _finite(one.metrics[:, index]) for index, name in enumerate(run.metrics)},
-        "held_out": unseen.stored() if unseen is not None and is_best else None,
+        "held_out": kept_values(unseen) if unseen is not None and is_best else None,
     }
 
 

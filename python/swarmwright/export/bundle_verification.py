@@ -16,6 +16,7 @@ from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 from swarmwright.core.modules import PYTHON_KIND
 from swarmwright.core.untrusted import one_line
+from swarmwright.experiment.experiment import recorded_experiment
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, NotInstalledError, file_bytes
 from swarmwright.export.bundle import (
@@ -67,7 +68,11 @@ class BundleVerification:
 
     def __repr__(self) -> str:
         """Say what was found."""
-        return f"<BundleVerification of {self.file}: {self.words}>"
+        return f"<BundleVerification of {self.file}: {self}>"
+
+    def __str__(self) -> str:
+        """Say in a line whether the bundle is as stated, the largest difference, and what was not checked."""
+        return _in_words(self)
 
     @property
     def ok(self) -> bool:
@@ -84,37 +89,6 @@ class BundleVerification:
         """Between actuators of all formats that were run, absolute."""
         return max((one.largest_difference for one in self.forms.values()), default=0.0)
 
-    @property
-    def words(self) -> str:
-        """One line: whether the bundle is as stated, the largest difference, and what was not checked."""
-        if not self.ok:
-            many = len(self.problems)
-            return f"FAILED: {many} problem{'s' if many > 1 else ''}"
-        unchecked = self.fitness_not_checked
-        if self.formats_not_checked:
-            return self._words_in_part(unchecked)
-        if not self.forms:
-            if unchecked:
-                return f"Not verified: no exported code was run, and the fitness was not checked: {unchecked}"
-            return "Fitness verified; no exported code was run"
-        found = f"largest difference {self.largest_difference:.3g} ({', '.join(self.forms)})"
-        if unchecked:
-            return f"Controller code verified: {found}; its fitness was not checked: {unchecked}"
-        return f"Verified: {found}"
-
-    def _words_in_part(self, fitness: str) -> str:
-        """Return the line where files of formats were not checked; fitness: why that was not, or empty."""
-        by_reason: dict[str, list[str]] = {}
-        for form, reason in self.formats_not_checked.items():
-            by_reason.setdefault(reason, []).append(form)
-        if fitness:
-            by_reason.setdefault(fitness, []).append("the fitness")
-        rest = "not checked: " + ", ".join(f"{', '.join(what)} ({why})" for why, what in by_reason.items())
-        if self.forms:
-            return f"Controller code verified in part: {', '.join(self.forms)}; {rest}"
-        begin = "Not verified" if fitness else "Fitness verified"
-        return f"{begin}; no exported code was run; {rest}"
-
     def to_mapping(self) -> dict[str, Any]:
         """Return the report as plain values."""
         return {
@@ -130,6 +104,38 @@ class BundleVerification:
             "not_evaluated": self.not_evaluated,
             "problems": self.problems,
         }
+
+
+def _in_words(report: BundleVerification) -> str:
+    """Return one line: whether the bundle is as stated, the largest difference, and what was not checked."""
+    if not report.ok:
+        many = len(report.problems)
+        return f"FAILED: {many} problem{'s' if many > 1 else ''}"
+    unchecked = report.fitness_not_checked
+    if report.formats_not_checked:
+        return _in_words_in_part(report, unchecked)
+    if not report.forms:
+        if unchecked:
+            return f"Not verified: no exported code was run, and the fitness was not checked: {unchecked}"
+        return "Fitness verified; no exported code was run"
+    found = f"largest difference {report.largest_difference:.3g} ({', '.join(report.forms)})"
+    if unchecked:
+        return f"Controller code verified: {found}; its fitness was not checked: {unchecked}"
+    return f"Verified: {found}"
+
+
+def _in_words_in_part(report: BundleVerification, fitness: str) -> str:
+    """Return the line where files of formats were not checked; fitness: why that was not, or empty."""
+    by_reason: dict[str, list[str]] = {}
+    for form, reason in report.formats_not_checked.items():
+        by_reason.setdefault(reason, []).append(form)
+    if fitness:
+        by_reason.setdefault(fitness, []).append("the fitness")
+    rest = "not checked: " + ", ".join(f"{', '.join(what)} ({why})" for why, what in by_reason.items())
+    if report.forms:
+        return f"Controller code verified in part: {', '.join(report.forms)}; {rest}"
+    begin = "Not verified" if fitness else "Fitness verified"
+    return f"{begin}; no exported code was run; {rest}"
 
 
 @checked
@@ -362,13 +368,12 @@ def _check_fitness(
     evaluation: Mapping[str, Any], facts: Mapping[str, str], report: BundleVerification
 ) -> None:
     """Compare the stated fitness with what the stated results make, and with what the formats say."""
-    from swarmwright.experiment.experiment import Experiment  # noqa: PLC0415 - loads the engine
     from swarmwright.runs.instances import fitness_of, meaning  # noqa: PLC0415 - loads the engine
 
     stated = float(evaluation["fitness"])
     parts = [one["episodes"] for one in [*evaluation.get("earlier", []), evaluation]]
     try:
-        experiment = Experiment.unasked(evaluation["experiment"])
+        experiment = recorded_experiment(evaluation["experiment"])
     except SwarmwrightError as error:  # a plug-in is not here
         report.unverified["fitness"] = str(error)
         return

@@ -7,6 +7,7 @@ from typing import Any
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.groups import DeclaredGroup
+from swarmwright.experiment.derived import place_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.export.simulation_model import Model, Parameter, check_size, parameters_of, started
 from swarmwright.simulations import catalogue
@@ -120,7 +121,7 @@ def _announced(experiment: Experiment, address: Address) -> dict[str, Any]:
 
 
 def _unknown(experiment: Experiment, name: str = "sensors") -> str:
-    return f"{experiment.place('simulation')}{name} not known: {experiment.simulation!r} is not built in"
+    return f"{place_of(experiment, 'simulation')}{name} not known: {experiment.simulation!r} is not built in"
 
 
 def _told(value: Any) -> dict[str, Any]:  # noqa: ANN401 - any value of a file

@@ -1,4 +1,9 @@
-"""What starts simulation servers, here or elsewhere: one file and one line below for each launcher."""
+"""Launchers: they start simulation servers, on this machine or elsewhere.
+
+`LAUNCHERS.names()` lists those that an experiment's `servers` may name, those of plug-ins included;
+`LAUNCHERS.get("slurm")` is the class of one. A custom launcher is a class derived from `Launcher`:
+docs/how-to/use-clusters.md.
+"""
 
 from swarmwright.core.registry import Registry
 from swarmwright.launchers._base import Health, Launcher, LauncherError, LauncherOptions

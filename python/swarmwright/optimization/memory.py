@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
+from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations import Representation
 
@@ -64,7 +65,7 @@ def candidates(experiment: Experiment) -> int:
 
 def _numbers(experiment: Experiment) -> int:
     """Return how many numbers come out of a candidate's evaluation."""
-    expression = experiment.fitness_expression
+    expression = fitness_expression(experiment)
     return experiment.ranking.episodes * (1 + (0 if expression is None else len(expression.metrics)))
 
 

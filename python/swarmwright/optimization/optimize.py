@@ -14,13 +14,14 @@ from typing import Any, NoReturn, SupportsIndex
 import numpy as np
 
 from swarmwright.core.arguments import checked, path_of
-from swarmwright.core.errors import InputError, PlugInError, RunError
+from swarmwright.core.errors import InputError, PlugInError, RunError, reworded
 from swarmwright.core.place import Place
 from swarmwright.core.plug_in_code import reported
 from swarmwright.core.processes import use_threads
 from swarmwright.core.warn_once import warn_once
 from swarmwright.evaluation.base import HERE, Backend, Progress, Servers, chosen
-from swarmwright.experiment.experiment import Experiment, experiment_of
+from swarmwright.experiment.derived import check_new, place_of, reports_slow, steers_agents
+from swarmwright.experiment.experiment import Experiment, checked_again, experiment_of
 from swarmwright.experiment.setting_warnings import setting_warnings
 from swarmwright.optimization.generation import Generation, OnGeneration
 from swarmwright.optimization.interruption import report_interruption
@@ -36,7 +37,7 @@ from swarmwright.representations import Representation
 from swarmwright.runs import picture
 from swarmwright.runs.code import Continuation, continuation, copy_of, parts_of
 from swarmwright.runs.folders import check_names, default_folder, is_replaceable, is_run, remove_run
-from swarmwright.runs.run import Run
+from swarmwright.runs.run import Run, written_run
 from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import validate
 from swarmwright.simulations import catalogue
@@ -113,8 +114,8 @@ def optimize(
     if isinstance(experiment, str | PathLike):
         experiment = Experiment.load(experiment)
     else:
-        experiment = experiment_of(experiment).checked_again()
-        experiment.check_new()
+        experiment = checked_again(experiment_of(experiment))
+        check_new(experiment)
     if seed is not None:
         experiment = experiment.replace(seed=seed)
     if out is not None and not is_replaceable(path_of("out", out, "a folder for the results")):
@@ -133,7 +134,7 @@ def optimize(
         with reported(), shown(progress, on_generation, on_progress) as (on_generation, on_progress):
             with open_simulations(experiment, broker=broker, servers=servers, wait=wait) as backend:
                 resolved = experiment
-                if experiment.steers:
+                if steers_agents(experiment):
                     resolved = dataclasses.replace(
                         experiment, sensors=backend.sensors, actuators=backend.actuators
                     )
@@ -186,12 +187,12 @@ def _check_construction(experiment: Experiment, servers: Servers | None) -> None
     if here and (experiment.broker is None or wanted in HERE) and catalogue.is_here(experiment.simulation):
         problem = catalogue.construction_problem(experiment.simulation, experiment.parameters)
         if problem is not None:
-            raise InputError(f"{experiment.place('parameters')}{problem}")
+            raise InputError(f"{place_of(experiment, 'parameters')}{problem}")
 
 
 def _channels(experiment: Experiment) -> dict[str, Any] | None:
     """Return what is known here of sensors and actuators, for exports where the simulation is not."""
-    if not experiment.steers or not catalogue.is_described(experiment.simulation):
+    if not steers_agents(experiment) or not catalogue.is_described(experiment.simulation):
         return None
     try:
         return catalogue.channels(experiment.simulation, experiment.parameters)
@@ -396,7 +397,7 @@ def _fail(error: RunError, folder: Path | None) -> NoReturn:
     hint = _how_to_go_on(error, folder)
     if hint is None:
         raise error
-    raise error.reworded(f"{error}; {hint}") from error.__cause__ or error
+    raise reworded(error, f"{error}; {hint}") from error.__cause__ or error
 
 
 def _how_to_go_on(error: RunError, folder: Path | None) -> str | None:
@@ -456,7 +457,7 @@ def _validate(
 ) -> None:
     """Evaluate the best on held-out seeds where that is informative; the run is complete without it."""
     if isinstance(backend, TwoSimulations):
-        backend = backend.slow if experiment.reports_slow else backend.fast
+        backend = backend.slow if reports_slow(experiment) else backend.fast
     try:
         validate(experiment, store.reader(), backend, on_progress, store.note_validation)
     except RunError as error:
@@ -481,7 +482,7 @@ def _transfer(
 
 
 def _finished(folder: Path) -> Run:
-    run = Run.written(folder)
+    run = written_run(folder)
     if run.generations:
         picture.draw_later(folder)
     report_interruption(run)

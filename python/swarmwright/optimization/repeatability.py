@@ -11,6 +11,7 @@ from swarmwright.commands.definition import CommandOptions
 from swarmwright.core.errors import SwarmwrightError
 from swarmwright.core.simulation_names import SimulationName, is_command, is_environment, is_python
 from swarmwright.evaluation.base import Backend, BudgetSpent, Controllers
+from swarmwright.experiment.derived import has_python_modules
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.loading import load
@@ -91,7 +92,7 @@ def _tolerance(experiment: Experiment) -> float | None:
     """Return how far fitness may differ, as a part of the larger one; None where nothing is repeated."""
     name = experiment.simulation
     if not is_python(name):
-        return 0.0 if experiment.in_python else None
+        return 0.0 if has_python_modules(experiment) else None
     if is_command(name):
         # Robots of a ROS system may run in real time.
         options = definition_of_name(name)

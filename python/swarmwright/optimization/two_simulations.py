@@ -10,7 +10,7 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.engine_types import AttemptRow
-from swarmwright.core.errors import InputError, RunError, SimulationError
+from swarmwright.core.errors import InputError, RunError, SimulationError, reworded
 from swarmwright.core.server_use import ServerUses
 from swarmwright.evaluation.base import (
     HERE,
@@ -24,6 +24,7 @@ from swarmwright.evaluation.base import (
     metrics_of,
 )
 from swarmwright.evaluation.opening import open_backend
+from swarmwright.experiment.derived import fitness_expression, place_of, steers_agents, with_environment
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, slow_of
 from swarmwright.optimization.raced import extend
@@ -178,18 +179,18 @@ def open_simulations(
         try:
             slow = stack.enter_context(open_backend(there, wait=wait, earlier=apart, **where))
         except (InputError, RunError) as error:
-            place = f"{experiment.place('ranking')}slow: {target.name}"
-            raise error.reworded(f"{place}: {error}") from error
+            place = f"{place_of(experiment, 'ranking')}slow: {target.name}"
+            raise reworded(error, f"{place}: {error}") from error
         _require_fit(experiment, fast, slow, target)
         yield TwoSimulations(fast, slow, target.name)
 
 
 def _require_fit(experiment: Experiment, fast: Backend, slow: Backend, target: OtherSimulation) -> None:
     sizes = [(one.sensors, one.actuators) for one in (fast, slow)]
-    if experiment.steers and sizes[0] != sizes[1]:
+    if steers_agents(experiment) and sizes[0] != sizes[1]:
         here, there = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)
         raise InputError(
-            f"{experiment.place('ranking')}slow: {target.name} has {there}, {experiment.label} has {here}"
+            f"{place_of(experiment, 'ranking')}slow: {target.name} has {there}, {experiment.label} has {here}"
         )
 
 
@@ -197,12 +198,13 @@ def _require_apart(
     experiment: Experiment, there: Experiment, target: OtherSimulation, places: Sequence[str | None]
 ) -> None:
     """Raise InputError where both would need the same servers at the same time; places: their brokers."""
-    prefixes = {one.with_environment().prefix for one in (experiment, there)}
+    prefixes = {with_environment(one).prefix for one in (experiment, there)}
     same = places[0] is not None and places[0] == places[1] and len(prefixes) == 1
     if same and experiment.simulation == there.simulation:
         raise InputError(
-            f"{experiment.place('ranking')}slow: {target.name} is the same simulation on the same broker, "
-            "whose servers work for one of the two; give it a broker or prefix of its own, or servers: local"
+            f"{place_of(experiment, 'ranking')}slow: {target.name} is the same simulation on the same "
+            "broker, whose servers work for one of the two; give it a broker or prefix of its own, or "
+            "servers: local"
         )
 
 
@@ -229,7 +231,7 @@ def _beside_fitness(ranking: Ranking, experiment: Experiment) -> tuple[str, ...]
 
 
 def _columns(wanted: Sequence[str], ranking: Ranking, experiment: Experiment) -> list[int]:
-    names = metrics_of(experiment.fitness_expression, _beside_fitness(ranking, experiment))
+    names = metrics_of(fitness_expression(experiment), _beside_fitness(ranking, experiment))
     return [names.index(name) for name in wanted]
 
 

@@ -1,4 +1,9 @@
-"""Rankings: the order of candidates, from the fitness of their episodes. `RANKINGS` has all kinds by name."""
+"""Rankings: the order of candidates, from the fitness of their episodes.
+
+`RANKINGS.names()` lists the kinds that an experiment's `ranking` may have, those of plug-ins included;
+`RANKINGS.get("race")` is the class of one. An experiment makes its ranking by `Experiment.new_ranking()`. A
+custom ranking is a class derived from `Ranking`: docs/how-to/own-ranking.md.
+"""
 
 from swarmwright.core.registry import Registry
 from swarmwright.rankings._base import Ranking, RankingOptions

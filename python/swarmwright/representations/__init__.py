@@ -1,4 +1,10 @@
-"""Representations: the controller that a genome stands for. `REPRESENTATIONS` has all kinds by name."""
+"""Representations: the controller that a genome stands for, and how genomes are varied.
+
+`REPRESENTATIONS.names()` lists the kinds that an experiment's `controller` may have, those of plug-ins
+included; `REPRESENTATIONS.get("layered")` is the class of one. An experiment makes its representation by
+`Experiment.representation()`, whose `specification(genome)` is a controller. A custom representation is a
+class derived from `Representation`: docs/how-to/own-representation.md.
+"""
 
 from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream, Streams

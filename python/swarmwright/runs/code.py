@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName, is_environment, is_python
 from swarmwright.core.warn_once import warn_once
+from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers.entries import files_of
 from swarmwright.runs import edits
@@ -481,7 +482,7 @@ def _with(experiment: Experiment, simulation: str | type) -> Experiment:
     announced = catalogue.description(name)
     for key in ("sensors", "actuators"):
         recorded = getattr(experiment, key)
-        if recorded is not None and experiment.steers and announced[key] != recorded:
+        if recorded is not None and steers_agents(experiment) and announced[key] != recorded:
             raise InputError(
                 f"simulation: {name} has {announced[key]} {key}, but the run's controllers are made for "
                 f"{recorded}; start a new run with it"

@@ -9,7 +9,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.flatten import flat
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import dump, read
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.experiment.experiment import ELSEWHERE, Experiment, stored_experiment
 from swarmwright.store import StoreReader
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def changes(run: "Run") -> tuple[list[Change], Experiment]:
     if text == dump(present).encode():
         return [], run.experiment
     written = Experiment._checked(read(file), file, ask=False)
-    recorded = run.experiment if present == opened else Experiment.of_store(store, present)
+    recorded = run.experiment if present == opened else stored_experiment(store, present)
     # A missing key means its default in both.
     return differences(recorded.to_mapping(), written.to_mapping()), written
 

@@ -138,11 +138,6 @@ class ControllerEvaluation(ComparedByValue):
         named = {"fitness" if key == "mean" else key: value for key, value in vars(self.fitness).items()}
         return {**named, "failed": self.failed}
 
-    @classmethod
-    def of_stored(cls, values: Mapping[str, Any], ranking: Ranking) -> "ControllerEvaluation":
-        """Return the evaluation of a controller from the values that a run's store keeps of a validation."""
-        return ControllerEvaluation(**_measured(values), ranking=ranking)
-
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class PostEvaluation(ControllerEvaluation):
@@ -192,17 +187,23 @@ class PostEvaluation(ControllerEvaluation):
             "recorded": self.recorded,
         }
 
-    def stored(self) -> dict[str, Any]:
-        """Return the values that exported packages keep."""
-        return {
-            **self._identity, "seeds": self.seeds, "seen": self.seen, "episodes": finite(self.episodes)
-        }  # fmt: skip
 
-    @classmethod
-    def of_store(cls, values: Mapping[str, Any], ranking: Ranking) -> Self:
-        """Return a post-evaluation from the values that a run's store keeps of a validation."""
-        others = {key: values[key] for key in ("number", "generation", "candidate", "recorded", "seen")}
-        return cls(**others, **_measured(values), ranking=ranking)
+def kept_values(one: PostEvaluation) -> dict[str, Any]:
+    """Return the values of a post-evaluation that exported packages keep."""
+    return {
+        **one._identity, "seeds": one.seeds, "seen": one.seen, "episodes": finite(one.episodes)
+    }  # fmt: skip
+
+
+def stored_post_evaluation(values: Mapping[str, Any], ranking: Ranking) -> PostEvaluation:
+    """Return a post-evaluation from the values that a run's store keeps of a validation."""
+    others = {key: values[key] for key in ("number", "generation", "candidate", "recorded", "seen")}
+    return PostEvaluation(**others, **_measured(values), ranking=ranking)
+
+
+def stored_controller_evaluation(values: Mapping[str, Any], ranking: Ranking) -> ControllerEvaluation:
+    """Return the evaluation of a controller from the values that a run's store keeps of a validation."""
+    return ControllerEvaluation(**_measured(values), ranking=ranking)
 
 
 def _measured(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from swarmwright.core.html import facts, picture, png_of
 from swarmwright.core.place import Place
 from swarmwright.core.statistics import Summary
 from swarmwright.experiment.budget import Ended
-from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.experiment import Experiment, stored_experiment
 from swarmwright.rankings.race import RaceOptions
 from swarmwright.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.representations.controller import Controller
@@ -111,18 +111,10 @@ class Run:
             trust_code(run)
         return run
 
-    @classmethod
-    def written(cls, path: Path) -> Self:
-        """Open the folder of a run that this process has written: what is in it is read when it is needed."""
-        with StoreReader.opened(path) as store:
-            run = cls(path, store)
-            run._values = store.experiment()
-        return run
-
     @cached_property
     def experiment(self) -> Experiment:
         """The experiment as it was run."""
-        return Experiment.of_store(self.store, self._values)
+        return stored_experiment(self.store, self._values)
 
     @property
     def name(self) -> str:
@@ -458,3 +450,11 @@ class Run:
 def run_of(given: Run | str | os.PathLike[str]) -> Run:
     """Return a run that is given as such, or as its folder. Raises InputError as `Run.open`."""
     return given if isinstance(given, Run) else Run.open(given)
+
+
+def written_run(path: Path) -> Run:
+    """Open the folder of a run that this process has written: what is in it is read when it is needed."""
+    with StoreReader.opened(path) as store:
+        run = Run(path, store)
+        run._values = store.experiment()
+    return run

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,10 @@ from swarmwright.core.files import write_text
 from swarmwright.core.html import table
 from swarmwright.core.statistics import Estimate, estimate
 from swarmwright.evaluation.base import Backend, Progress
+from swarmwright.experiment.derived import reports_slow
 from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.start_from import samples_around_start, start_genomes
 from swarmwright.experiment.targets import slow_of
 from swarmwright.rankings import Ranking
 from swarmwright.rankings.slow_simulation import METRIC
@@ -40,6 +42,8 @@ from swarmwright.runs.post_evaluation import (
     evaluated,
     finite,
     numbers,
+    stored_controller_evaluation,
+    stored_post_evaluation,
     unseen_seeds,
 )
 from swarmwright.store import Evaluation, StoreReader
@@ -155,23 +159,6 @@ class Validation:
             lines += [",".join(map(repr, (*whose, *row))) for row in zip(*columns, strict=True)]
         write_text(path, "\n".join([*lines, ""]))
 
-    @classmethod
-    def of_store(
-        cls, values: dict[str, Any], ranking: Ranking, *, by_instance: bool = False, slow: str | None = None
-    ) -> Self:
-        """Return a validation from what a store keeps of it."""
-        shared = {key: values[key] for key in ("seeds", "seen", "metrics")}
-        candidates = [PostEvaluation.of_store({**shared, **one}, ranking) for one in values["candidates"]]
-        depends = values["state"] != "same"
-        start = values.get("start")
-        return cls(
-            candidates=candidates,
-            depends_on_seed=depends,
-            by_instance=by_instance,
-            slow=slow,
-            start=None if start is None else ControllerEvaluation.of_stored({**shared, **start}, ranking),
-        )
-
 
 def _gain(one: ControllerEvaluation, other: ControllerEvaluation, of: int = 1) -> Estimate | None:
     """Return how much one is better than another in the same episodes; None where one of these failed.
@@ -184,6 +171,21 @@ def _gain(one: ControllerEvaluation, other: ControllerEvaluation, of: int = 1) -
     return estimate([first - second for first, second in zip(*samples, strict=True)], of=of)
 
 
+def stored_validation(
+    values: dict[str, Any], ranking: Ranking, *, by_instance: bool = False, slow: str | None = None
+) -> Validation:
+    """Return a validation from what a store keeps of it."""
+    shared = {key: values[key] for key in ("seeds", "seen", "metrics")}
+    start = values.get("start")
+    return Validation(
+        candidates=[stored_post_evaluation({**shared, **one}, ranking) for one in values["candidates"]],
+        depends_on_seed=values["state"] != "same",
+        by_instance=by_instance,
+        slow=slow,
+        start=None if start is None else stored_controller_evaluation({**shared, **start}, ranking),
+    )
+
+
 def of_run(run: "Run") -> Validation | None:
     """Return a run's validation; None where there is none of its best."""
     values = run.store.validation()
@@ -192,8 +194,8 @@ def of_run(run: "Run") -> Validation | None:
     if values["candidates"][0]["number"] != run.evaluation().number:
         return None  # the run went on, and another one is the best
     experiment = run.experiment
-    target = slow_of(experiment) if experiment.reports_slow else None
-    return Validation.of_store(
+    target = slow_of(experiment) if reports_slow(experiment) else None
+    return stored_validation(
         values,
         experiment.new_ranking(),
         by_instance=by_instance(experiment),
@@ -368,10 +370,10 @@ class _Work:
 
     def evaluate_start(self) -> None:
         """Evaluate the controller that the first sample was drawn around, in the episodes so far."""
-        if not self._experiment.samples_around_start:
+        if not samples_around_start(self._experiment):
             return
         representation = self._experiment.representation(self._backend.sensors, self._backend.actuators)
-        start = self._experiment.start_genomes(representation)
+        start = start_genomes(self._experiment, representation)
         if start is None:
             return
         seeds = self._plan.seeds[: self.done]
@@ -436,7 +438,7 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
         return None
     count, most = options.episodes, options.candidates
     if automatic:
-        evaluations = reader.measured(METRIC) if experiment.reports_slow else _budgeted(experiment, reader)
+        evaluations = reader.measured(METRIC) if reports_slow(experiment) else _budgeted(experiment, reader)
         affordable = int(evaluations * ranking.episodes * _SHARE)
         count = min(max(EPISODES, 4 * ranking.episodes), affordable)
         count -= count % ranking.episodes
@@ -465,7 +467,7 @@ def _budgeted(experiment: Experiment, reader: StoreReader) -> int:
 
 def _recorded(experiment: Experiment, one: Evaluation) -> Evaluation:
     """Return an evaluation with the episodes of the simulation that it is validated in."""
-    return dataclasses.replace(one, episodes=one.metrics[:, -1]) if experiment.reports_slow else one
+    return dataclasses.replace(one, episodes=one.metrics[:, -1]) if reports_slow(experiment) else one
 
 
 def leading(experiment: Experiment, reader: StoreReader, count: int) -> list[Evaluation]:

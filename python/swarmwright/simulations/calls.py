@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 
 from swarmwright import _engine
-from swarmwright.core.errors import EpisodeError, InputError, SimulationError
+from swarmwright.core.errors import EpisodeError, InputError, SimulationError, reworded
 from swarmwright.core.tracebacks import is_installed, words_of
 from swarmwright.core.tracebacks import shown as shown_path
 
@@ -73,7 +73,7 @@ class Calls(Generic[Made]):
                 raise _engine.InputError(str(error)) from None
             self._fail(self._cause(method, error), error)
         except EpisodeError as error:  # it says where and what
-            failure = error.reworded(_kept(str(error), _REASON))
+            failure = reworded(error, _kept(str(error), _REASON))
             self._tell(str(failure), failure.stack)
             self._failures[:] = [failure]
             raise failure from error.__cause__

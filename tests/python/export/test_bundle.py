@@ -312,7 +312,7 @@ def test_what_was_changed_is_noticed(
     change(files)
     write(tmp_path / "changed.zip", files, sealed=False)
     found = verify_bundle(tmp_path / "changed.zip")
-    assert repr(found) == f"<BundleVerification of {tmp_path / 'changed.zip'}: {found.words}>"
+    assert repr(found) == f"<BundleVerification of {tmp_path / 'changed.zip'}: {found}>"
     assert not found.ok
     assert {problem.partition(": ")[2][:27] for problem in found.problems} == {"is not what was written: it"}
     write(tmp_path / "sealed.zip", files, sealed=True)
@@ -367,7 +367,7 @@ def test_a_fitness_that_other_candidates_decide_on_is_not_verified(tmp_path: Pat
     assert found.ok, found.problems
     reason = "its ranking makes it of more than these episodes"
     assert found.unverified == {"fitness": reason}
-    assert found.words.endswith(f"(python); its fitness was not checked: {reason}")
+    assert str(found).endswith(f"(python); its fitness was not checked: {reason}")
 
 
 def test_files_more_or_less(bundle: Path, tmp_path: Path, program: Any) -> None:
@@ -554,7 +554,7 @@ def test_another_version_wrote_it_otherwise(bundle: Path, tmp_path: Path) -> Non
     assert found.ok
     assert not found.forms
     assert found.unverified["c"].startswith("Swarmwright 9.9.9 wrote it; this version, ")
-    assert found.words == (
+    assert str(found) == (
         "Fitness verified; no exported code was run; not checked: c (written by Swarmwright 9.9.9)"
     )
     assert found.episodes == 14
@@ -562,7 +562,7 @@ def test_another_version_wrote_it_otherwise(bundle: Path, tmp_path: Path) -> Non
     evaluation["experiment"]["simulation"] = "own.py:Own"
     files["evaluation.json"] = json.dumps(evaluation).encode()
     write(tmp_path / "later.zip", files, sealed=True)
-    assert verify_bundle(tmp_path / "later.zip").words == (
+    assert str(verify_bundle(tmp_path / "later.zip")) == (
         "Not verified; no exported code was run; not checked: c (written by Swarmwright 9.9.9), "
         "the fitness (the simulation own.py:Own is not a built-in one)"
     )
@@ -575,7 +575,7 @@ def test_the_formats_that_another_version_wrote_otherwise_are_said_last(bundle: 
     files["manifest.json"] = json.dumps(manifest).encode()
     write(tmp_path / "later.zip", files, sealed=True)
     found = verify_bundle(tmp_path / "later.zip")
-    assert found.words == (
+    assert str(found) == (
         "Controller code verified in part: c; not checked: python, cpp (written by Swarmwright 9.9)"
     )
     assert found.to_mapping()["formats_not_checked"].keys() == {"python", "cpp"}

@@ -11,6 +11,7 @@ from swarmwright import Controller, Experiment, InputError, Run, RunError, optim
 from swarmwright.cli._commands import program
 from swarmwright.cli._main import run as run_program
 from swarmwright.core.modules import states_of
+from swarmwright.experiment.derived import has_python_modules
 from swarmwright.export.exporting import export_controller
 from swarmwright.modules import registered
 from swarmwright.runs.code import used_for
@@ -67,7 +68,7 @@ def test_verification_imports_nothing(file: Path, tmp_path: Path, capsys: pytest
 
 def test_a_run_has_the_code_with_it(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     experiment = Experiment.load(file)
-    assert experiment.in_python
+    assert has_python_modules(experiment)
     run = optimize(experiment, out=tmp_path / "run")
     for part in ("behaviour-Wander", "condition-Timer"):
         assert (run.path / "code/1" / part / "own.py").read_text() == (

@@ -9,6 +9,7 @@ import pytest
 
 from swarmwright import Controller, Experiment, InputError, RunError, evaluate
 from swarmwright.core.random_numbers import Stream
+from swarmwright.experiment.derived import has_python_modules
 from swarmwright.representations.modules import Modules, ModulesOptions
 from tests.python.modules.conftest import CODE, POINTS
 
@@ -69,7 +70,7 @@ def test_parameters_of_a_subtree_have_different_names(install: Install) -> None:
     install(CODE.replace('"after"', '"steps"'))
     message = refusal(form="tree")
     assert "'steps' is a parameter of a behaviour and of a condition" in message
-    assert Experiment.from_mapping(EXPERIMENT).in_python
+    assert has_python_modules(Experiment.from_mapping(EXPERIMENT))
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from swarmwright import Experiment, InputError, Run, Simulation, compare, evalua
 from swarmwright.cli._commands import program
 from swarmwright.cli._validation import validation_lines
 from swarmwright.experiment.setting_warnings import setting_warnings
-from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, unseen_seeds
+from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, kept_values, unseen_seeds
 from swarmwright.runs.validation import Validation
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.database import seal_facts
@@ -365,7 +365,7 @@ def test_runs_of_the_version_before_can_be_read(tmp_path: Path) -> None:
     assert opened.experiment.validate.episodes == 12
     assert opened.unseen is not None
     assert run.unseen is not None
-    assert opened.unseen.stored() == run.unseen.stored()
+    assert kept_values(opened.unseen) == kept_values(run.unseen)
 
 
 def test_a_failure_does_not_take_the_run_with_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

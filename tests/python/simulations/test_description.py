@@ -9,6 +9,7 @@ import pytest
 
 from swarmwright import Episodes, Experiment, InputError, Parameter, Simulation
 from swarmwright.core.simulation_names import is_python
+from swarmwright.experiment.derived import check_new
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.description import describe, misspelt
 from swarmwright.simulations.loading import load
@@ -322,4 +323,4 @@ def test_metrics_without_measure_are_refused_in_new_runs(tmp_path: Path) -> None
     # Runs that were begun before this check go on.
     experiment = Experiment.from_mapping({"simulation": f"{tmp_path}/walk.py:Walk"})
     with pytest.raises(InputError, match=rf"^simulation: {words}"):
-        experiment.check_new()
+        check_new(experiment)

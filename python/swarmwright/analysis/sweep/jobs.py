@@ -9,6 +9,7 @@ from swarmwright.core.errors import InputError, PlugInError
 from swarmwright.core.plug_in_code import reported
 from swarmwright.evaluation import opening
 from swarmwright.evaluation.base import HERE, Servers, chosen
+from swarmwright.experiment.derived import with_environment
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers.entries import written
 from swarmwright.methods import METHODS
@@ -80,7 +81,7 @@ def _served(experiments: Sequence[Experiment], broker: str) -> int:
     """Return how many runs the servers on a broker can serve at a time."""
     from_keyring(broker)
     first = experiments[0]
-    found = _engine.servers(broker, prefix=first.with_environment().prefix, wait=_LISTEN)
+    found = _engine.servers(broker, prefix=with_environment(first).prefix, wait=_LISTEN)
     titles = {catalogue.title(one.simulation) for one in experiments}
     able = [
         one for one in found if one.get("state") != "lost" and titles <= set(one.get("simulations") or ())

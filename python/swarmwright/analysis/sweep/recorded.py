@@ -17,7 +17,8 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.modules import is_in_file
 from swarmwright.core.simulation_names import is_python
 from swarmwright.core.yaml import dotted_path
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.experiment.derived import check_new
+from swarmwright.experiment.experiment import ELSEWHERE, Experiment, recorded_experiment
 from swarmwright.experiment.settings import parse_settings
 from swarmwright.runs.code import copy_of, used_for
 from swarmwright.runs.edits import differences
@@ -101,9 +102,9 @@ def sweep_of(
         label, folder, kept, keys = found[place]
         run = runs[place]
         try:
-            recorded = Experiment.unasked(kept)
+            recorded = recorded_experiment(kept)
             experiment = _without_run(kept, recorded, code) if run is None else _of_run(run, recorded, code)
-            experiment.check_new()
+            check_new(experiment)
         except InputError as error:
             raise InputError(f"{file}: {label}: {error}") from error
         called = dict(zip(_names(experiment), _names(recorded), strict=True))

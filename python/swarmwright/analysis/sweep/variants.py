@@ -15,6 +15,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import Source
 from swarmwright.experiment.budget import LIMITS, sets_limit
+from swarmwright.experiment.derived import check_new
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.settings import assign, kept_options, key_path
 from swarmwright.plug_ins import REGISTRIES
@@ -51,7 +52,7 @@ def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
     """
     if "grid" not in source.values:
         label = name_of(base)
-        base.check_new()
+        check_new(base)
         return (Variant(label, _file_name(label), base),)
     grid = source.values["grid"]
     grids = grid if isinstance(grid, list) and grid else [grid]
@@ -66,7 +67,7 @@ def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
     for (at, changes), label in zip(combinations, labels, strict=True):
         try:
             experiment = changed(base, changes)
-            experiment.check_new()
+            check_new(experiment)
         except InputError as error:
             raise InputError(f"{source.place(at)}with {label}: {error}") from error
         if experiment not in found:

@@ -25,7 +25,7 @@ from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, reason
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.core.errors import SwarmwrightError
 from swarmwright.evaluation import reports as incidents
-from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.experiment import recorded_experiment
 from swarmwright.optimization.generation import Generation
 from swarmwright.optimization.memory import progress
 
@@ -140,7 +140,7 @@ class Worker:
 
 
 def _variant(values: Json) -> Variant:
-    experiment = Experiment.unasked(values["experiment"])
+    experiment = recorded_experiment(values["experiment"])
     if values["path"] is not None:
         experiment = dataclasses.replace(experiment, path=Path(values["path"]))
     return Variant(values["label"], values["folder"], experiment)

@@ -14,11 +14,12 @@ from typing import Any, Self
 
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.evaluation.base import Progress, Servers
+from swarmwright.experiment.derived import place_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, PseudoReality, Target, slow_of, targets_at_end
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import finite, numbers, unseen_seeds
-from swarmwright.runs.run import Run
+from swarmwright.runs.run import Run, written_run
 from swarmwright.runs.transfer.evaluation import Plan, Work, check_target
 from swarmwright.runs.transfer.transferred import Candidate, Transferred
 from swarmwright.runs.validation import leading
@@ -42,7 +43,7 @@ def check(experiment: Experiment, broker: str | None = None) -> None:
         try:
             check_target(target, target.experiments(experiment, 1)[0], experiment, broker)
         except InputError as error:
-            raise InputError(f"{experiment.place(key)}{error}") from error
+            raise InputError(f"{place_of(experiment, key)}{error}") from error
 
 
 def allow(experiment: Experiment, run: Run | None = None) -> None:
@@ -146,7 +147,7 @@ def transfer_at_end(
         servers: as in `optimize`.
         on_progress: as in `optimize`.
     """
-    run = Run.written(folder)
+    run = written_run(folder)
     if not run.transfer_is_due:
         return
     with StoreWriter.resume(folder) as store:

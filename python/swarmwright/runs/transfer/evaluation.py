@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.errors import InputError, RunError, reworded
 from swarmwright.core.random_numbers import Streams
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.evaluation.opening import needs_no_servers, open_backend, open_once, require_here
@@ -147,7 +147,7 @@ class Work:
                 )
             return found
         except (InputError, RunError) as error:
-            raise error.reworded(f"{target.name}: {error}") from error
+            raise reworded(error, f"{target.name}: {error}") from error
 
     def _prefixed(self, experiment: Experiment) -> Experiment:
         """Return an experiment with the prefix that was named."""

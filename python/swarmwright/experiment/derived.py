@@ -1,0 +1,115 @@
+"""What follows from an experiment, for the parts of the library that evaluate it."""
+
+import dataclasses
+import marshal
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.broker.address import environment_prefix
+from swarmwright.core.errors import InputError
+from swarmwright.core.read_only import plain
+from swarmwright.core.yaml import Source, read
+from swarmwright.experiment.fitness import FitnessExpression
+from swarmwright.experiment.unavailable import method_of
+from swarmwright.rankings.slow_simulation import SlowOptions
+from swarmwright.representations import REPRESENTATIONS
+
+if TYPE_CHECKING:
+    from swarmwright.experiment.experiment import Experiment
+
+_KEY = "_evaluation_key"
+"""Where an experiment keeps its `evaluation_key`."""
+
+
+def given_source(experiment: "Experiment", key: str) -> Source | None:
+    """Return the file of the experiment where it gives a key; None where it does not, or is gone."""
+    if experiment.path is not None:
+        with suppress(InputError):
+            source = read(experiment.path)
+            found = source.values.get(key) if isinstance(source.values, Mapping) else None
+            other = isinstance(found, str) and found != getattr(experiment, key)  # another one was set
+            if found is not None and not other:
+                return source
+    return None
+
+
+def place_of(experiment: "Experiment", key: str) -> str:
+    """Return where a key stands, `file.yaml:3: simulation: `; without a file or a line, what is known."""
+    source = given_source(experiment, key)
+    return f"{key}: " if source is None else source.place((key,))
+
+
+def with_environment(experiment: "Experiment") -> "Experiment":
+    """Return it as it is evaluated here: with the environment's topic prefix where it names none.
+
+    Records keep the experiment without it.
+
+    Raises InputError for a prefix that cannot be.
+    """
+    prefix = "" if experiment.prefix else environment_prefix()
+    return dataclasses.replace(experiment, prefix=prefix) if prefix else experiment
+
+
+def check_new(experiment: "Experiment") -> None:
+    """Raise InputError for what runs of earlier versions may have, but none may begin with."""
+    from swarmwright.experiment.checks import metrics_problem  # noqa: PLC0415 - takes long, not for reading attributes
+    from swarmwright.simulations import catalogue  # noqa: PLC0415 - as above
+
+    problem = metrics_problem(experiment.ranking, experiment.method)
+    if problem is not None:
+        raise InputError(f"ranking.kind: {problem}")
+    problem = catalogue.unmeasured(experiment.simulation)
+    if problem is not None:
+        raise InputError(f"simulation: {problem}")
+    problem = method_of(experiment.method).surplus(experiment.method, len(experiment.start_from or ()))
+    if problem is not None:
+        raise InputError(f"start_from: {problem}")
+
+
+def evaluation_key(experiment: "Experiment") -> bytes | None:
+    """Return what the fitness of genomes depends on; None if that cannot be compared.
+
+    Types count: 1 is not 1.0.
+    """
+    kept: dict[str, Any] = vars(experiment)
+    if _KEY not in kept:
+        kept[_KEY] = _evaluation_key(experiment)
+    key: bytes | None = kept[_KEY]
+    return key
+
+
+def _evaluation_key(experiment: "Experiment") -> bytes | None:
+    values = (
+        experiment.simulation,
+        plain(experiment.parameters),
+        experiment.sensors,
+        experiment.actuators,
+        plain(vars(experiment.requirements)),
+        plain(vars(experiment.controller)),
+        plain(vars(experiment.ranking)),
+    )
+    try:
+        return marshal.dumps(values, 2)  # this version writes equal values as equal bytes
+    except ValueError:
+        return None
+
+
+def steers_agents(experiment: "Experiment") -> bool:
+    """Whether what is evolved steers agents, and so needs to know their sensors and actuators."""
+    return REPRESENTATIONS.get(experiment.controller.kind).steers
+
+
+def has_python_modules(experiment: "Experiment") -> bool:
+    """Whether controllers are evaluated in Python: machines with modules that are not the engine's."""
+    return bool(getattr(experiment.controller, "in_python", False))
+
+
+def reports_slow(experiment: "Experiment") -> bool:
+    """Whether the best of a run is validated in the slow simulation of the ranking."""
+    return isinstance(experiment.ranking, SlowOptions)
+
+
+def fitness_expression(experiment: "Experiment") -> FitnessExpression | None:
+    """Return the fitness as an expression over metrics; None: the simulation's own."""
+    return None if experiment.fitness is None else FitnessExpression(experiment.fitness)
