@@ -199,6 +199,13 @@ def _show_error(error: BaseException) -> int:
         where = f"{error.filename}: " if error.filename else ""
         _complain(f"{where}{error.strerror}{_remedy(error.errno)}")
         return FAILED
+    if isinstance(error, ImportError):
+        from swarmwright.cli._requirements import import_problem
+
+        unsuitable = import_problem(error)
+        if unsuitable is not None:
+            _complain(unsuitable)
+            return FAILED
     _complain(
         f"internal error: {type(error).__name__}: {error}\n"
         "This is a bug in Swarmwright. Please report it with what SWARMWRIGHT_DEBUG=1 shows."

@@ -138,8 +138,7 @@ def command(
         return _model(said, run, model, output, generation, candidate, force=force)
     if form is None:
         raise click.UsageError(
-            f"what to export to is missing: --to {', '.join(EXPORTERS.names())}, --bundle FILE.zip, or "
-            "--model FILE"
+            f"name a format: --to {', '.join(EXPORTERS.names())}; or give --bundle FILE.zip or --model FILE"
         )
     if mapping is not None or terms is not None:
         raise click.UsageError("--mapping and --license are for bundles: name one with --bundle FILE.zip")

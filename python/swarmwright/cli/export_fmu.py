@@ -19,7 +19,6 @@ from swarmwright.cli._options import (
     set_option,
 )
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.experiment.derived import with_environment
 
 if TYPE_CHECKING:
     from swarmwright import Experiment
@@ -105,6 +104,7 @@ def command(
     is decided by the parameters at the export.
     """
     from swarmwright.core.errors import InputError
+    from swarmwright.experiment.derived import with_environment
     from swarmwright.export.proxy_model import Address, proxy_model
     from swarmwright.export.simulation_fmu import model_fmu
     from swarmwright.export.simulation_model import Model

@@ -29,7 +29,6 @@ from swarmwright.cli._options import (
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._signals import Terminated
 from swarmwright.core.suggestions import unknown
-from swarmwright.experiment.derived import place_of
 from swarmwright.supervision import Ended, Event, News, Restarted, Supervisor
 from swarmwright.supervision import Output as Printed
 
@@ -210,6 +209,7 @@ def _named(simulation: str) -> str:
     from swarmwright.core.errors import InputError
     from swarmwright.core.simulation_names import is_command
     from swarmwright.experiment.commands import missing
+    from swarmwright.experiment.derived import place_of
     from swarmwright.experiment.experiment import Experiment
 
     experiment = Experiment.load(simulation)

@@ -16,6 +16,7 @@ import time
 import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,8 @@ _INTERPRETER = re.compile(
 )
 _FLAGS = frozenset({"-u", "-O", "-OO", "-B", "-E", "-I", "-s", "-S", "-x", "-jar", "--vanilla"})
 """Options of interpreters behind which the script may stand."""
+_SIMILAR = 0.85
+"""Similarity of spelling, from 0 to 1, from which on one of the programs on the PATH is suggested."""
 _SCRIPTS = frozenset({".py", ".sh", ".R", ".r", ".pl", ".rb", ".js", ".mjs", ".lua", ".jl", ".jar"})
 GRACE_S = 2.0
 """Seconds between asking a process to end and killing it."""
@@ -194,8 +197,29 @@ def missing_program(words: Sequence[str], folder: Path) -> str | None:
         return None
     there = Path(program).exists()
     if os.sep not in program and not there:
-        return f"{_refusal(program, errno.ENOENT, '')}{did_you_mean(program, _programs())}"
+        return f"{_refusal(program, errno.ENOENT, '')}{_program_hint(program, folder)}"
     return _refusal(program, errno.EACCES if there else errno.ENOENT, "")
+
+
+def _program_hint(program: str, folder: Path) -> str:
+    """Return which file of the folder was meant, or else which program on the PATH; "" where none is near."""
+    beside: dict[str, str] = {}
+    for name in _files_of(folder):
+        path = folder / name
+        if path.suffix in _SCRIPTS or os.access(path, os.X_OK):
+            beside[path.stem], beside[name] = name, name
+    if hint := did_you_mean(program, beside):
+        named = beside[hint.split("'")[1]]
+        return f"; did you mean '{named}', which is there?"
+    near = get_close_matches(program, _programs(), n=1, cutoff=_SIMILAR)
+    return f"; did you mean '{near[0]}'?" if near else ""
+
+
+def _files_of(folder: Path) -> list[str]:
+    """Return the names of the files in a folder, none of one that cannot be read."""
+    with contextlib.suppress(OSError):
+        return sorted(entry.name for entry in os.scandir(folder) if entry.is_file())
+    return []
 
 
 def missing_script(words: Sequence[str], folder: Path, copied: Iterable[str]) -> str | None:
@@ -218,10 +242,7 @@ def missing_script(words: Sequence[str], folder: Path, copied: Iterable[str]) ->
     if (folder / script).exists() or shutil.which(script):
         return None
     place = (folder / script).parent
-    beside: list[str] = []
-    with contextlib.suppress(OSError):
-        beside = sorted(entry.name for entry in os.scandir(place) if entry.is_file())
-    suggestion = did_you_mean(Path(script).name, beside)
+    suggestion = did_you_mean(Path(script).name, _files_of(place))
     return (
         f"{script}: there is no such file beside the experiment file{suggestion}; the command runs in a work "
         "folder of its own, into which simulation.files copies others"

@@ -237,10 +237,10 @@ def _without_effect(experiment: "Experiment", options: Definition) -> str | None
     if not unused:
         return None
     placeholders = ", ".join(f"{{{name}}}" for name in unused)
-    verb = "does" if len(unused) == 1 else "do"
+    them = "it" if len(unused) == 1 else "them"
     text = (
-        f"command: {', '.join(unused)} {verb} not reach the program, unless it reads {file} in its work "
-        f"folder; put {placeholders} into the command, or {{parameters}}, the path of that file"
+        f"command: contains neither {placeholders} nor {{parameters}} (the path of {file}), so the program "
+        f"does not get {them} unless it opens {file} in its work folder by itself"
     )
     if unused == ["seed"]:
         text += "; a program that draws no random numbers needs none: write simulation.determinism: bitwise"

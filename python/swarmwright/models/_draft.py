@@ -48,9 +48,11 @@ class Draft:
         if self.kind == _SET and self._can_steer:
             self.parameters.fixed.setdefault(_STEERING[0], (_STEERING[1], "agents steer themselves"))
         if self.known.description is None:
+            hint = did_you_mean(simulation, catalogue.titles()).removeprefix("; ")
+            near = f" ({hint})" if hint else ""
             self.notes.append(
-                f"{simulation} is not built in{did_you_mean(simulation, catalogue.titles())}; a simulation "
-                "server has to offer it, or name another one with --simulation"
+                f"no built-in simulation is called {simulation}{near}. A simulation server has to offer it, "
+                "or name another one with --simulation"
             )
         if model.behaviour is not None and self.kind != _MACHINE:
             self.notes.append(

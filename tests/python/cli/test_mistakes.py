@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import sqlite3
 import subprocess
 import sys
@@ -51,6 +52,23 @@ def test_too_few_open_files_are_named_with_the_limit(tmp_path: Path) -> None:
     )
     assert done.returncode == 1
     assert "Too many open files; this process may open 64: let it have more (ulimit -n 4096)" in done.stderr
+
+
+def test_a_required_package_of_another_version_is_named(tmp_path: Path) -> None:
+    """It is no bug in Swarmwright: another package may have installed it."""
+    (tmp_path / "pydantic").mkdir()
+    (tmp_path / "pydantic" / "__init__.py").write_text("")
+    (tmp_path / "pydantic-1.9.0.dist-info").mkdir()
+    (tmp_path / "pydantic-1.9.0.dist-info" / "METADATA").write_text("Name: pydantic\nVersion: 1.9.0\n")
+    done = program("schema", PYTHONPATH=str(tmp_path))
+    assert done.returncode == 1
+    assert re.search(
+        r"^swarmwright: the package pydantic 1\.9\.0 cannot be used \(cannot import name '\w+' from "
+        r"'pydantic'.*: Swarmwright needs (pydantic>=\S+,<3): pip install '\1'$",
+        done.stderr.strip(),
+    )
+    (tmp_path / "pydantic" / "__init__.py").write_text("import annotated_types_of_another_name")
+    assert "internal error: ModuleNotFoundError" in program("schema", PYTHONPATH=str(tmp_path)).stderr
 
 
 def test_a_run_that_another_process_works_on_is_not_resumed(finished: Run) -> None:

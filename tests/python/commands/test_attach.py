@@ -242,14 +242,18 @@ def test_a_run_from_before_placeholders_went_first_is_refused(
 @pytest.mark.parametrize(
     ("script", "definition", "told"),
     [
-        ("", {}, "weight, speed, seed do not reach the program, unless it reads parameters.yaml in its work"),
-        (": {speed};", {}, "seed does not reach .*; a program that draws no random numbers"),
+        (
+            "",
+            {},
+            r"neither \{weight\}, \{speed\}, \{seed\} nor \{parameters\} \(the path of parameters",
+        ),
+        (": {speed};", {}, r"neither \{seed\} nor .* get it unless .*; a program that draws no random"),
         (": {speed};", {"determinism": "bitwise"}, None),
         (": {speed};", {"environment": {"SEED": "{seed}"}}, None),
-        (":;", {"files": ["world.sdf"]}, "^simulation: command: speed does not reach"),
+        (":;", {"files": ["world.sdf"]}, r"^simulation: command: contains neither \{speed\} nor"),
         (": {parameters};", {}, None),
         ("cat parameters.yaml;", {}, None),
-        ("", {"parameters_format": "json"}, "unless it reads parameters.json"),
+        ("", {"parameters_format": "json"}, "unless it opens parameters.json"),
         ("sh script;", {"sources": ["script"]}, None),
     ],
 )
@@ -268,7 +272,7 @@ def test_parameters_that_do_not_reach_the_program_are_told_once(
     experiment = traced.shell(f"{script} {WELL}", **definition).replace(parameters=parameters)
     for _ in range(2):
         simulate(experiment)
-    lines = [record.getMessage() for record in caplog.records if "reach" in record.getMessage()]
+    lines = [record.getMessage() for record in caplog.records if "contains neither" in record.getMessage()]
     assert len(lines) == (told is not None)
     assert told is None or re.search(told, lines[0])
 

@@ -28,6 +28,11 @@ def test_no_such_program(traced: Traced) -> None:
     """Known before any episode."""
     with pytest.raises(InputError, match=r"command: there is no program 'pyhton3' on the PATH.*'python3"):
         simulate(traced.experiment("pyhton3 sim.py"))
+    with pytest.raises(InputError, match=r"no such file beside the experiment file$"):
+        simulate(traced.experiment("mysimulator --x"))  # of those on the PATH, none is near enough
+    (traced.folder / "mysim.py").write_text("")
+    with pytest.raises(InputError, match=r"; did you mean 'mysim\.py', which is there\?$"):
+        simulate(traced.experiment("mysimulator --x"))
     with pytest.raises(InputError, match=r"sims/run: there is no such file"):
         simulate(traced.experiment("sims/run {parameters}"))
 

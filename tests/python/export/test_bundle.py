@@ -649,7 +649,7 @@ def test_half_a_bundle_is_damaged(bundle: Path, tmp_path: Path) -> None:
         (["--bundle", "x.zip", "--prefix", "int"], "'int' is a word of C, C++ or Python"),
         (["--bundle", "x.zip", "--candidate", "999:0"], "holds the generations 0 to 29, not 999"),
         (["--to", "c", "--mapping", "there.zip"], "--mapping and --license are for bundles"),
-        ([], "what to export to is missing: --to c, cpp, "),
+        ([], "name a format: --to c, cpp, "),
     ],
 )
 def test_mistakes_are_explained(

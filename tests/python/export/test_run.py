@@ -197,7 +197,7 @@ def test_verification_fails_where_bits_differ(
     ("options", "said"),
     [
         (["--to", "cc"], "unknown export format 'cc'; did you mean 'c'? available: c, "),
-        ([], "what to export to is missing"),
+        ([], "name a format: --to "),
         (["--to", "c", "--candidate", "9:0"], "holds the generations 0 to 2, not 9"),
         (["--to", "c", "--candidate", "0:8"], "generation 0 has the candidates 0 to 7, not 8"),
         (["--to", "c", "--candidate", "best"], "'best' is not G:N, such as 19:3"),

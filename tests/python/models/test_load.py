@@ -76,7 +76,7 @@ def test_a_simulation_that_is_not_built_in_gets_every_parameter(edited: Edited) 
     assert experiment.parameters["Agent"] == 3
     assert "scouts" not in experiment.parameters  # it is evolved
     assert experiment.requirements.max_agents == 33
-    assert any("is not built in" in note for note in imported.notes)
+    assert any(note.startswith("no built-in simulation is called ") for note in imported.notes)
 
 
 def test_the_number_of_agents_may_be_evolved(edited: Edited) -> None:
