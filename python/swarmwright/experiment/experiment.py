@@ -431,7 +431,13 @@ def checked_again(experiment: Experiment) -> Experiment:
 
 
 def with_source(
-    experiment: Experiment, source: Source, *, only: Collection[str], reason: str, ask: bool = True
+    experiment: Experiment,
+    source: Source,
+    *,
+    only: Collection[str],
+    reason: str,
+    rule: str,
+    ask: bool = True,
 ) -> Experiment:
     """Return a copy of an experiment with the keys that a file has, or a part of it.
 
@@ -441,7 +447,8 @@ def with_source(
         experiment: that is copied.
         source: of the file, whose lines messages name.
         only: the keys that it may have.
-        reason: why no others, the end of a sentence.
+        reason: why it may not have another key, the end of a sentence.
+        rule: which keys it may have, a sentence that is said once.
         ask: whether a simulation that is named by its class may be imported.
 
     Raises InputError with every problem, a line each.
@@ -452,7 +459,8 @@ def with_source(
         )
     others = [key for key in source.values if key not in only]
     if others:
-        raise InputError("\n".join(f"{source.place((key,))}{reason}" for key in others))
+        lines = [f"{source.place((key,))}{reason}" for key in others]
+        raise InputError("\n".join(lines) + (f"; {rule}" if len(lines) == 1 else f"\n{rule}"))
     values = experiment.to_mapping()
     if source.values.get("simulation", experiment.simulation) != experiment.simulation:
         for name in (*ANNOUNCED, "parameters"):

@@ -28,9 +28,10 @@ CHANGED = ELSEWHERE - {"validate"} | {"simulation", "parameters", "sensors", "ac
 _CONDITIONS = ("simulation", "parameters", "fitness", "broker", "prefix")
 """Keys that decide what an episode is, or which simulator runs it."""
 _FILES = (".yaml", ".yml")
-_REASON = (
-    "does not belong to a target, which has only keys that say where candidates are evaluated, such as "
-    "simulation, parameters, fitness and servers; remove this key"
+_REASON = "does not belong to a target"
+_RULE = (
+    "a target has only keys that say where candidates are evaluated, such as simulation, parameters, fitness "
+    "and servers; remove others"
 )
 
 Entry = str | Mapping[str, Any]
@@ -66,7 +67,7 @@ class OtherSimulation:
         """Return the experiment of all episodes. Raises InputError where it cannot be changed like this."""
         experiment = alone(experiment)
         if self._has_keys:
-            changed = with_source(experiment, self._source(), only=CHANGED, reason=_REASON)
+            changed = with_source(experiment, self._source(), only=CHANGED, reason=_REASON, rule=_RULE)
             return [_with_sizes(changed, experiment)]
         try:
             changed = experiment.replace(simulation=self.name)
@@ -312,7 +313,7 @@ def _with_keys(
     experiment: Experiment, name: str, said: Source, place: str, *, ask: bool = True
 ) -> dict[str, Any]:
     """Return a target with the keys that it changes, as they are after checks."""
-    changed = with_source(alone(experiment), said, only=CHANGED, reason=_REASON, ask=ask)
+    changed = with_source(alone(experiment), said, only=CHANGED, reason=_REASON, rule=_RULE, ask=ask)
     _require_fit(name, _with_sizes(changed, experiment), experiment, place)
     values = changed.to_mapping()
     kept = {key: values[key] for key in said.values if key in values}

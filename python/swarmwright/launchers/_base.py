@@ -68,7 +68,8 @@ class LauncherOptions(Options):
     packed and copied there."""
     files: list[str] = Field(default=[])
     """Further files that the simulation reads, copied with its code, and kept with the run: paths or patterns
-    such as maps/*.json, relative to the folder of its file."""
+    such as maps/*.json, relative to the folder of its file; of a class in a package, `pkg.world:World`, to
+    the folder that holds the package."""
     environment: dict[str, str] = Field(default={})
     """Further environment variables of the servers."""
     start_timeout: float = Field(default=120.0, gt=0, le=86_400)

@@ -121,6 +121,8 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
             # Of `slurm:-3` the number is wrong.
             known = part.partition(":")[0].strip() in LAUNCHERS.names()
             hint = "" if known else did_you_mean(part, [*LAUNCHERS.names(), *WORDS])
+            if any(one.launcher == part.strip() for one in given):
+                hint = "; leave it out to start those of the experiment"
             words = "" if known or part != text else f"{', '.join(WORDS)}, a number, or "
             raise InputError(
                 f"must be {words}a launcher with a number of servers, such as slurm:4 or slurm:4..200, "

@@ -37,7 +37,10 @@ def named(home: Path, patterns: Sequence[str]) -> list[Path]:
                 "folder, or **/ for any folders"
             ) from None
         if not matches:
-            raise InputError(f"servers: files: there is no file {pattern} in {home}{_left_out(pattern)}")
+            raise InputError(
+                f"servers: files: there is no file {pattern} in {home}, the folder from which the "
+                f"simulation's code is imported{_left_out(pattern)}"
+            )
         outside = next((path for path in matches if not _is_in(home, path)), None)
         if outside is not None:
             raise InputError(

@@ -88,6 +88,12 @@ def test_mistakes_are_explained(servers: Any, message: str) -> None:
     assert str(caught.value).startswith(message)
 
 
+def test_a_launcher_without_a_number_is_known_from_the_experiment() -> None:
+    experiment = loaded({"launcher": "process", "count": 3})
+    with pytest.raises(InputError, match=r"not 'process'; leave it out to start those of the experiment$"):
+        chosen(experiment, "process")
+
+
 @pytest.mark.parametrize(
     ("servers", "message"),
     [
