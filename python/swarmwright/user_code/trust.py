@@ -6,13 +6,13 @@ controls everything in it.
 
 import hashlib
 import json
-import logging
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.warn_once import warn_once
 
 Ask = Callable[[str], bool]
 """Asks a person a question, which may have several lines; whether the answer is yes."""
@@ -54,7 +54,7 @@ def remember(files: Mapping[str, str], name: str) -> None:
     _granted.add(digest)
     kept = folder()
     if kept is None:
-        logging.getLogger("swarmwright").warning(
+        warn_once(
             "HOME and XDG_STATE_HOME are not set, so later commands ask whether the code of this run is to "
             "be trusted, or need --trust"
         )
@@ -65,11 +65,10 @@ def remember(files: Mapping[str, str], name: str) -> None:
             file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             file.write_text(f"{name}\n", encoding="utf-8", errors="backslashreplace")
     except OSError as error:
-        logging.getLogger("swarmwright").warning(
-            "%s: cannot be written: %s; so later commands ask whether the code of this run is to be trusted, "
-            "or need --trust",
-            file, error.strerror,
-        )  # fmt: skip
+        warn_once(
+            f"{kept}: cannot be written: {error.strerror}; so later commands ask whether the code of this "
+            "run is to be trusted, or need --trust"
+        )
 
 
 def is_trusted(files: Mapping[str, str]) -> bool:

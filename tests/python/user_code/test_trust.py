@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError, Run, optimize, post_evaluate, repeat, resume, simulate
+from swarmwright.core import warn_once
 from swarmwright.store.database import seal_facts
 from swarmwright.user_code import trust
 from swarmwright.user_code.permission import require_named
@@ -49,6 +50,7 @@ def received(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def another_user(state: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(state))
     monkeypatch.setattr(trust, "_granted", set())
+    monkeypatch.setattr(warn_once, "_given", set())
 
 
 USES: dict[str, Callable[[Path], object]] = {
@@ -120,8 +122,10 @@ def test_without_a_state_a_process_knows_what_it_was_told(
     with monkeypatch.context() as patched:
         lacking(patched, tmp_path)
         assert not trust.is_trusted(code)
+        monkeypatch.setattr(warn_once, "_given", set())
         trust.remember(code, "it")
         assert trust.is_trusted(code)
+        trust.remember({"simulation.py": "1" * 64}, "it, with other files")
     assert caplog.text.count("later commands ask whether the code of this run is to be trusted") == 1
 
 
