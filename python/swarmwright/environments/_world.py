@@ -15,7 +15,7 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.simulation_names import is_python
 from swarmwright.display import Recording
 from swarmwright.display.drawing import Picture
-from swarmwright.evaluation.episodes import DrawnEpisodes, EpisodeSequence
+from swarmwright.evaluation.episodes import DrawnEpisodes, EpisodeSequence, fitness_and_faults
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 
@@ -132,7 +132,7 @@ class World:
         Raises RunError where it has none at the end.
         """
         try:
-            values, faults = self.episode.fitness_and_faults()
+            values, faults = fitness_and_faults(self.episode)
         except RunError:
             if self.episode.done:
                 raise

@@ -217,16 +217,7 @@ class Episodes:
     @property
     def fitness(self) -> NDArray[np.float64]:
         """Fitness so far, (episodes,); NaN where the experiment's expression has no value."""
-        return self.fitness_and_faults()[0]
-
-    def fitness_and_faults(self) -> tuple[NDArray[np.float64], list[Fault]]:
-        """Return the fitness so far, and why the experiment's expression has no value where it has none."""
-        expression = fitness_expression(self.experiment)
-        with self._errors():
-            own = self._episodes.fitness()
-            if expression is None:
-                return own, []
-            return expression(own, self._episodes.metrics(list(expression.metrics)))
+        return fitness_and_faults(self)[0]
 
     @property
     def metrics(self) -> dict[str, NDArray[np.float64]]:
@@ -294,6 +285,16 @@ class Episodes:
         elif self._scenes is not None:
             self._scenes.append(self.scene())
             self._fitness_so_far.append(float(self.fitness[0]))
+
+
+def fitness_and_faults(episodes: Episodes) -> tuple[NDArray[np.float64], list[Fault]]:
+    """Return the fitness so far, and why the experiment's expression has no value where it has none."""
+    expression = fitness_expression(episodes.experiment)
+    with episodes._errors():
+        own = episodes._episodes.fitness()
+        if expression is None:
+            return own, []
+        return expression(own, episodes._episodes.metrics(list(expression.metrics)))
 
 
 class EpisodeSequence(Episodes):

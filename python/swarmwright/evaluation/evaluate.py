@@ -22,6 +22,7 @@ from swarmwright.evaluation.base import HERE, Backend, Controllers, Progress, Re
 from swarmwright.evaluation.code_failures import failed
 from swarmwright.evaluation.in_process import PythonBackend
 from swarmwright.evaluation.metrics import asked_for
+from swarmwright.evaluation.module_code import is_in_python
 from swarmwright.evaluation.opening import is_here, open_backend
 from swarmwright.evaluation.prepared import check_finite, check_size, prepared
 from swarmwright.evaluation.seeds import seeds_of
@@ -284,8 +285,8 @@ def episode(
     _warn_of_edits(experiment)
     specification = None if controller is None else controller.specification
     if servers is None and broker is None and experiment.broker is None and experiment.servers not in HERE:
-        in_python = has_python_modules(experiment) or (controller is not None and controller.in_python)
-        servers = "in-process" if in_python else 1
+        here = has_python_modules(experiment) or (specification is not None and is_in_python(specification))
+        servers = "in-process" if here else 1
     with open_backend(
         experiment, broker=broker, servers=servers, visual=visual, most=1, controller=specification
     ) as backend:

@@ -16,6 +16,7 @@ from swarmwright.display.pictures import record as record_pictures
 from swarmwright.display.pictures import save as save_pictures
 from swarmwright.evaluation import remote
 from swarmwright.evaluation.evaluate import check_fit
+from swarmwright.evaluation.module_code import is_in_python
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.fitness import JudgedEpisode
@@ -143,8 +144,8 @@ class ShownEpisode:
         return self._judged(self._engine_episode(simulation))
 
     def _engine_episode(self, simulation: Any) -> _engine.Episode | PlayedEpisode:  # noqa: ANN401 - as the engine takes it
-        if self.controller.in_python:
-            values = self.controller.specification
+        values = self.controller.specification
+        if is_in_python(values):
             with engine_errors():
                 return PlayedEpisode(simulation, dict(self.experiment.parameters), self.seed, values)
         evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
@@ -252,7 +253,7 @@ class ShownEpisode:
 
 def check_shown_on(broker: str | None, controller: Controller) -> None:
     """Raise InputError for a controller that no server on a broker can be sent to show."""
-    if broker is not None and controller.in_python:
+    if broker is not None and is_in_python(controller.specification):
         raise InputError(
             f"broker: {broker}: behaviours and conditions in Python are shown in this process alone; "
             "leave it out"

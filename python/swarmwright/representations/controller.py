@@ -142,13 +142,8 @@ class Controller:
         """Numbers that an agent is steered by; 0 for a parameter set."""
         return ACTUATORS if self._whole is None else self._whole.actuators
 
-    @property
-    def in_python(self) -> bool:
-        """Whether it is a machine with modules in Python, which the engine does not compute."""
-        return self._swarm is not None
-
     @cached_property
-    def is_stateless(self) -> bool:
+    def _is_stateless(self) -> bool:
         """Whether actuators depend on the sensors of the same step alone, for all agents alike."""
         return self._swarm is None and self.specification.get("kind") in _STATELESS
 
@@ -183,7 +178,7 @@ class Controller:
         if self._swarm is not None:
             return self._stepped(self._swarm, rows, whole=values.ndim == 2)
         assert self._whole is not None
-        if self.is_stateless:
+        if self._is_stateless:
             agents = [self._whole] * len(rows)
         else:
             self._check_agents(len(rows))
@@ -276,7 +271,7 @@ class ControlledEpisodes:
         who = list(zip(episodes.tolist(), agents.tolist(), strict=True))
         if self._swarm is not None:
             return self._swarm.step(self._placed(self._swarm, who), sensors)
-        if self._controller.is_stateless:
+        if self._controller._is_stateless:
             return self._controller(sensors)
         assert self._whole is not None
         with engine_errors("controller: "):

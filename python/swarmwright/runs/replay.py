@@ -12,6 +12,7 @@ from swarmwright.core.arguments import simulation_seed
 from swarmwright.core.errors import InputError
 from swarmwright.core.flatten import flat
 from swarmwright.display import Caption
+from swarmwright.evaluation.module_code import is_in_python
 from swarmwright.evaluation.shown import ShownEpisode, check_shown_on
 from swarmwright.experiment.settings import Setting, parse_settings, refuse_seed
 from swarmwright.representations.controller import Controller, controller_words
@@ -124,7 +125,7 @@ class Replay(ShownEpisode):
     def _check_fits(self, controller: Controller, other: "Run") -> None:
         here = f"{self.experiment.label} as {self.run.path} has it"
         advice = f"; show it alone: swarmwright replay {other.path}"
-        if self.broker is not None and controller.in_python:
+        if self.broker is not None and is_in_python(controller.specification):
             raise InputError(
                 f"{other.path}: behaviours and conditions in Python are shown in this process alone; leave "
                 f"the broker out{advice}"

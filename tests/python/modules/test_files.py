@@ -11,6 +11,7 @@ from swarmwright import Controller, Experiment, InputError, Run, RunError, optim
 from swarmwright.cli._commands import program
 from swarmwright.cli._main import run as run_program
 from swarmwright.core.modules import states_of
+from swarmwright.evaluation.module_code import is_in_python
 from swarmwright.experiment.derived import has_python_modules
 from swarmwright.export.exporting import export_controller
 from swarmwright.modules import registered
@@ -247,7 +248,7 @@ def test_a_controller_does_not_take_other_code(file: Path, tmp_path: Path) -> No
     forget()
     with pytest.raises(InputError, match=r"own\.py \(SHA-256 .*\), is not known here; load the controller"):
         Controller(json.loads(saved.read_text()))
-    assert Controller.load(saved).in_python  # its code lies beside it
+    assert is_in_python(Controller.load(saved).specification)  # its code lies beside it
     forget()
     (file.parent / "parts/wheel_speeds.py").write_text("SPEED = -0.3\n")
     with pytest.raises(InputError, match="is not known here"):

@@ -91,7 +91,7 @@ def test_whole_episodes_have_the_engines_fitness(form: str, monkeypatch: pytest.
 def test_controllers_are_callable(own: Path) -> None:  # noqa: ARG001 - installs the modules
     subject = machines(behaviours=["wander", "stop"], conditions=["timer"], states=2)
     controller = Controller(subject.specification(subject.initial(Stream(1, "x"))))
-    assert (controller.sensors, controller.actuators, controller.in_python) == (9, 2, True)
+    assert (controller.sensors, controller.actuators) == (9, 2)
     sensors = Stream(2, "x").unit(9 * 6).astype(np.float32).reshape(6, 9)
     swarm = [controller(sensors) for _ in range(20)]
     controller.reset()
