@@ -18,6 +18,8 @@ use swarmwright_simulation::rollout::stopped;
 const MANY_ROBOTS: usize = 256;
 /// fewer episodes than this are faster one at a time, as all lanes cost the same, also those without an episode of their own.
 const FEW_EPISODES: usize = 3;
+/// Most robots of episodes in four vectors side by side: of more the state does not fit into the nearest caches.
+const MOST_IN_FOUR: usize = 64;
 
 /// The episodes of a block. They differ in the seed alone.
 pub(crate) struct ArenaLanes {
@@ -38,7 +40,7 @@ pub(crate) struct Workspace<L: Lanes> {
 
 impl LaneWorld for ArenaLanes {
     // One vector waits for itself: each contact needs the velocities that the one before left.
-    const VECTORS: usize = 2;
+    const VECTORS: usize = 4;
     // In four portable lanes it is slower than one at a time.
     const PORTABLE: bool = false;
     type Workspace<L: Lanes> = Workspace<L>;
@@ -62,6 +64,14 @@ impl LaneWorld for ArenaLanes {
             settings,
             starts,
         }))
+    }
+
+    fn vectors(&self) -> usize {
+        if self.settings.team.len() > MOST_IN_FOUR {
+            2
+        } else {
+            Self::VECTORS
+        }
     }
 
     fn workspace<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Workspace<L> {

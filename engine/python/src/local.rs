@@ -22,6 +22,8 @@ use crate::worlds::known;
 
 /// Work between two looks at Ctrl-C.
 const PART: Duration = Duration::from_millis(30);
+/// How many times as long as `PART` full vectors may take.
+const MOST_PARTS: usize = 16;
 /// A share of `PART`, 50 microseconds, in which other threads hardly begin.
 const MODEST: usize = 600;
 /// A share of `PART`, half a millisecond: less is not worth the time of another thread that has work of its own.
@@ -228,10 +230,16 @@ impl Evaluation {
     }
 
     /// As many evaluations on all threads as fill the vectors that are computed side by side, of so many on each, at least once:
-    /// vectors that are not full take as long as full ones.
+    /// vectors that are not full take as long as full ones. Of slow evaluations fewer vectors, so that Ctrl-C is noticed in time.
     fn in_vectors(&self, evaluations: usize) -> usize {
-        let vectors = worlds::vectors(&self.title).unwrap_or(1);
-        let lanes = self.means.level.map_or(1, |level| level.width() * vectors);
+        let mut lanes = 1;
+        if let Some(level) = self.means.level {
+            let vectors = worlds::vectors(&self.title).unwrap_or(1);
+            lanes = level.width() * vectors;
+            while lanes > level.width() && lanes > evaluations.saturating_mul(MOST_PARTS) {
+                lanes /= 2;
+            }
+        }
         (evaluations / lanes)
             .max(1)
             .saturating_mul(lanes * self.threads())

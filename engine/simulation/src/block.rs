@@ -98,7 +98,7 @@ impl<'a> Block<'a> {
 
 /// A simulation whose episodes can be computed in lanes, made for the episodes of one block.
 pub trait LaneWorld: Sync + Sized {
-    /// Vectors of lanes side by side: 1, 2 or 4.
+    /// Vectors of lanes side by side, at most: 1, 2 or 4.
     const VECTORS: usize;
 
     /// Whether the portable instruction set is of use, too; else episodes are computed one at a time there.
@@ -112,6 +112,11 @@ pub trait LaneWorld: Sync + Sized {
     /// # Errors
     /// A parameter that the simulation refuses.
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError>;
+
+    /// Vectors of lanes side by side for these episodes, at most [`VECTORS`](Self::VECTORS).
+    fn vectors(&self) -> usize {
+        Self::VECTORS
+    }
 
     /// A workspace for lanes.
     fn workspace<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Self::Workspace<L>;
@@ -154,26 +159,43 @@ impl<W: LaneWorld> Kernel for Part<'_, W> {
 }
 
 /// Evaluates episodes from `first` on, as many as fit into `results`: many vectors side by side while there are
-/// episodes for them. False as soon as a weight is not a finite number.
+/// episodes for them, then fewer. False as soon as a weight is not a finite number.
 #[inline(always)]
 fn side_by_side<L: Lanes, W: LaneWorld>(
     world: &W,
     block: &Block<'_>,
-    first: usize,
-    results: &mut [f64],
+    mut first: usize,
+    mut results: &mut [f64],
 ) -> bool {
-    let (wide, numbers) = (W::VECTORS * L::WIDTH, block.numbers());
-    let episodes = results.len() / numbers;
-    let rest = episodes % wide;
-    let single = if rest > wide / 2 { 0 } else { rest };
-    let behind = first + episodes - single;
-    let (many, single) = results.split_at_mut((episodes - single) * numbers);
-    let finite = match W::VECTORS {
-        4 => groups::<Pair<Pair<L>>, W>(world, block, first, many),
-        2 => groups::<Pair<L>, W>(world, block, first, many),
-        _ => groups::<L, W>(world, block, first, many),
-    };
-    finite && groups::<L, W>(world, block, behind, single)
+    let numbers = block.numbers();
+    for vectors in [4, 2, 1] {
+        if vectors > world.vectors().max(1) {
+            continue;
+        }
+        let (wide, episodes) = (vectors * L::WIDTH, results.len() / numbers);
+        let rest = episodes % wide;
+        // Half of the lanes empty takes as long as the same in fewer vectors.
+        let now = if vectors == 1 || rest > wide / 2 {
+            episodes
+        } else {
+            episodes - rest
+        };
+        let (these, others) = results.split_at_mut(now * numbers);
+        let finite = match vectors {
+            // Constants, so that nothing is compiled for vectors that are not used.
+            4 if const { W::VECTORS >= 4 } => {
+                groups::<Pair<Pair<L>>, W>(world, block, first, these)
+            }
+            2 if const { W::VECTORS >= 2 } => groups::<Pair<L>, W>(world, block, first, these),
+            _ => groups::<L, W>(world, block, first, these),
+        };
+        if !finite {
+            return false;
+        }
+        first += now;
+        results = others;
+    }
+    true
 }
 
 /// Weights that are fetched before they are needed: 16 KB, so that those in use stay in the nearest cache.
@@ -328,7 +350,7 @@ pub fn evaluate<W: LaneWorld>(
                 all_finite.store(false, Ordering::Relaxed);
             }
         };
-        let wide = level.width() * W::VECTORS;
+        let wide = level.width() * world.vectors();
         in_parts(&mut results, numbers, wide, means.threads, work);
         if !all_finite.into_inner()
             && let Some(error) = block.not_finite()
