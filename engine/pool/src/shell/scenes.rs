@@ -301,6 +301,7 @@ impl SceneEpisode {
         if let Some((fitness, _)) = self.fitness.take() {
             self.ended = Some((fitness.fitness, fitness.metrics));
             self.waiting.clear();
+            self.free();
         }
     }
 
@@ -421,7 +422,14 @@ impl SceneEpisode {
 
     /// Ends the episode on the server, if it has not ended.
     fn give_up(&mut self) {
-        if self.ended.is_none() && self.control(false, None).is_ok() {
+        if self.ended.is_none() {
+            self.free();
+        }
+    }
+
+    /// Ends the episode on the server, or frees the server, which is held for this tool for some seconds after an episode.
+    fn free(&mut self) {
+        if self.control(false, None).is_ok() {
             self.connection.poll(Instant::now(), &mut self.events);
             self.events.clear();
         }
