@@ -102,7 +102,9 @@ def test_the_only_server_is_killed_and_replaced(
     run = launch("optimize", path, "--broker", broker.url, "--out", "result")
     in_mid_episode(recorder, 6)
     servers.signal_server(6, signal.SIGKILL)
-    run.until(lambda program: any("waiting for a server" in line for line in program.lines), "word of the wait")
+    run.until(
+        lambda program: any("waiting for a server" in line for line in program.lines), "word of the wait"
+    )
     assert run.process.poll() is None
     serve(broker.url, first=6)
     assert run.wait() == 0, run.stderr
