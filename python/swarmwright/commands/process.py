@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.commands.failure import CommandFailure
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.suggestions import did_you_mean, nearest
 
 KEEPER = Path(__file__).with_name("keeper.py")
 _LARGEST_MESSAGE_BYTES = 1 << 20
@@ -208,9 +208,9 @@ def _program_hint(program: str, folder: Path) -> str:
         path = folder / name
         if path.suffix in _SCRIPTS or os.access(path, os.X_OK):
             beside[path.stem], beside[name] = name, name
-    if hint := did_you_mean(program, beside):
-        named = beside[hint.split("'")[1]]
-        return f"; did you mean '{named}', which is there?"
+    meant = nearest(program, beside)
+    if meant is not None:
+        return f"; did you mean '{beside[meant]}', which is there?"
     near = get_close_matches(program, _programs(), n=1, cutoff=_SIMILAR)
     return f"; did you mean '{near[0]}'?" if near else ""
 

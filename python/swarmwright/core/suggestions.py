@@ -7,7 +7,13 @@ _LEAST = 3  # letters of a word that is looked for in names
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return "; did you mean 'x'?" for the nearest of `known`, or "" when none is near.
+    """Return "; did you mean 'x'?" for the `nearest` of `known`, or "" when none is near."""
+    near = nearest(name, known)
+    return "" if near is None else f"; did you mean '{near}'?"
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """Return the one of `known` that was meant; None when none is near.
 
     A name that begins or ends with the word, speedAgents for speed, is nearer than one that is spelt alike.
     """
@@ -16,15 +22,11 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     folded = name.casefold()
     longer = [candidate for candidate in names if _has_word(candidate, folded)]
     if folded in by_folded:
-        nearest = by_folded[folded]
-    elif longer:
-        nearest = min(longer, key=len)
-    else:
-        near = get_close_matches(folded, by_folded, n=1, cutoff=0.6)
-        if not near:
-            return ""
-        nearest = by_folded[near[0]]
-    return f"; did you mean '{nearest}'?"
+        return by_folded[folded]
+    if longer:
+        return min(longer, key=len)
+    near = get_close_matches(folded, by_folded, n=1, cutoff=0.6)
+    return by_folded[near[0]] if near else None
 
 
 def _has_word(candidate: str, folded: str) -> bool:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.suggestions import nearest
 from swarmwright.core.untrusted import one_line
 from swarmwright.core.yaml import dump
 from swarmwright.models._model import Model
@@ -48,10 +48,10 @@ class Draft:
         if self.kind == _SET and self._can_steer:
             self.parameters.fixed.setdefault(_STEERING[0], (_STEERING[1], "agents steer themselves"))
         if self.known.description is None:
-            hint = did_you_mean(simulation, catalogue.titles()).removeprefix("; ")
-            near = f" ({hint})" if hint else ""
+            near = nearest(simulation, catalogue.titles())
+            hint = "" if near is None else f" (did you mean '{near}'?)"
             self.notes.append(
-                f"no built-in simulation is called {simulation}{near}. A simulation server has to offer it, "
+                f"no built-in simulation is called {simulation}{hint}. A simulation server has to offer it, "
                 "or name another one with --simulation"
             )
         if model.behaviour is not None and self.kind != _MACHINE:
