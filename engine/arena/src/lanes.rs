@@ -21,6 +21,15 @@ const FEW_EPISODES: usize = 3;
 /// Most robots of episodes in four vectors side by side: of more the state does not fit into the nearest caches.
 const MOST_IN_FOUR: usize = 64;
 
+/// Vectors side by side for episodes with so many robots.
+pub(crate) fn vectors(robots: usize) -> usize {
+    if robots > MOST_IN_FOUR {
+        2
+    } else {
+        ArenaLanes::VECTORS
+    }
+}
+
 /// The episodes of a block. They differ in the seed alone.
 pub(crate) struct ArenaLanes {
     settings: Settings,
@@ -67,11 +76,7 @@ impl LaneWorld for ArenaLanes {
     }
 
     fn vectors(&self) -> usize {
-        if self.settings.team.len() > MOST_IN_FOUR {
-            2
-        } else {
-            Self::VECTORS
-        }
+        vectors(self.settings.team.len())
     }
 
     fn workspace<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Workspace<L> {

@@ -63,7 +63,7 @@ use swarmwright_simulation::{
     Parameters, RolloutError, Scene, Simulation,
 };
 
-/// Vectors of lanes that are computed side by side.
+/// Vectors of lanes that are computed side by side, at most.
 pub const VECTORS: usize = ArenaLanes::VECTORS;
 
 /// Evaluates a block of controllers that fit the robots.
@@ -319,7 +319,7 @@ impl Simulation for Arena {
         match Level::best() {
             // One at a time there.
             Level::Portable => 1,
-            level => level.width() * ArenaLanes::VECTORS,
+            level => level.width() * lanes::vectors(self.settings.team.len()),
         }
     }
 

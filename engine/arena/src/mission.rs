@@ -114,26 +114,18 @@ pub(super) struct Mission {
 
 /// Reads the keys of a mission.
 fn sections(fields: &Value, mistakes: &mut Mistakes) -> Text {
-    let object = match (part(fields, "mission"), fields.as_object()) {
-        (Ok(text), _) => return text,
-        (Err(_), Some(object)) => object,
-        (Err(mistake), None) => {
-            mistakes.add(mistake);
-            return Text::default();
-        }
-    };
+    if let Ok(text) = part(fields, "mission") {
+        return text;
+    }
     // One at a time: all unknown ones are told, and the others read.
-    let mut known = object.clone();
-    for (key, value) in object {
-        let alone = Map::from_iter([(key.clone(), value.clone())]);
-        if let Err(mistake) = part::<Text>(&Value::Object(alone), "mission") {
-            mistakes.add(mistake);
-            known.remove(key);
+    let mut known = Map::new();
+    for (key, value) in fields.as_object().into_iter().flatten() {
+        let alone = Value::from(Map::from_iter([(key.clone(), value.clone())]));
+        if mistakes.take(part::<Text>(&alone, "mission")).is_some() {
+            known.insert(key.clone(), value.clone());
         }
     }
-    mistakes
-        .take(part(&Value::Object(known), "mission"))
-        .unwrap_or_default()
+    part(&Value::Object(known), "mission").unwrap_or_default()
 }
 
 impl Mission {

@@ -62,12 +62,7 @@ fn friction() -> [f32; 2] {
     super::presets::FRICTION
 }
 
-/// What is written, with complaints that name the place.
-fn parsed<T: DeserializeOwned>(value: &Value) -> Result<T, ParameterError> {
-    swarmwright_values::read(value).map_err(|mismatch| mismatch_at("", mismatch))
-}
-
-/// The same of one of several kinds, at a place.
+/// One of several kinds, with complaints that name its place.
 fn parsed_kind<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, ParameterError> {
     swarmwright_values::read_kind(value).map_err(|mismatch| mismatch_at(at, mismatch))
 }

@@ -3,10 +3,11 @@
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::super::super::mistakes::part;
 use super::super::{Drive, Output, Robot, presets};
 use super::battery::BatteryText;
 use super::radio::RadioText;
-use super::{MASSES, NOISE, RANGE, RAYS, REACH, SHARE, TURNED, drive, parsed, within};
+use super::{MASSES, NOISE, RANGE, RAYS, REACH, SHARE, TURNED, drive, within};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
@@ -98,7 +99,7 @@ pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
         )
     })?;
     check_nesting(value)?;
-    let changes: Changes = parsed(value)?;
+    let changes: Changes = part(value, "")?;
     change_body(&mut robot, &changes)?;
     change_drive(&mut robot, &changes)?;
     drive::check(&robot)?;
