@@ -102,9 +102,12 @@ cpp: $(CPP)/.built
 
 test: test-engine test-quick
 
+# Options of cargo for the engine's tests. `.ci/run` compiles the engine once, for them and for Python.
+ENGINE_TESTS ?=
+
 test-engine: $(VENV)/.created
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
-	$(CARGO) test $(MANIFEST) --workspace --no-fail-fast --quiet
+	$(CARGO) test $(MANIFEST) $(ENGINE_TESTS) --workspace --no-fail-fast --quiet
 
 test-java: $(JAVA)
 	$(MAVEN) test

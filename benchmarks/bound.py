@@ -22,8 +22,8 @@ from benchmarks.rollout import Block, minisim, stadium
 PEAK = Path(__file__).parent / "peak"
 ENGINE = Path(__file__).parents[1] / "engine"
 PEAK_PROGRAM = (str(PEAK / "Cargo.toml"), "--release")
-# No package is named: so crates have the features of the workspace, with which its tests have compiled them.
-COUNTING_PROGRAM = (str(ENGINE / "Cargo.toml"), "--example", "operations")
+# No package is named: so crates have the features of the workspace, with which the library has compiled them.
+COUNTING_PROGRAM = (str(ENGINE / "Cargo.toml"), "--release", "--example", "operations")
 
 
 @dataclass(frozen=True)
