@@ -4,21 +4,20 @@ import logging
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError, engine_errors
-from swarmwright.core.formatting import amount
 from swarmwright.core.server_use import ServerUse
 from swarmwright.evaluation.base import BudgetSpent
 from swarmwright.evaluation.launched.access import Access
+from swarmwright.evaluation.launched.entry import Entry, LaunchedServer
 from swarmwright.evaluation.launched.scaling import Load, Scaling
-from swarmwright.launchers import Health, Launcher, LauncherError, LauncherOptions
+from swarmwright.launchers import Health, LauncherError
 from swarmwright.supervision.output import MOST_KEPT_LINES, Output
 
 _log = logging.getLogger("swarmwright")
@@ -37,105 +36,10 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
 """Seconds before a server is replaced; doubled with each one in a row that was never on the broker."""
 LAUNCHER_TIMEOUT_S = 60.0
 """Seconds for which a launcher may not answer, while none of its servers is on the broker."""
-SHORTEST_USE_S = 36.0
-"""Seconds of servers below which their use is not reported where it has no price: 0.01 hours."""
 COLLECT_S = 10.0
 """Seconds at most for collecting at the end of a run what servers elsewhere have printed."""
 _LARGEST_ID = 2**31 - 1
 """The largest of servers' IDs."""
-
-
-@dataclass
-class _Server:
-    """One server that was started."""
-
-    since: float
-    """When it was started, or began to run."""
-    health: Health = field(default_factory=lambda: Health("waiting"))
-    was_ready: bool = False
-
-
-@dataclass
-class Entry:
-    """A launcher, and the servers that it has started."""
-
-    name: str
-    launcher: Launcher
-    options: LauncherOptions
-    servers: dict[int, _Server] = field(default_factory=dict)
-    wanted: int = 0
-    failures: int = 0
-    again_at: float = 0.0
-    looked: float = 0.0
-    answered: float = field(default_factory=time.monotonic)
-    given_up: str | None = None
-    scaling: Scaling | None = None
-    seconds: float = 0.0
-    """Of servers that ran in this session, all together."""
-    earlier: ServerUse = field(default_factory=ServerUse)
-    """In earlier sessions of the run."""
-    counted: float = 0.0
-    """Until when they are counted."""
-    is_spent: bool = False
-    told: str = ""
-    is_told_starting: bool = False
-    words: list[str] = field(default_factory=list)
-    """How servers ended, without having been on the broker."""
-
-    @property
-    def use(self) -> ServerUse:
-        """Of its servers in this session so far."""
-        return ServerUse(self.seconds, self.seconds / 3600 * (self.options.cost_per_hour or 0.0))
-
-    @property
-    def is_counted(self) -> bool:
-        """Whether its use is reported: of servers elsewhere, and of those that have a price."""
-        return not self.launcher.is_here or self.options.cost_per_hour is not None
-
-    @property
-    def is_notable(self) -> bool:
-        """Whether its use is more than a hundredth of an hour, or has a price."""
-        seconds = (self.earlier + self.use).seconds
-        return self.options.cost_per_hour is not None or seconds >= SHORTEST_USE_S
-
-    @property
-    def used(self) -> str:
-        """What was used, in words."""
-
-        def words(use: ServerUse) -> str:
-            cost = "" if self.options.cost_per_hour is None else f", cost {amount(use.cost)}"
-            return f"{amount(use.seconds / 3600)} server hours{cost}"
-
-        whole = f" (the whole run: {words(self.earlier + self.use)})" if self.earlier.seconds else ""
-        return f"{self.name} {words(self.use)}{whole}"
-
-    def count_use(self, now: float) -> None:
-        """Count the time of the servers that run; note when the budget is spent."""
-        running = sum(one.health.state == "running" for one in self.servers.values())
-        self.seconds += running * (now - self.counted)
-        self.counted = now
-        self.compare_with_budget()
-
-    def compare_with_budget(self) -> None:
-        """Note when the budget is spent, earlier sessions included."""
-        budget, cost = self.options.budget, self.earlier.cost + self.use.cost
-        self.is_spent = self.is_spent or (budget is not None and cost >= budget)
-
-
-def _spent(entry: Entry) -> str:
-    return (
-        f"the budget of {entry.name}, {entry.options.budget:g}, was spent in earlier sessions of this run, "
-        f"which cost {amount(entry.earlier.cost)}"
-    )
-
-
-@contextmanager
-def _named(entry: Entry) -> Iterator[None]:
-    """Within this block, errors of a launcher begin with its name."""
-    try:
-        yield
-    except LauncherError as error:
-        raise LauncherError(f"{entry.name}: {error}") from error
 
 
 class LaunchedServers:
@@ -185,15 +89,15 @@ class LaunchedServers:
                 entry.compare_with_budget()
                 if entry.is_spent:
                     entry.wanted = 0
-                    self._warn_once(f"{_spent(entry)}; none of its servers is started")
+                    self._warn_once(f"{entry.spent_before}; none of its servers is started")
                 self._reserved[entry.name] = [self._new_id() for _ in range(options.most)]  # see `_start`
                 if options.is_elastic:
                     entry.scaling = Scaling(options.fewest, options.most, options.idle)
-                with _named(entry):
+                with entry.named_errors():
                     entry.launcher.open()
             for entry in self._entries:
                 if entry.wanted:
-                    with _named(entry):
+                    with entry.named_errors():
                         self._start(entry, entry.wanted)
             self._thread.start()
             self._wait_for_first()
@@ -275,7 +179,7 @@ class LaunchedServers:
         for entry in self._entries:
             entry.compare_with_budget()
         if all(entry.is_spent for entry in self._entries):
-            words = "; ".join(_spent(entry) for entry in self._entries)
+            words = "; ".join(entry.spent_before for entry in self._entries)
             entry = self._entries[0]
             # In the experiment, several launchers are a list.
             key = "servers.budget" if len(self._entries) == 1 else "servers.0.budget"
@@ -506,7 +410,7 @@ class LaunchedServers:
         ids = free[:count] if entry.launcher.is_here else [self._new_id() for _ in range(count)]
         entry.launcher.start(ids)
         now = time.monotonic()
-        entry.servers |= {server: _Server(now) for server in ids}
+        entry.servers |= {server: LaunchedServer(now) for server in ids}
 
     def _new_id(self) -> int:
         self._next += 1

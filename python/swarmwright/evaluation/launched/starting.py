@@ -14,8 +14,9 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.server_use import ServerUse, ServerUses
 from swarmwright.core.simulation_names import is_python
 from swarmwright.evaluation.launched.access import Access, Credentials, embedded, own_address
+from swarmwright.evaluation.launched.entry import Entry
 from swarmwright.evaluation.launched.packing import check_here, packed
-from swarmwright.evaluation.launched.servers import Entry, LaunchedServers
+from swarmwright.evaluation.launched.servers import LaunchedServers
 from swarmwright.evaluation.module_code import names_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers import LAUNCHERS, LauncherOptions, Specification

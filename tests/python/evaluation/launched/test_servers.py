@@ -12,6 +12,7 @@ from swarmwright.broker.mosquitto import write_configuration
 from swarmwright.core.server_use import ServerUse
 from swarmwright.evaluation.launched import scaling, servers
 from swarmwright.evaluation.launched.access import embedded
+from swarmwright.evaluation.launched.entry import Entry, LaunchedServer
 from swarmwright.launchers import LAUNCHERS, Health, Specification
 from tests.paced_simulation import written
 from tests.python.records import same_record
@@ -55,7 +56,7 @@ def test_a_budget_is_that_of_the_whole_run(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = experiment(tmp_path, 20, count=2, cost_per_hour=0.5, budget=9.0)
-    entries: list[servers.Entry] = []
+    entries: list[Entry] = []
     opened = servers.LaunchedServers.__enter__
 
     def enter(self: Any) -> Any:
@@ -111,10 +112,8 @@ def test_a_launcher_whose_budget_is_spent_is_left_out(caplog: pytest.LogCaptureF
         access = embedded(stack, ["127.0.0.1"], [], port=None, prefix="")
         specification = Specification("minisim", access.address)
         rows = [
-            servers.Entry(
-                "process", component(options, specification), options, earlier=ServerUse(7200, 2.0)
-            ),
-            servers.Entry("other", component(options, specification), options),
+            Entry("process", component(options, specification), options, earlier=ServerUse(7200, 2.0)),
+            Entry("other", component(options, specification), options),
         ]
         launched = stack.enter_context(servers.LaunchedServers(rows, access, ""))
         assert [len(row.servers) for row in rows] == [0, 1]
@@ -136,11 +135,9 @@ def test_few_of_many_late_servers_are_asked_for_their_lines(
 
     with ExitStack() as stack:
         access = embedded(stack, ["127.0.0.1"], [], port=None, prefix="")
-        entry = servers.Entry(
-            "process", component(options, Specification("minisim", access.address)), options
-        )
+        entry = Entry("process", component(options, Specification("minisim", access.address)), options)
         launched = servers.LaunchedServers([entry], access, "")
-        entry.servers = {server: servers._Server(0.0, health=Health("running")) for server in range(50)}
+        entry.servers = {server: LaunchedServer(0.0, health=Health("running")) for server in range(50)}
         monkeypatch.setattr(component, "logs", logs)
         launched._tell_starting(entry, 100.0)
     assert asked == [0, 1, 2]
