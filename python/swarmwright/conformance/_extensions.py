@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.conformance._client import TO_TOOL, Message, shown
-from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance._json import Json
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Steer
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.core.errors import InputError

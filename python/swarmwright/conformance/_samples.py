@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance._json import Json
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.core.random_numbers import Streams
 
 NORMAL = "normal"

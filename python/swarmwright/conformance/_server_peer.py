@@ -4,7 +4,9 @@ import time
 from contextlib import suppress
 
 from swarmwright.conformance._client import Client, Message, Overdue
-from swarmwright.conformance._server_under_test import Episode, Json, Server
+from swarmwright.conformance._episode import Episode
+from swarmwright.conformance._json import Json
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Failure, Rule
 
 MOST_EPISODES = 40

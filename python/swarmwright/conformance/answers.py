@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 from swarmwright.conformance._client import Client, Message
-from swarmwright.conformance._server_under_test import is_number, new_hash
+from swarmwright.conformance._json import is_number, new_hash
 
 
 def answers(

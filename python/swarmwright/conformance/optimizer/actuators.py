@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from swarmwright.conformance._server_under_test import is_number
+from swarmwright.conformance._json import is_number
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Played, sensed
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on

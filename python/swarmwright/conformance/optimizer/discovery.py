@@ -3,7 +3,7 @@
 import json
 import time
 
-from swarmwright.conformance._server_under_test import is_number
+from swarmwright.conformance._json import is_number
 from swarmwright.conformance.optimizer._requests import Batching, Offloading
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Json

@@ -3,7 +3,7 @@
 import json
 from collections import Counter
 
-from swarmwright.conformance._server_under_test import is_number
+from swarmwright.conformance._json import is_number
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._tool import Tool
 from swarmwright.conformance.rules import Failure, Skip

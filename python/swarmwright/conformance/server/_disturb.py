@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 
 from swarmwright.conformance._client import shown
+from swarmwright.conformance._json import new_hash
 from swarmwright.conformance._server_peer import ServerPeer
-from swarmwright.conformance._server_under_test import new_hash
 from swarmwright.conformance.rules import Failure, Skip, WentOn
 
 Junk = tuple[str, str | bytes]

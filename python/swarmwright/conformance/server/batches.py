@@ -20,7 +20,8 @@ from swarmwright.conformance._extensions import (
     numbers,
     played,
 )
-from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance._json import Json
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Steer, Trajectory, same
 from swarmwright.conformance.rules import Failure, Note, Skip
 from swarmwright.conformance.server._rules import rule

@@ -8,8 +8,9 @@ import msgpack
 
 from swarmwright.conformance._client import PRESENCE, TO_TOOL, Message, shown
 from swarmwright.conformance._extensions import TOOL, batch, evaluation
+from swarmwright.conformance._json import Json, new_hash
 from swarmwright.conformance._proxy import Door
-from swarmwright.conformance._server_under_test import Json, Server, new_hash
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Failure, NotTried, Skip
 from swarmwright.conformance.server._retained import kept
 from swarmwright.conformance.server._rules import rule

@@ -1,6 +1,7 @@
 """S3: determinism of episodes."""
 
-from swarmwright.conformance._server_under_test import Json, Server, is_number
+from swarmwright.conformance._json import Json, is_number
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Trajectory, Wander
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule

@@ -4,7 +4,8 @@ import json
 import time
 
 from swarmwright.conformance._client import Message, shown
-from swarmwright.conformance._server_under_test import Server, is_number, new_hash
+from swarmwright.conformance._json import is_number, new_hash
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
 

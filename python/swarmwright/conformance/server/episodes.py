@@ -4,7 +4,8 @@ import statistics
 import time
 from contextlib import suppress
 
-from swarmwright.conformance._server_under_test import Episode, Server
+from swarmwright.conformance._episode import Episode
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Always
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule

@@ -24,8 +24,9 @@ from swarmwright.conformance._extensions import (
     numbers,
     played,
 )
+from swarmwright.conformance._json import Json, is_number
 from swarmwright.conformance._samples import genomes_of, makes_samples, sample_of, wrong_samples
-from swarmwright.conformance._server_under_test import Json, Server, is_number
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Trajectory, same
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule

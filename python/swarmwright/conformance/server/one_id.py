@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from swarmwright.conformance._client import PRESENCE, Message
+from swarmwright.conformance._json import Json
 from swarmwright.conformance._server_peer import ServerPeer
-from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._retained import kept
 from swarmwright.conformance.server._rules import rule

@@ -3,8 +3,9 @@
 import json
 
 from swarmwright.conformance._client import TO_SERVER
+from swarmwright.conformance._json import Json
 from swarmwright.conformance._server_peer import ServerPeer
-from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._disturb import Junk, disturb
 from swarmwright.conformance.server._rules import rule

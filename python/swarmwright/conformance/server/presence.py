@@ -5,7 +5,9 @@ import re
 import time
 
 from swarmwright.conformance._client import PRESENCE, TOPICS, shown
-from swarmwright.conformance._server_under_test import Episode, Json, Server, is_number
+from swarmwright.conformance._episode import Episode
+from swarmwright.conformance._json import Json, is_number
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._retained import kept, skip_without_presence
 from swarmwright.conformance.server._rules import rule

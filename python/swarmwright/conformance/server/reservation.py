@@ -3,8 +3,9 @@
 import time
 
 from swarmwright.conformance._client import TO_TOOL, Message
+from swarmwright.conformance._episode import Episode
 from swarmwright.conformance._extensions import decoded
-from swarmwright.conformance._server_under_test import Episode, Server
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._retained import skip_without_presence
 from swarmwright.conformance.server._rules import rule

@@ -7,7 +7,8 @@ import numpy as np
 
 from swarmwright.conformance._client import TO_TOOL
 from swarmwright.conformance._extensions import decoded
-from swarmwright.conformance._server_under_test import Json, Server, is_number
+from swarmwright.conformance._json import Json, is_number
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Trajectory
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule

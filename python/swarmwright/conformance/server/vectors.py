@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.conformance._extensions import ControllerSet, evaluation, free_again, numbers
-from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance._json import Json
+from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Always, same
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
