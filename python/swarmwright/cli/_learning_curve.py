@@ -8,7 +8,7 @@ from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Run
-    from swarmwright.cli._options import Servers
+    from swarmwright.cli._parameter_types import Servers
 
 
 def show_learning_curve(

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 from click.core import ParameterSource
 
-from swarmwright.cli._options import Decorator, OutputFile, RealNumber, SaveOption, experiment_broker
+from swarmwright.cli._broker_options import experiment_broker
+from swarmwright.cli._options import Decorator
+from swarmwright.cli._parameter_types import OutputFile, RealNumber, SaveOption
 
 if TYPE_CHECKING:
     from swarmwright.display import Recording, Shown

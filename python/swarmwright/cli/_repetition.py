@@ -8,7 +8,7 @@ from swarmwright.core.untrusted import one_line
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Repeated, Run
-    from swarmwright.cli._options import Servers
+    from swarmwright.cli._parameter_types import Servers
 
 
 def show_repetition(

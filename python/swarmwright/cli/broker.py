@@ -14,8 +14,9 @@ import click
 from swarmwright.broker.address import PREFIX_VARIABLE
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log, log_options
-from swarmwright.cli._options import ExistingPath, Prefix, WholeNumber, json_option
+from swarmwright.cli._options import json_option
 from swarmwright.cli._output import Output
+from swarmwright.cli._parameter_types import ExistingPath, Prefix, WholeNumber
 from swarmwright.cli._reloading import hangups, reload
 from swarmwright.core.open_files import allow_more_open_files
 

@@ -6,20 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import (
+from swarmwright.cli._broker_options import (
     BROKER_VARIABLE,
-    LARGEST_ID,
-    OutputFile,
-    RealNumber,
-    WholeNumber,
     broker_option,
-    json_option,
     peer_broker,
     peer_prefix,
     peer_prefix_option,
 )
+from swarmwright.cli._commands import Command, Group
+from swarmwright.cli._options import json_option
 from swarmwright.cli._output import Output, aside
+from swarmwright.cli._parameter_types import LARGEST_ID, OutputFile, RealNumber, WholeNumber
 from swarmwright.core.errors import InputError
 
 if TYPE_CHECKING:

@@ -7,25 +7,23 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from swarmwright.cli._commands import Command
-from swarmwright.cli._options import (
-    ExistingPath,
-    OutputFile,
-    OutputOption,
-    Servers,
-    WholeNumber,
+from swarmwright.cli._broker_options import (
     broker_option,
-    candidate_options,
     experiment_broker,
     experiment_prefix_option,
-    json_option,
     prefix_settings,
+)
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import (
+    candidate_options,
+    json_option,
     servers_option,
     set_option,
     simulation_option,
     trust_option,
 )
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._parameter_types import ExistingPath, OutputFile, OutputOption, Servers, WholeNumber
 from swarmwright.cli._server_output import server_output_option
 
 if TYPE_CHECKING:

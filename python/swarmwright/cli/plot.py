@@ -7,17 +7,9 @@ from typing import TYPE_CHECKING
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import (
-    ExistingPath,
-    OutputFile,
-    SaveOption,
-    at_episodes_option,
-    at_option,
-    by_options,
-    held_out_option,
-    json_option,
-)
+from swarmwright.cli._options import at_episodes_option, at_option, by_options, held_out_option, json_option
 from swarmwright.cli._output import Output
+from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOption
 
 if TYPE_CHECKING:
     from swarmwright.analysis.indicators import By

@@ -8,18 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import (
-    ExistingPath,
-    FiniteNumber,
-    OutputFile,
-    SaveOption,
-    at_episodes_option,
-    at_option,
-    by_options,
-    held_out_option,
-    json_option,
-)
+from swarmwright.cli._options import at_episodes_option, at_option, by_options, held_out_option, json_option
 from swarmwright.cli._output import Output, aside, complain
+from swarmwright.cli._parameter_types import ExistingPath, FiniteNumber, OutputFile, SaveOption
 from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
 
 if TYPE_CHECKING:

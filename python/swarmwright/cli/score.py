@@ -5,8 +5,9 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption, WholeNumber, json_option
+from swarmwright.cli._options import json_option
 from swarmwright.cli._output import Output, complain
+from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOption, WholeNumber
 from swarmwright.cli.import_ import FIELD_HELP
 
 

@@ -9,20 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright.cli._commands import Command
-from swarmwright.cli._experiments import experiment_of
-from swarmwright.cli._options import (
-    ExistingPath,
-    WholeNumber,
+from swarmwright.cli._broker_options import (
     broker_option,
     experiment_broker,
     experiment_prefix_option,
-    json_option,
     prefix_settings,
-    set_option,
-    trust_option,
 )
+from swarmwright.cli._commands import Command
+from swarmwright.cli._experiments import experiment_of
+from swarmwright.cli._options import json_option, set_option, trust_option
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._parameter_types import ExistingPath, WholeNumber
 from swarmwright.cli._pictures import (
     Colors,
     broker_of,

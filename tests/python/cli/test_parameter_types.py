@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Types of options that several commands share."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,7 +8,7 @@ import click
 import pytest
 
 from swarmwright.cli._commands import Group, program
-from swarmwright.cli._options import OutputOption, SaveOption
+from swarmwright.cli._parameter_types import OutputOption, SaveOption
 
 NAMES = {"--out", "--output", "--save", "--plot"}
 
