@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from swarmwright.cli._output import Output
 from swarmwright.cli._validation import transfer_of, unseen_facts, validation_facts, validation_lines
 from swarmwright.core.formatting import counted, duration
-from swarmwright.core.modules import controller_text, is_modules
+from swarmwright.core.machine_texts import controller_text
+from swarmwright.core.modules import is_modules
 from swarmwright.core.untrusted import one_line
 from swarmwright.user_code.copying import display_name
 

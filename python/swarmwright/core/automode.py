@@ -30,7 +30,10 @@ _SELECTOR, _SEQUENCE, _ACTION, _CONDITION = 0, 3, 5, 6
 
 
 def machine_of(text: str) -> dict[str, Any]:
-    """Return a machine as a mapping, see `modules.states_from`. Raises InputError with what is wrong."""
+    """Return a machine as a mapping, see `machine_mappings.states_from`.
+
+    Raises InputError with what is wrong.
+    """
     if _is_tree(text):
         raise InputError("AutoMoDe's --bt-config describes a tree; set form: tree")
     values = _Values(_without(text, _MACHINE))
@@ -69,7 +72,7 @@ def _parameters(values: "_Values", condition: str, place: str) -> dict[str, Any]
 
 
 def tree_of(text: str) -> dict[str, Any]:
-    """Return a tree as a mapping, see `modules.subtrees_from`. Raises InputError with what is wrong.
+    """Return a tree as a mapping, see `machine_mappings.subtrees_from`. Raises InputError with what is wrong.
 
     Of the trees that AutoMoDe knows, those that AutoMoDe-Maple designs: a sequence with memory of selectors,
     each with a condition and an action that never succeeds.

@@ -8,7 +8,7 @@ from textwrap import indent
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core import modules
+from swarmwright.core import machine_texts, modules
 from swarmwright.core.activations import in_words, of_nodes
 from swarmwright.core.evostick import STEEP, as_layered
 from swarmwright.core.hebbian import as_meshed
@@ -398,15 +398,15 @@ def _modules(subject: Subject, language: dict[str, str]) -> Code:
     lines = [f"    /* number of {name}s */", wrapped(texts[:1])]
     for index in range(int(subject.specification["states"])):
         row = texts[1 + index * width :][:width]
-        words = modules.words_of(states[index]) if index < len(states) else "not used"
+        words = machine_texts.words_of(states[index]) if index < len(states) else "not used"
         lines.append(f"    /* {name} {index}, {words}: behaviour, rwm, alpha, transitions{of_states} */")
         lines.append(wrapped(row[:first]))
         for k in range(most):
             here = first + k * each
             used = index < len(states) and k < len(states[index].transitions)
-            words = modules.words_of(states[index].transitions[k]) if used else "not used"
+            words = machine_texts.words_of(states[index].transitions[k]) if used else "not used"
             if used and tree:
-                words = f"next subtree if {modules.condition_words(states[index])}"
+                words = f"next subtree if {machine_texts.condition_words(states[index])}"
             lines.append(f"    /* {words}: target, condition, probability, xi, eta{of_transitions} */")
             lines.append(wrapped(row[here : here + each]))
     activation = "\n".join(

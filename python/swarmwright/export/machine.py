@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core import modules
+from swarmwright.core import machine_mappings, machine_texts, modules
 from swarmwright.core.automode import text_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.yaml import read
@@ -40,9 +40,9 @@ class Machine(Exporter):
         specification = subject.specification
         self._known = modules.Catalogue.of(specification)
         states = modules.states_of(specification)
-        text = "\n".join(f"# {line}" for line in modules.controller_text(specification).splitlines())
+        text = "\n".join(f"# {line}" for line in machine_texts.controller_text(specification).splitlines())
         content = _tree_yaml(states) if modules.is_tree(specification) else _yaml(states)
-        dot, mermaid = (modules.controller_diagram(specification, one) for one in ("dot", "mermaid"))
+        dot, mermaid = (machine_texts.controller_diagram(specification, one) for one in ("dot", "mermaid"))
         command = text_of(states, tree=modules.is_tree(specification))
         return {
             **({f"{prefix}.automode": f"{command}\n"} if command else {}),
@@ -58,9 +58,9 @@ class Machine(Exporter):
         most = 1 if tree else modules.MOST_TRANSITIONS
         catalogue = _catalogue(values) if self._known is None else self._known
         if tree:
-            states = modules.subtrees_from(values, modules.MOST_SUBTREES, catalogue)
+            states = machine_mappings.subtrees_from(values, modules.MOST_SUBTREES, catalogue)
         else:
-            states = modules.states_from(values, modules.MOST_STATES, most, catalogue)
+            states = machine_mappings.states_from(values, modules.MOST_STATES, most, catalogue)
         own: dict[str, Any] = {"kind": modules.KIND}
         if catalogue.in_python:
             own = {
@@ -98,14 +98,14 @@ def _catalogue(machine: dict[str, Any]) -> modules.Catalogue:
 def _tree_yaml(subtrees: tuple[modules.State, ...]) -> str:
     rows = (
         f"  - {{{', '.join(f'{name}: {part}' for name, part in entry.items())}}}"
-        for entry in modules.tree_mapping_of(subtrees)["subtrees"]
+        for entry in machine_mappings.tree_mapping_of(subtrees)["subtrees"]
     )
     return "\n".join(["subtrees:", *rows]) + "\n"
 
 
 def _yaml(states: tuple[modules.State, ...]) -> str:
     lines = ["states:"]
-    for entry in modules.mapping_of(states)["states"]:
+    for entry in machine_mappings.mapping_of(states)["states"]:
         begin = "  - "
         for key, value in entry.items():
             if key != "transitions":

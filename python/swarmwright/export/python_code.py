@@ -12,7 +12,7 @@ from textwrap import indent
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core import modules
+from swarmwright.core import machine_texts, modules
 from swarmwright.core.activations import of_nodes
 from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
 from swarmwright.core.hebbian import as_meshed
@@ -319,12 +319,16 @@ def _modules(subject: Subject, numbers: Numbers) -> PythonCode:
     ]
     at = 1
     for index, state in enumerate(states):
-        lines.append(f"    # {'subtree' if tree else 'state'} {index}: {modules.words_of(state)}")
+        lines.append(f"    # {'subtree' if tree else 'state'} {index}: {machine_texts.words_of(state)}")
         row = weights[at : at + (known.of_state if own else 3)]
         lines += ["    (", indent(f"{numbers(row)},", " " * 8), "        ("]
         for k, one in enumerate(state.transitions):
             here = at + known.of_state + k * known.of_transition
-            words = f"next subtree if {modules.condition_words(state)}" if tree else modules.words_of(one)
+            words = (
+                f"next subtree if {machine_texts.condition_words(state)}"
+                if tree
+                else machine_texts.words_of(one)
+            )
             lines.append(f"            # {words}")
             lines.append(indent(f"{numbers(weights[here : here + known.of_transition])},", " " * 12))
         lines += ["        ),", "    ),"]

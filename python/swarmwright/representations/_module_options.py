@@ -7,7 +7,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, ModelWrapValidatorHandler, ValidationInfo, field_validator, model_validator
 
-from swarmwright.core import modules
+from swarmwright.core import machine_mappings, modules
 from swarmwright.core.automode import machine_of, tree_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.yaml import path_of, read
@@ -163,9 +163,9 @@ class ModulesOptions(RepresentationOptions):
             return None
         if self.form == "tree":
             tree = tree_of(self.machine) if isinstance(self.machine, str) else self.machine
-            return modules.subtrees_from(tree, self.states, self.catalogue)
+            return machine_mappings.subtrees_from(tree, self.states, self.catalogue)
         machine = machine_of(self.machine) if isinstance(self.machine, str) else self.machine
-        states = modules.states_from(machine, self.states, self.most_transitions, self.catalogue)
+        states = machine_mappings.states_from(machine, self.states, self.most_transitions, self.catalogue)
         for index, state in enumerate(states):
             for k, one in enumerate(state.transitions):
                 if one.target == index:

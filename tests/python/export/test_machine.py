@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import InputError
-from swarmwright.core import modules
+from swarmwright.core import machine_mappings, modules
 from swarmwright.core.automode import tree_of
 from swarmwright.core.yaml import read
 from swarmwright.export.machine import Machine
@@ -22,13 +22,13 @@ def test_what_is_written_is_the_machine(name: str, tmp_path: Path) -> None:
     assert difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0)
     states = modules.states_of(ALL[name])
     if modules.is_tree(ALL[name]):
-        assert modules.subtrees_from(read(tmp_path / "robot.yaml").values, 4) == states
+        assert machine_mappings.subtrees_from(read(tmp_path / "robot.yaml").values, 4) == states
         for file, arrow in (("robot.dot", " -> "), ("robot.mmd", " --> ")):
             assert (tmp_path / file).read_text().count(arrow) == 3 * len(states)
         text = (tmp_path / "robot.automode").read_text()
-        assert modules.subtrees_from(tree_of(text), 4) == states
+        assert machine_mappings.subtrees_from(tree_of(text), 4) == states
         return
-    assert modules.states_from(read(tmp_path / "robot.yaml").values, 16, 4) == states
+    assert machine_mappings.states_from(read(tmp_path / "robot.yaml").values, 16, 4) == states
     own = any(one.target == index for index, state in enumerate(states) for one in state.transitions)
     assert (tmp_path / "robot.automode").exists() != own
     transitions = sum(len(state.transitions) for state in states)

@@ -23,6 +23,13 @@ MACHINE: dict[str, Any] = {
         {"behaviour": "attraction", "alpha": 4},
     ]
 }
+TREE: dict[str, Any] = {
+    "subtrees": [
+        {"condition": "black_floor", "probability": 0.75, "behaviour": "exploration", "rwm": 7},
+        {"condition": "few_neighbours", "xi": 3, "eta": 1.5, "behaviour": "attraction", "alpha": 4},
+        {"condition": "fixed_probability", "probability": 0.125, "behaviour": "stop"},
+    ]
+}
 
 AUTOMODE = (
     "--nstates 4 --s0 2 --n0 3 --n0x0 0 --c0x0 0 --p0x0 0.5 --n0x1 1 --c0x1 2 --p0x1 0.4 --n0x2 2 --c0x2 5 "

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from swarmwright.core import modules
+from swarmwright.core import machine_mappings, machine_texts, modules
 from swarmwright.core.automode import machine_of, text_of, tree_of
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.representations.modules import ModulesOptions
@@ -15,8 +15,8 @@ from tests.python.representations.machines import AUTOMODE, machines
 
 
 def test_machines_in_automodes_form() -> None:
-    states = modules.states_from(machine_of(AUTOMODE), 4, 4)
-    assert modules.as_text(states) == (
+    states = machine_mappings.states_from(machine_of(AUTOMODE), 4, 4)
+    assert machine_texts.as_text(states) == (
         "state 0: phototaxis\n"
         "  to state 1: black floor (probability 0.5)\n"
         "  to state 2: white floor (probability 0.4)\n"
@@ -62,8 +62,8 @@ AUTOMODE_TREE = (
 
 @pytest.mark.parametrize("text", [AUTOMODE_TREE, AUTOMODE_TREE.removeprefix("--bt-config ")])
 def test_trees_in_automodes_form(text: str, tmp_path: Path) -> None:
-    subtrees = modules.subtrees_from(tree_of(text), 4)
-    assert modules.tree_mapping_of(subtrees) == {
+    subtrees = machine_mappings.subtrees_from(tree_of(text), 4)
+    assert machine_mappings.tree_mapping_of(subtrees) == {
         "subtrees": [
             {"condition": "fixed_probability", "probability": 0.1642, "behaviour": "attraction", "alpha": 4},
             {"condition": "neighbours", "xi": 8, "eta": 15.1397, "behaviour": "exploration", "rwm": 4},
@@ -114,9 +114,9 @@ def test_what_automode_is_called_with_is_the_machine(form: str, seed: int) -> No
     text = text_of(states, tree=form == "tree")
     assert text is not None
     again = (
-        modules.subtrees_from(tree_of(text), 4)
+        machine_mappings.subtrees_from(tree_of(text), 4)
         if form == "tree"
-        else modules.states_from(machine_of(text), 4, 4)
+        else machine_mappings.states_from(machine_of(text), 4, 4)
     )
     assert again == states
 

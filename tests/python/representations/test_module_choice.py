@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from swarmwright.core import modules
+from swarmwright.core import machine_mappings, modules
 from swarmwright.core.random_numbers import Streams
 from swarmwright.testing import check_representation
 from tests.python.representations.machines import machines
@@ -61,7 +61,7 @@ def test_a_machine_to_start_from_has_the_modules_that_were_chosen() -> None:
     }
     subject = machines(**SUBSET, machine=machine)
     assert subject.start is not None
-    assert modules.mapping_of(subject.states(subject.start))["states"] == [
+    assert machine_mappings.mapping_of(subject.states(subject.start))["states"] == [
         machine["states"][0],
         {**machine["states"][1], "transitions": []},
     ]

@@ -9,20 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from swarmwright.core import modules
+from swarmwright.core import machine_mappings, modules
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.core.yaml import dump
 from swarmwright.representations.modules import Modules, ModulesOptions
 from swarmwright.testing import check_representation
-from tests.python.representations.machines import AUTOMODE, machines
-
-TREE: dict[str, Any] = {
-    "subtrees": [
-        {"condition": "black_floor", "probability": 0.75, "behaviour": "exploration", "rwm": 7},
-        {"condition": "few_neighbours", "xi": 3, "eta": 1.5, "behaviour": "attraction", "alpha": 4},
-        {"condition": "fixed_probability", "probability": 0.125, "behaviour": "stop"},
-    ]
-}
+from tests.python.representations.machines import AUTOMODE, TREE, machines
 
 
 def test_trees_are_a_form_of_it() -> None:
@@ -78,31 +70,12 @@ def test_a_given_tree_is_where_evolution_starts(tmp_path: Path) -> None:
     file = tmp_path / "tree.yaml"
     file.write_text(dump(TREE))
     subject = machines(form="tree", machine=str(file))
-    expected = modules.subtrees_from(TREE, 4)
-    assert modules.tree_mapping_of(expected) == TREE
+    expected = machine_mappings.subtrees_from(TREE, 4)
+    assert machine_mappings.tree_mapping_of(expected) == TREE
     assert subject.start is not None
     assert subject.states(subject.start) == expected
     genomes = subject.initials(Streams(1, "x", 0, range(60)))
     assert 2 <= sum(subject.states(genome) == expected for genome in genomes) <= 30
-
-
-def test_trees_can_be_read() -> None:
-    subtrees = modules.subtrees_from(TREE, 4)
-    assert modules.tree_text(subtrees) == (
-        "sequence with memory, goes on where it was:\n"
-        "  subtree 0: next subtree if black floor (probability 0.75)\n"
-        "    else exploration (rwm 7)\n"
-        "  subtree 1: next subtree if few neighbours (xi 3, eta 1.5)\n"
-        "    else attraction (alpha 4)\n"
-        "  subtree 2: next subtree if fixed probability (probability 0.125)\n"
-        "    else stop"
-    )
-    dot = modules.tree_diagram(subtrees, "dot")
-    assert dot.startswith("digraph tree {")
-    assert 'c1 [label="few neighbours (xi 3, eta 1.5)", shape=ellipse]; s1 -> c1;' in dot
-    mermaid = modules.tree_diagram(subtrees, "mermaid")
-    assert mermaid.startswith('flowchart TD\n    root["sequence*"]')
-    assert '    s2 --> a2["stop"]' in mermaid
 
 
 @pytest.mark.parametrize(

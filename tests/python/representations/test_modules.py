@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from swarmwright import Experiment, InputError
-from swarmwright.core import modules
+from swarmwright.core import machine_mappings, modules
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.core.yaml import dump
 from swarmwright.representations.modules import Modules, ModulesOptions
@@ -84,10 +84,10 @@ def test_mutations_are_small_and_reach_everything() -> None:
 def test_a_given_machine_is_where_evolution_starts() -> None:
     subject = machines(machine=MACHINE)
     genomes = subject.initials(Streams(1, "x", 0, range(60)))
-    expected = modules.states_from(MACHINE, 4, 4)
+    expected = machine_mappings.states_from(MACHINE, 4, 4)
     found = [subject.states(genome) == expected for genome in genomes]
     assert 2 <= sum(found) <= 30
-    again = modules.states_from(modules.mapping_of(expected), 4, 4)
+    again = machine_mappings.states_from(machine_mappings.mapping_of(expected), 4, 4)
     assert again == expected
     weights = modules.weights_of(expected, 4, 4)
     assert modules.states_of({**subject.architecture(), "weights": weights}) == expected
@@ -116,24 +116,6 @@ def test_a_mistake_in_a_machine_is_named_with_its_line(tmp_path: Path) -> None:
         with pytest.raises(ValidationError) as caught:
             ModulesOptions(machine=str(file))
         assert f"machine: {file}{problem}" in str(caught.value)
-
-
-def test_machines_can_be_read() -> None:
-    states = modules.states_from(MACHINE, 4, 4)
-    assert modules.as_text(states) == (
-        "state 0: exploration (rwm 7)\n"
-        "  to state 1: black floor (probability 0.75)\n"
-        "  to state 2: few neighbours (xi 3, eta 1.5)\n"
-        "state 1: stop\n"
-        "  to state 0: fixed probability (probability 0.125)\n"
-        "state 2: attraction (alpha 4)"
-    )
-    dot = modules.as_diagram(states, "dot")
-    assert dot.startswith("digraph machine {")
-    assert 's0 -> s1 [label="black floor (probability 0.75)"];' in dot
-    mermaid = modules.as_diagram(states, "mermaid")
-    assert mermaid.startswith("stateDiagram-v2\n    [*] --> s0")
-    assert "    s1 --> s0: fixed probability (probability 0.125)" in mermaid
 
 
 def changed(*path: Any, value: Any) -> dict[str, Any]:
