@@ -1,6 +1,6 @@
 """Validation errors in the words of a person who wrote an experiment file."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, get_args, get_origin
 
@@ -10,6 +10,8 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import did_you_mean, unknown_key
 from swarmwright.core.yaml import Path_, parse
 
+Report = Callable[[Path_, str], None]
+"""Takes a problem: where, what."""
 MISSING = "is missing"
 """What is said of a key that is not there."""
 _WANTED = {

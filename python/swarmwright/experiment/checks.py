@@ -1,8 +1,6 @@
 """Checks of an experiment's values, each by itself and with the others."""
 
-import math
-import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from difflib import get_close_matches
 from typing import Any
 
@@ -11,29 +9,22 @@ from pydantic import ValidationError
 from swarmwright.core import suggestions
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
-from swarmwright.core.plug_in_code import is_plug_in
-from swarmwright.core.problems import MISSING, problems_of, shown
+from swarmwright.core.problems import MISSING, Report, problems_of, shown
 from swarmwright.core.registry import Registry
 from swarmwright.core.simulation_names import is_command
-from swarmwright.core.yaml import Path_, path_of
-from swarmwright.experiment.document import AUTO, DEFAULT_KINDS, Document, Requirements
-from swarmwright.experiment.evolved import problems, unknown
+from swarmwright.core.yaml import Path_
+from swarmwright.experiment.document import DEFAULT_KINDS, Checked, Document, Requirements
+from swarmwright.experiment.evolved import problems
 from swarmwright.experiment.fitness import FitnessExpression
+from swarmwright.experiment.parameter_checks import check_parameters
+from swarmwright.experiment.ranking_checks import check_ranking
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.plug_ins import REGISTRIES
-from swarmwright.rankings import Ranking, RankingOptions
-from swarmwright.rankings.race import RaceOptions
-from swarmwright.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.representations import Representation
 from swarmwright.representations.parameter_set import ParameterSetOptions
 from swarmwright.representations.team import TeamOptions, check_counts, most, with_groups
 from swarmwright.simulations import catalogue
-
-Report = Callable[[Path_, str], None]
-"""Takes a problem: where, what."""
-Checked = dict[str, Any]
-"""Key -> checked value; the sections named in REGISTRIES as their own options."""
 
 
 def check_values(
@@ -63,15 +54,10 @@ def check_values(
         section = values.get(name, {})
         if isinstance(section, Mapping):
             checked[name] = _check_section(name, dict(section), registry, report, ask=ask)
-    _check_reevaluation(checked, report)
-    problem = metrics_problem(checked.get("ranking"), checked.get("method")) if new else None
-    if problem is not None:
-        report(("ranking", "kind"), problem)
-    _check_validation(checked, report)
-    _check_metrics(checked, report)
+    check_ranking(checked, report, new=new)
     parameters = values.get("parameters", {})
     if isinstance(parameters, Mapping) and isinstance(values.get("simulation"), str):
-        _check_parameters(values["simulation"] if here else None, dict(parameters), report)
+        check_parameters(values["simulation"] if here else None, dict(parameters), report)
     if "simulation" in checked:
         _check_measured(checked["simulation"] if here and new else None, report)
         _fill_in(checked, here, report)
@@ -137,99 +123,6 @@ def _check_section(
         return None
 
 
-def _check_reevaluation(checked: Checked, report: Report) -> None:
-    """Check that the ranking's options fit the method."""
-    ranking, method = checked.get("ranking"), checked.get("method")
-    if not (isinstance(ranking, RankingOptions) and isinstance(method, MethodOptions)):
-        return
-    kind: str = method.kind
-    if isinstance(ranking, RaceOptions):
-        _check_race(ranking, method, kind, report)
-    if isinstance(ranking, SlowOptions):
-        _check_slow(method, kind, report)
-    if method.operation == "steady_state":
-        for key, unwanted, reason in (
-            ("reevaluate", ranking.reevaluate, "members are not evaluated again in steady state"),
-            ("seeds", ranking.seeds == "new", "generations have no seeds of their own in steady state"),
-        ):
-            if unwanted:
-                report(("ranking", key), f"{reason}; leave the key out, or take operation: generational")
-        return
-    if ranking.reevaluate and not METHODS.get(kind).keeps_members:
-        report(
-            ("ranking", "reevaluate"),
-            f"{kind} keeps no members from one generation to the next that could be evaluated again; leave "
-            "the key out, or take a method that does, such as nnga",
-        )
-
-
-def _check_race(ranking: RaceOptions, method: MethodOptions, kind: str, report: Report) -> None:
-    """Check that there are generations of candidates that can race, and tests between episodes."""
-    if ranking.episodes <= ranking.first_test:
-        report(
-            ("ranking", "episodes"),
-            f"{ranking.episodes} leaves nothing to race for, since the first test is made after "
-            f"{ranking.first_test} episodes (first_test); take more episodes, or an earlier test",
-        )
-    if method.operation == "steady_state":
-        reason = "in steady state no generation can race; take operation: generational, or kind: absolute"
-    elif METHODS.get(kind).by_instance:
-        reason = f"{kind} races its candidates itself, over generations; take kind: absolute"
-    else:
-        return
-    report(("ranking", "kind"), reason)
-
-
-def metrics_problem(ranking: object, method: object) -> str | None:
-    """Return why a ranking is refused with a method that also compares metrics; None where it is not."""
-    if not (isinstance(method, MethodOptions) and method.needed_metrics):
-        return None
-    kind: str = method.kind
-    names = ", ".join(method.needed_metrics)
-    if isinstance(ranking, RaceOptions):
-        return (
-            f"race leaves out episodes of candidates, so {kind} would compare their metrics ({names}) as "
-            "means over different seeds; take kind: absolute"
-        )
-    if isinstance(ranking, SlowOptions):
-        slow: str = ranking.kind
-        return (
-            f"{kind} cannot be combined with {slow}: most fitness values would be estimates, those of "
-            f"overestimated candidates would be kept, and compared with metrics ({names}) of the fast "
-            "simulation; take ranking.kind: absolute, and evaluate the result in the slow simulation"
-        )
-    return None
-
-
-def _check_slow(method: MethodOptions, kind: str, report: Report) -> None:
-    """Check that there are generations of which some candidates can be evaluated in a second simulation."""
-    if method.operation == "steady_state":
-        reason = (
-            "in steady state there are no generations of which the best could be chosen; take operation: "
-            "generational, or kind: absolute"
-        )
-    elif METHODS.get(kind).by_instance:
-        reason = f"{kind} races its candidates in one simulation; take another method, or kind: absolute"
-    else:
-        return
-    report(("ranking", "kind"), reason)
-
-
-def _check_metrics(checked: Checked, report: Report) -> None:
-    """Check that no metric of the fitness is called like the one that a ranking adds to the record."""
-    fitness, ranking = checked.get("fitness"), checked.get("ranking")
-    if (
-        isinstance(ranking, SlowOptions)
-        and fitness is not None
-        and METRIC in FitnessExpression(fitness).metrics
-    ):
-        report(
-            ("fitness",),
-            f"{METRIC} is what the ranking {ranking.kind} calls the fitness in the slow simulation; give the "
-            "simulation's metric another name",
-        )
-
-
 def _check_measured(simulation: str | None, report: Report) -> None:
     """Check that a class in Python measures the metrics that it names.
 
@@ -283,27 +176,6 @@ def _holds(values: Any, part: str | int) -> bool:  # noqa: ANN401 - any values o
     if isinstance(values, Mapping):
         return part in values
     return isinstance(values, list | tuple) and isinstance(part, int) and 0 <= part < len(values)
-
-
-def _check_validation(checked: Checked, report: Report) -> None:
-    """Check that a validation has enough episodes for one fitness, as the ranking makes it."""
-    options, ranking = checked.get("validate"), checked.get("ranking")
-    if options is None or ranking is None or options.episodes in {AUTO, 0}:
-        return
-    if not makes_fitness(ranking, options.episodes):
-        report(
-            ("validate", "episodes"),
-            f"must be at least ranking.episodes, {ranking.episodes}, of which a fitness is made, not "
-            f"{options.episodes}",
-        )
-
-
-def makes_fitness(ranking: RankingOptions, episodes: int) -> bool:
-    """Return whether so many episodes are enough for one fitness, as the ranking makes it."""
-    kind = REGISTRIES["ranking"].get(ranking.kind)
-    if kind.samples is Ranking.samples or is_plug_in(kind):
-        return episodes >= ranking.episodes  # without asking the code of plug-ins
-    return len(kind(ranking).samples([0.0] * episodes)) > 0
 
 
 def _check_groups(checked: Checked, here: bool, report: Report) -> None:
@@ -389,80 +261,6 @@ def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
             checked["simulation"], checked["parameters"], options.parameters, here=here
         ):
             report(path, message)
-
-
-def _check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
-    for path, problem in _unsendable(parameters, ("parameters",)):
-        report(path, problem)
-        return
-    if simulation is None:
-        return
-    known = catalogue.parameter_names(simulation)
-    for key, problem in unknown(simulation, parameters):
-        report(("parameters", key), problem)
-    everything = catalogue.takes_any(simulation)
-    given = {key: value for key, value in parameters.items() if everything or key in known}
-    mistakes = catalogue.parameter_mistakes(simulation, given)
-    if mistakes is not None:
-        for place, reason in mistakes:
-            _report_parameter(place, reason, given, report)
-        return
-    first = True
-    # The simulation names one at a time. Without it, the next one; what follows from its absence is not told.
-    while (wrong := catalogue.parameters_problem(simulation, given)) is not None:
-        place, _, reason = wrong.removeprefix("parameter ").partition(": ")
-        name = _parameter(place)
-        if not (reason and name in given):
-            if first:
-                report((("parameters", name) if reason and name in known else ("parameters",)), wrong)
-            return
-        if first or _by_itself(simulation, name, given[name], wrong):
-            _report_parameter(place, reason, given, report)
-        del given[name]
-        first = False
-
-
-def _parameter(place: str) -> str:
-    """Return the name of the parameter in which a place is."""
-    return re.split(r"[.[]", place, maxsplit=1)[0]
-
-
-def _report_parameter(place: str, reason: str, given: Mapping[str, Any], report: Report) -> None:
-    if place == "mission.robots" and _has_own_radius(given):
-        place, reason = "robot.radius", f"{reason}, or a smaller radius"
-    name = _parameter(place)
-    if name in given:
-        report(("parameters", *path_of(place)), reason)
-    else:
-        report(("parameters", name), f"parameter {place}: {reason}")
-
-
-def _has_own_radius(parameters: Mapping[str, Any]) -> bool:
-    """Whether the arena's robots have a radius that is given, in a mission that is not written out."""
-    robot, mission = parameters.get("robot"), parameters.get("mission")
-    return isinstance(robot, Mapping) and "radius" in robot and not isinstance(mission, Mapping)
-
-
-def _by_itself(simulation: str, name: str, value: Any, wrong: str) -> bool:  # noqa: ANN401 - any value of a file
-    """Whether a parameter is wrong whatever the others are."""
-    return catalogue.parameters_problem(simulation, {name: value}) == wrong
-
-
-def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa: ANN401 - any value of a file
-    """Yield what JSON cannot carry."""
-    if isinstance(value, Mapping):
-        for key, inner in value.items():
-            if isinstance(key, str):
-                yield from _unsendable(inner, (*path, key))
-            else:
-                yield path, f"a key must be text, not {shown(key)}"
-    elif isinstance(value, list | tuple):
-        for index, inner in enumerate(value):
-            yield from _unsendable(inner, (*path, index))
-    elif isinstance(value, float) and not math.isfinite(value):
-        yield path, f"must be a finite number, not {value}"
-    elif not (value is None or isinstance(value, bool | int | float | str)):
-        yield path, f"a value of the type {type(value).__name__} cannot be sent to a simulation"
 
 
 def _fill_in(checked: Checked, here: bool, report: Report) -> None:

@@ -1,7 +1,7 @@
 """Experiments whose simulation is run by a command: from its mapping to a name, and whether the rest fits."""
 
 import importlib.util
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ from swarmwright.commands.definition import CommandOptions, Definition
 from swarmwright.commands.fmu_definition import FmuOptions
 from swarmwright.commands.placeholders import IN_A_COMMAND, names_in
 from swarmwright.commands.ros_definition import RosOptions
+from swarmwright.core.problems import Report
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Path_
 from swarmwright.experiment.expression import ExpressionError
@@ -23,7 +24,6 @@ from swarmwright.simulations import catalogue
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
 
-Report = Callable[[Path_, str], None]
 WRONG = "command"
 """Stands for a simulation whose definition is wrong."""
 _MARGIN = 30.0

@@ -53,7 +53,7 @@ def with_environment(experiment: "Experiment") -> "Experiment":
 
 def check_new(experiment: "Experiment") -> None:
     """Raise InputError for what runs of earlier versions may have, but none may begin with."""
-    from swarmwright.experiment.checks import metrics_problem  # noqa: PLC0415 - takes long, not for reading attributes
+    from swarmwright.experiment.ranking_checks import metrics_problem  # noqa: PLC0415 - takes long, not for reading attributes
     from swarmwright.simulations import catalogue  # noqa: PLC0415 - as above
 
     problem = metrics_problem(experiment.ranking, experiment.method)

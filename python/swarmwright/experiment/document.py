@@ -16,6 +16,8 @@ from swarmwright.launchers import LauncherOptions
 
 _LONGEST = 1000
 """Characters of a simulation's name."""
+Checked = dict[str, Any]
+"""Key -> checked value; sections with a `kind` as the options of that kind."""
 _SERVERS = ("auto", "local", "in-process")
 AUTO = "auto"
 """Episodes of a validation: as many as are informative and cheap."""

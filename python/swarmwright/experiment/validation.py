@@ -8,11 +8,11 @@ from typing import Any
 
 from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.core.modules import is_in_file
-from swarmwright.core.problems import shown
+from swarmwright.core.problems import Report, shown
 from swarmwright.core.simulation_names import is_python
 from swarmwright.core.yaml import Path_, Source
-from swarmwright.experiment.checks import Checked, Report, check_values
-from swarmwright.experiment.document import DEFAULT_KINDS
+from swarmwright.experiment.checks import check_values
+from swarmwright.experiment.document import DEFAULT_KINDS, Checked
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.experiment.start_from import entries
 from swarmwright.experiment.unavailable import UnavailableMethod

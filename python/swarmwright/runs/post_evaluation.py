@@ -351,7 +351,7 @@ class Where(NamedTuple):
 
     def check(self, experiment: Experiment) -> None:
         """Raise InputError where there are too few episodes for one fitness."""
-        from swarmwright.experiment.checks import makes_fitness  # noqa: PLC0415 - takes long, not for reading runs
+        from swarmwright.experiment.ranking_checks import makes_fitness  # noqa: PLC0415 - takes long, not for reading runs
 
         if not makes_fitness(experiment.ranking, self.episodes):
             needed = experiment.ranking.episodes

@@ -153,7 +153,7 @@ def test_a_race_is_refused_whose_metrics_would_have_different_seeds(
     with pytest.raises(InputError, match=words):
         Sweep.from_mapping(sweep)
     with monkeypatch.context() as earlier:
-        earlier.setattr("swarmwright.experiment.checks.metrics_problem", lambda *_: None)
+        earlier.setattr("swarmwright.experiment.ranking_checks.metrics_problem", lambda *_: None)
         run = optimize(experiment, lambda told: told.generation < 1, out=tmp_path / "run")
     # Runs of earlier versions can be used.
     run = Run.open(run.path)
