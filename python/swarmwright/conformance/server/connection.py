@@ -12,10 +12,10 @@ from swarmwright.conformance._json import Json, new_hash
 from swarmwright.conformance._proxy import Door
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Failure, NotTried, Skip
+from swarmwright.conformance.server._evaluations import announced_controllers
 from swarmwright.conformance.server._retained import kept
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
-from swarmwright.conformance.server.offloaded import some
 
 BACK_S = 15.0
 """Seconds in which a server is back when the broker is."""
@@ -169,7 +169,7 @@ def _request(server: Server) -> Json | None:
         return batch(server, [1])
     if "offloaded" in modes:
         with suppress(Skip, NotTried):
-            return evaluation(server, some(server, 1), [1])
+            return evaluation(server, announced_controllers(server, 1), [1])
     return None
 
 

@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections.abc import Mapping
 
 import msgpack
 import numpy as np
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 
 from swarmwright.conformance._client import shown
 from swarmwright.conformance._extensions import (
-    OPTIONS,
     OTHER,
     TOOL,
     ControllerSet,
@@ -24,46 +22,31 @@ from swarmwright.conformance._extensions import (
     numbers,
     played,
 )
-from swarmwright.conformance._json import Json, is_number
+from swarmwright.conformance._json import Json
 from swarmwright.conformance._samples import genomes_of, makes_samples, sample_of, wrong_samples
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Trajectory, same
 from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.server._evaluations import (
+    CANDIDATES,
+    NUMBERS,
+    SEEDS,
+    announced_controllers,
+    evaluated,
+    must_announce_kind,
+    numbers_in_parameters,
+    parameter_set_of,
+    parameter_sets,
+)
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
 from swarmwright.conformance.server.reservation import must_be_taken
 
 OFFLOADED = "protocol.md, Offloaded evaluation"
-NUMBERS = "protocol.md, Messages of numbers"
-SEEDS = (3, 1)
-CANDIDATES = 3
 LONG_REQUEST_S = 0.5
 """Seconds of a request during which any other must have come."""
-_LARGEST = 1e38
-"""Numbers from here on may not be finite as weights."""
-_MOST_TIMES = 1 << 16
+_MOST_REPETITIONS = 1 << 16
 """How many times the controllers of a request are evaluated at most to keep a server busy."""
-
-
-def some(server: Server, candidates: int = CANDIDATES) -> ControllerSet:
-    """Controllers of the first kind that is announced and steers agents; a parameter set where none does."""
-    server.announces(mode="offloaded")
-    if server.steers_itself:
-        return parameter_sets(server, candidates)
-    kinds = [kind for kind in server.announced.get("controllers", []) if kind in OPTIONS]
-    if not kinds:
-        raise Skip("not announced: no kind of controller that the kit knows")
-    return controller_set(server, kinds[0], candidates)
-
-
-def evaluated(server: Server, request: Json) -> Json:
-    """The answer to a request that is to be served."""
-    sent = server.request(request)
-    answer = answer_to(server, request, sent, 4 * server.settings.timeout)
-    kind, reason = error_of(answer)
-    if kind:
-        raise Failure(f'the error "{kind}" came: {reason}', "the fitness", sent)
-    return answer
 
 
 @rule(
@@ -77,7 +60,7 @@ def evaluated(server: Server, request: Json) -> Json:
 )
 def is_answered(server: Server) -> None:
     """Three candidates in two episodes; a sample of three, and its genomes."""
-    controllers = some(server)
+    controllers = announced_controllers(server)
     _finite(server, evaluation(server, controllers, SEEDS))
     if not makes_samples(server, controllers.architecture):
         return
@@ -121,7 +104,7 @@ def _finite(server: Server, request: Json) -> NDArray[np.float64]:
 )
 def properties(server: Server) -> None:
     """The properties of an answer; none at all are MQTT 3.1.1's."""
-    request = evaluation(server, some(server), [1])
+    request = evaluation(server, announced_controllers(server), [1])
     answer = evaluated(server, request)
     if answer["correlation"] is None and answer["content_type"] is None:
         raise Skip("the server speaks MQTT 3.1.1, which has no properties")
@@ -133,20 +116,14 @@ def properties(server: Server) -> None:
         )
 
 
-def _announces_kind(server: Server, kind: str) -> None:
-    server.announces(mode="offloaded")
-    if kind not in server.announced.get("controllers", []):
-        raise Skip(f"not announced: capabilities.swarmwright.controllers lacks {kind!r}")
-
-
-def _equal(server: Server, kind: str, **options: str) -> str:
-    _announces_kind(server, kind)
+def _must_equal_stepwise(server: Server, kind: str, **options: str) -> str:
+    must_announce_kind(server, kind)
     server.comparable()
     _ = server.reference
-    return _as_stepwise(server, controller_set(server, kind, CANDIDATES, **options))
+    return _must_have_stepwise_fitness(server, controller_set(server, kind, CANDIDATES, **options))
 
 
-def _as_stepwise(server: Server, controllers: ControllerSet) -> str:
+def _must_have_stepwise_fitness(server: Server, controllers: ControllerSet) -> str:
     """Failure unless every candidate has its stepwise fitness in every episode; how many differ."""
     fitness = numbers(evaluated(server, evaluation(server, controllers, SEEDS)), "fitness", "<f8")
     free_again(server)
@@ -175,7 +152,7 @@ def _as_stepwise(server: Server, controllers: ControllerSet) -> str:
 )
 def layered(server: Server) -> str:
     """Three candidates, two seeds."""
-    return _equal(server, "layered")
+    return _must_equal_stepwise(server, "layered")
 
 
 @rule(
@@ -187,7 +164,7 @@ def layered(server: Server) -> str:
 )
 def fully_meshed(server: Server) -> str:
     """Three candidates, two seeds."""
-    return _equal(server, "fully_meshed")
+    return _must_equal_stepwise(server, "fully_meshed")
 
 
 @rule(
@@ -199,7 +176,7 @@ def fully_meshed(server: Server) -> str:
 )
 def mealy_fsm(server: Server) -> str:
     """Three candidates, two seeds."""
-    return _equal(server, "mealy_fsm")
+    return _must_equal_stepwise(server, "mealy_fsm")
 
 
 @rule(
@@ -212,7 +189,7 @@ def mealy_fsm(server: Server) -> str:
 )
 def evostick(server: Server) -> str:
     """Three candidates, two seeds."""
-    return _equal(server, "evostick")
+    return _must_equal_stepwise(server, "evostick")
 
 
 @rule(
@@ -225,7 +202,7 @@ def evostick(server: Server) -> str:
 )
 def hebbian(server: Server) -> str:
     """Three candidates, two seeds."""
-    return _equal(server, "hebbian")
+    return _must_equal_stepwise(server, "hebbian")
 
 
 @rule(
@@ -238,7 +215,7 @@ def hebbian(server: Server) -> str:
 )
 def neat(server: Server) -> str:
     """Three candidates, two seeds."""
-    return _equal(server, "neat")
+    return _must_equal_stepwise(server, "neat")
 
 
 @rule(
@@ -251,7 +228,7 @@ def neat(server: Server) -> str:
 )
 def machines(server: Server) -> str:
     """Three candidates, two seeds."""
-    return _equal(server, "modules")
+    return _must_equal_stepwise(server, "modules")
 
 
 @rule(
@@ -264,7 +241,7 @@ def machines(server: Server) -> str:
 )
 def trees(server: Server) -> str:
     """Three candidates, two seeds."""
-    return _equal(server, "modules", form="tree")
+    return _must_equal_stepwise(server, "modules", form="tree")
 
 
 @rule(
@@ -278,8 +255,8 @@ def trees(server: Server) -> str:
 def parameter_set(server: Server) -> str | None:
     """A set with the numbers among the parameters of the episodes, or another name."""
     if not server.steers_itself:
-        _announces_kind(server, "parameter_set")
-        numbers_given = _numbers(server) or {"conformance": 1}
+        must_announce_kind(server, "parameter_set")
+        numbers_given = numbers_in_parameters(server) or {"conformance": 1}
         request = evaluation(server, parameter_set_of(numbers_given, 1), [1])
         must_be_refused(server, request, ["invalid"], "agents are asked, and no controller steers them")
         return None
@@ -287,42 +264,7 @@ def parameter_set(server: Server) -> str | None:
     if server.deterministic is False:
         evaluated(server, evaluation(server, controllers, SEEDS))
         return None
-    return _as_stepwise(server, controllers)
-
-
-def parameter_sets(server: Server, candidates: int) -> ControllerSet:
-    """Sets with the numbers among the parameters of the episodes; skips the rule where there are none.
-
-    All candidates are the same: which other values the simulation takes is not known.
-    """
-    _announces_kind(server, "parameter_set")
-    found = _numbers(server)
-    if not found:
-        raise Skip("give --parameters with a number, which the set can hold")
-    return parameter_set_of(found, candidates)
-
-
-def _numbers(server: Server) -> dict[str, float]:
-    """The numbers among the parameters of the episodes, of which a set can be made."""
-    return {
-        name: value
-        for name, value in server.settings.parameters.items()
-        if is_number(value)
-        and abs(value) < _LARGEST
-        and name not in {"seed", "server", "simulation", "simulation_hash"}
-    }
-
-
-def parameter_set_of(values: Mapping[str, float], candidates: int) -> ControllerSet:
-    """Parameter sets of these values, the same for all candidates."""
-    types = {name: "integer" if isinstance(value, int) else "real" for name, value in values.items()}
-    architecture = {
-        "version": 1,
-        "kind": "parameter_set",
-        "parameters": [{"name": name, "type": kind} for name, kind in types.items()],
-    }
-    weights = np.tile(np.array(list(values.values()), dtype=np.float32), (candidates, 1))
-    return ControllerSet(architecture, weights)
+    return _must_have_stepwise_fitness(server, controllers)
 
 
 @rule(
@@ -334,7 +276,7 @@ def parameter_set_of(values: Mapping[str, float], candidates: int) -> Controller
 )
 def metrics(server: Server) -> str:
     """None, one, all."""
-    controllers = some(server, 1)
+    controllers = announced_controllers(server, 1)
     announced = server.announced.get("metrics") or []
     answer = evaluated(server, evaluation(server, controllers, [1]))
     if answer.get("metrics"):
@@ -369,7 +311,7 @@ def metrics(server: Server) -> str:
 )
 def in_order(server: Server) -> None:
     """Five requests at once."""
-    controllers = some(server)
+    controllers = announced_controllers(server)
     requests = [evaluation(server, controllers, SEEDS) for _ in range(5)]
     sent = ""
     for request in requests:
@@ -400,7 +342,7 @@ def has_it(server: Server) -> None:
 
     Then requests for another instance, and for this one.
     """
-    controllers = some(server)
+    controllers = announced_controllers(server)
     evaluated(server, evaluation(server, controllers, [1]))
     must_be_taken(server, f"it is held for {TOOL}", "evaluate")
     reason = evaluation(server, controllers, [1], tool=OTHER)
@@ -423,7 +365,7 @@ def has_it(server: Server) -> None:
 )
 def not_while_running(server: Server) -> None:
     """Evaluate in the middle of an episode."""
-    controllers = some(server)
+    controllers = announced_controllers(server)
     episode = begun(server)
     must_be_refused(server, evaluation(server, controllers, [1]), ["taken"], "an episode is under way")
     trajectory = episode.play()
@@ -443,7 +385,7 @@ def not_while_running(server: Server) -> None:
 )
 def invalid(server: Server) -> None:
     """Requests in which one field of evaluate, or of its sample, is wrong."""
-    controllers = some(server)
+    controllers = announced_controllers(server)
     architecture = controllers.architecture
     misfits: list[tuple[str, Json]]
     if server.steers_itself:
@@ -494,7 +436,7 @@ def invalid(server: Server) -> None:
 )
 def junk(server: Server) -> None:
     """Junk, an unknown kind, a reply elsewhere; then a request with unknown keys."""
-    controllers = some(server)
+    controllers = announced_controllers(server)
     topic = f"swarmwright/v1/server/{server.id}"
     for payload in (
         b"",
@@ -541,7 +483,7 @@ def lease(server: Server) -> None:
     The larger one grows until the other has to wait for it. The largest, or one that takes long, is sent
     three times: on a busy machine the second may come when the first is done.
     """
-    small = some(server)
+    small = announced_controllers(server)
     times, left = 16, 3
     while left:
         copies = min(times, 1024)
@@ -556,7 +498,7 @@ def lease(server: Server) -> None:
         kind, _ = error_of(answer_to(server, second, sent, 4 * server.settings.timeout))
         if kind == "failed":
             return
-        if seconds > LONG_REQUEST_S or times == _MOST_TIMES:
+        if seconds > LONG_REQUEST_S or times == _MOST_REPETITIONS:
             left -= 1
         else:
             times *= 4

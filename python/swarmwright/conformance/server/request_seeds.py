@@ -10,10 +10,10 @@ from swarmwright.conformance._extensions import ControllerSet, evaluation, free_
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Trajectory, same
 from swarmwright.conformance.rules import Failure, NotTried
+from swarmwright.conformance.server._evaluations import NUMBERS, SEEDS, announced_controllers, evaluated
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.batches import BATCHED, Batch, must_have_batches
 from swarmwright.conformance.server.determinism import BEYOND_32_BITS, LARGEST_SEED
-from swarmwright.conformance.server.offloaded import NUMBERS, SEEDS, evaluated, some
 
 _SEEDS = (BEYOND_32_BITS + 1, 2**53 + 1, LARGEST_SEED)
 """Seeds of evaluate and start that are others if bits are lost."""
@@ -37,7 +37,7 @@ def seeds_of_evaluations(server: Server) -> None:
 
     Controllers that give another fitness with any seed are the matter of other rules.
     """
-    controllers = some(server, 1)
+    controllers = announced_controllers(server, 1)
     server.comparable()
     parameters = {**server.settings.parameters, "seed": _OTHER}
     request = evaluation(server, controllers, _SEEDS, parameters=parameters)

@@ -27,8 +27,8 @@ from swarmwright.conformance._json import Json
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Always, same
 from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.server._evaluations import evaluated
 from swarmwright.conformance.server._rules import rule
-from swarmwright.conformance.server.offloaded import evaluated
 
 Floats = NDArray[np.float32]
 
