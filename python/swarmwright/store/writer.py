@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright import _engine
 from swarmwright.core.arrays import shortest
@@ -19,11 +19,10 @@ from swarmwright.core.server_use import ServerUses, together, written
 from swarmwright.core.tracebacks import located, words_of
 from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
-from swarmwright.store.blocks import EvaluationsDigest, Sample, encoded, of_columns
 from swarmwright.store.database import BEST, FILE, FRONT, NEW, code_of, seal_facts, transaction
-from swarmwright.store.digests import of_generation
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import digest_before
+from swarmwright.store.insertion import Finished, SeedsText, insert_event, insert_generation, insert_journal
 from swarmwright.store.journal import incidents
 from swarmwright.store.lock import Lock, MovedError
 from swarmwright.store.open_store import OpenStore
@@ -39,13 +38,6 @@ from swarmwright.user_code.permission import remember
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
 
-_BLOCK = "INSERT INTO block VALUES (?, ?, ?, ?, ?, ?, ?)"
-_SAMPLE = "INSERT INTO sample VALUES (?, ?, ?)"
-_GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
-_ATTEMPT = "INSERT INTO attempt VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
-_EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
-
-
 _TOGETHER = 0.02
 """Seconds within which generations are written in one transaction."""
 _SOME = 32
@@ -54,27 +46,6 @@ _MUCH = 1 << 20
 """Bytes of genomes and results that are written at once all the same: memory used soon again is cached."""
 _DRAFT = 1.0
 """Seconds for which a new store is a draft, which the end of the process at any moment would take."""
-
-
-class _Finished(NamedTuple):
-    """A generation that is to be written."""
-
-    evaluated: Evaluated
-    journal: Journal
-    seconds: float
-    """Since the session began."""
-
-
-class _Seeds:
-    """The last seeds as JSON: those of many generations are the same."""
-
-    def __init__(self) -> None:
-        self._last: tuple[list[int], str] = ([], "[]")
-
-    def text(self, seeds: list[int]) -> str:
-        if seeds != self._last[0]:
-            self._last = seeds, json.dumps(seeds)
-        return self._last[1]
 
 
 class StoreWriter:
@@ -94,10 +65,10 @@ class StoreWriter:
         self._started = self._written = time.monotonic()
         self._outcome: str | None = None
         self._ended: float | None = None
-        self._finished: list[_Finished] = []
+        self._finished: list[Finished] = []
         self._facts: dict[str, str] = {}  # that are to be written
         self._bytes = 0  # of genomes and results, in what is finished
-        self._seeds = _Seeds()
+        self._seed_texts = SeedsText()
         self._use: Callable[[], ServerUses] | None = None
         self._earlier_use: ServerUses = {}
 
@@ -235,7 +206,7 @@ class StoreWriter:
             )
             self._session = int(cursor.lastrowid or 0)
             for note in notes:
-                self._store.connection.execute(_EVENT, (self._session, None, timestamp(), "changed", note))
+                insert_event(self._store.connection, self._session, "changed", note)
 
     def commit(self, evaluated: Evaluated, journal: Journal) -> None:
         """Write a generation and how it was evaluated, wholly or not at all.
@@ -243,7 +214,7 @@ class StoreWriter:
         Raises RunError when the disk does not take it; what was written before is kept.
         """
         now = time.monotonic()
-        self._finished.append(_Finished(evaluated, journal, now - self._started))
+        self._finished.append(Finished(evaluated, journal, now - self._started))
         self._bytes += evaluated.episodes.nbytes + evaluated.metrics.nbytes
         if not isinstance(evaluated.genomes, _engine.Sample):
             self._bytes += evaluated.genomes.nbytes
@@ -285,7 +256,7 @@ class StoreWriter:
                 raise
             self._one_by_one(finished)
 
-    def _one_by_one(self, finished: list[_Finished]) -> None:
+    def _one_by_one(self, finished: list[Finished]) -> None:
         """Write generations in a transaction each; those that were not written stay finished."""
         try:
             while finished:
@@ -314,43 +285,13 @@ class StoreWriter:
         (last,) = self._store.connection.execute("SELECT max(generation) FROM generation").fetchone()
         left = [one for one in self._finished if last is None or one.evaluated.generation > last]
         digest = digest_before(self._store.connection, left[0].evaluated.generation) if left else ""
-        for evaluated, journal, seconds in left:
-            digest = self._write(evaluated, journal, seconds, digest)
-
-    def _write(self, evaluated: Evaluated, journal: Journal, seconds: float, previous: str) -> str:
-        """Write a generation; return its digest, which goes on from the previous one's."""
-        summary, number = evaluated.summary, evaluated.generation
-        first = summary.evaluations - len(evaluated.genomes)
-        seeds = self._seeds.text(evaluated.seeds)
-        if journal.attempts or journal.warnings:
-            self._note(number, journal)
-        connection = self._store.connection
-        sample = _sample(evaluated)
-        if sample is not None:
-            connection.execute(_SAMPLE, (number, *sample))
-        total = EvaluationsDigest(sample) if evaluated.digests is None else None
-        for block in encoded(evaluated, first):
-            if total is not None:
-                total.add(block)
-            connection.execute(_BLOCK, block)
-        known = evaluated.digests or total
-        assert known is not None
-        digest = of_columns(known.columns(), first, number, len(evaluated.genomes))
-        leader, failed = evaluated.leader, summary.failed
-        whole = (number, first, summary.evaluations, failed, leader)
-        figures = (
-            *(summary.best, summary.mean, summary.best_so_far),
-            *(summary.lower_quartile, summary.median, summary.upper_quartile),
-        )
-        after = of_generation(previous, whole, figures, seeds, digest)
-        row = (number, first, seeds, summary.evaluations, *figures)
-        connection.execute(_GENERATION, (*row, failed, leader, self._session, seconds, digest, after))
-        return after
+        for one in left:
+            digest = insert_generation(self._store.connection, self._session, one, digest, self._seed_texts)
 
     def note(self, generation: int, journal: Journal) -> None:
         """Write the attempts of evaluations that do not count: those of an incomplete generation."""
         with self._writing():
-            self._note(generation, journal)
+            insert_journal(self._store.connection, self._session, generation, journal)
 
     @contextmanager
     def _writing(self, *, moved: bool = False) -> Iterator[None]:
@@ -384,27 +325,19 @@ class StoreWriter:
         self._facts.clear()
         self._written = time.monotonic()
 
-    def _note(self, generation: int, journal: Journal) -> None:
-        place = (self._session, generation)
-        self._store.connection.executemany(_ATTEMPT, (place + entry for entry in journal.attempts))
-        for entry in journal.warnings:
-            whose = "" if entry.candidate is None else f"candidate {entry.candidate}, "
-            event = (*place, timestamp(entry.time), "warning", whose + entry.text)
-            self._store.connection.execute(_EVENT, event)
-
     def incidents(self, counts: Mapping[str, int]) -> None:
         """Write how often faults occurred in this session, and how often countermeasures were taken."""
         if not counts:
             return
         with suppress(RunError), self._writing():
             text = incidents(self._store.connection, self._session, counts)
-            self._store.connection.execute(_EVENT, (self._session, None, timestamp(), "incidents", text))
+            insert_event(self._store.connection, self._session, "incidents", text)
 
     def usage(self, text: str) -> None:
         """Write what servers elsewhere were used in this session, and what they cost."""
         if text:
             with suppress(RunError), self._writing():
-                self._store.connection.execute(_EVENT, (self._session, None, timestamp(), "servers", text))
+                insert_event(self._store.connection, self._session, "servers", text)
 
     def follow_use(self, earlier: ServerUses, use: Callable[[], ServerUses]) -> None:
         """Write, with everything that is written in this session, how servers were used in the whole run.
@@ -522,12 +455,6 @@ class StoreWriter:
             if not _in_use(error):  # an open reader keeps the log, which does no harm
                 failed = failed or error
         return failed
-
-
-def _sample(evaluated: Evaluated) -> Sample | None:
-    """Return what the genomes are made from, as it is stored."""
-    genomes = evaluated.genomes
-    return (genomes.address, genomes.numbers) if isinstance(genomes, _engine.Sample) else None
 
 
 def _why(kind: type[BaseException], error: BaseException | None) -> str:
