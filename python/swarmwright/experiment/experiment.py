@@ -4,16 +4,15 @@ import dataclasses
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from os import PathLike
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any, Literal, Never, Self
-
-from pydantic import BaseModel
 
 from swarmwright.core.arguments import checked, instance, listed, mapping, path_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.core.flatten import flat
 from swarmwright.core.html import facts
+from swarmwright.core.plain_values import hashable, plain_values
 from swarmwright.core.read_only import read_only
 from swarmwright.core.simulation_names import SimulationName, is_command
 from swarmwright.core.yaml import Source, dump, read
@@ -87,7 +86,7 @@ class Experiment:
 
     def __hash__(self) -> int:
         """Return the same for equal experiments: what the file is called does not count."""
-        return hash(tuple(_hashable(getattr(self, one.name)) for one in fields(self) if one.compare))
+        return hash(tuple(hashable(getattr(self, one.name)) for one in fields(self) if one.compare))
 
     @classmethod
     def load(cls, path: str | PathLike[str], settings: Iterable[str] = ()) -> Self:
@@ -160,7 +159,7 @@ class Experiment:
         elif hasattr(simulation, "reset"):
             kind = type(simulation).__name__
             raise InputError(f"simulation: is an object of the class {kind}; give the class itself, {kind}")
-        source = apply(Source("", values=_plain(values)), parse_settings(settings))
+        source = apply(Source("", values=plain_values(values)), parse_settings(settings))
         return cls._checked(source, None, lenient=lenient)
 
     @classmethod
@@ -202,7 +201,7 @@ class Experiment:
                     del value["generations"]  # as it is without a limit
                 if "kind" in value:  # first: it says what the others mean
                     value = {"kind": value.pop("kind"), **value}
-            result[one.name] = _plain(value)
+            result[one.name] = plain_values(value)
         return result
 
     def _repr_html_(self) -> str:
@@ -234,7 +233,7 @@ class Experiment:
         Raises InputError with every problem, a line each.
         """
         values = self.to_mapping()
-        changes = {name: _plain(change) for name, change in changes.items()}
+        changes = {name: plain_values(change) for name, change in changes.items()}
         same_simulation = changes.get("simulation", self.simulation) == self.simulation
         if not same_simulation:
             for name in ANNOUNCED:
@@ -476,23 +475,3 @@ def shortened(value: object) -> str:
     """Return a value as text, not longer than a line."""
     text = str(value)
     return text if len(text) <= 100 else f"{text[:99]}…"
-
-
-def _hashable(value: Any) -> Any:  # noqa: ANN401 - any nested value
-    """Return what has the same hash for equal values: 1 and 1.0 are equal."""
-    if isinstance(value, BaseModel):
-        value = value.model_dump()
-    if isinstance(value, Mapping):
-        return frozenset((key, _hashable(inner)) for key, inner in value.items())
-    return tuple(map(_hashable, value)) if isinstance(value, list | tuple) else value
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401 - any nested value
-    """Return a copy of plain dicts and lists; numpy numbers and arrays become Python's, paths text."""
-    if isinstance(value, Mapping):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(inner) for inner in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    return str(value) if isinstance(value, PurePath) else value
