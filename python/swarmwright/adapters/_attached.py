@@ -13,7 +13,7 @@ import socket
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -174,6 +174,25 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+def serve(arguments: Sequence[str], program: str, simulator: Callable[[Attachment], Simulator]) -> int:
+    """Run episodes in an attached simulator until the standard input ends; return the exit status.
+
+    Args:
+        arguments: the command line, which names the file of the robots.
+        program: module that is run, such as swarmwright.adapters.webots.
+        simulator: class of the simulator that is attached.
+    """
+    exit_on_signals()
+    try:
+        attachment = read(arguments, program)
+        attached = simulator(attachment)
+    except (InputError, AttachmentError) as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return 2
+    run(attachment, attached)
+    return 0
 
 
 def read(arguments: Sequence[str], program: str) -> Attachment:

@@ -205,15 +205,7 @@ def _client() -> Callable[[str, int, Callable[[Callable[[int], object]], None]],
 
 def main(arguments: Sequence[str]) -> int:
     """Run episodes until the standard input ends; return the exit status."""
-    _attached.exit_on_signals()
-    try:
-        attachment = _attached.read(arguments, "swarmwright.adapters.coppeliasim")
-        simulator = CoppeliaSim(attachment)
-    except (InputError, AttachmentError) as error:
-        print(f"Error: {error}", file=sys.stderr)
-        return 2
-    _attached.run(attachment, simulator)
-    return 0
+    return _attached.serve(arguments, "swarmwright.adapters.coppeliasim", CoppeliaSim)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,6 @@ from swarmwright.adapters._attached import AttachmentError, Simulator, Started, 
 from swarmwright.adapters._attachment import Attachment
 from swarmwright.adapters._webots_robot import ACTUATORS, SENSORS
 from swarmwright.commands.ros_sections import Pose
-from swarmwright.core.errors import InputError
 
 PORT = 1234
 """Of a Webots that was started without an option for it."""
@@ -214,15 +213,7 @@ class Webots(Simulator):
 
 def main(arguments: Sequence[str]) -> int:
     """Run episodes until the standard input ends; return the exit status."""
-    _attached.exit_on_signals()
-    try:
-        attachment = _attached.read(arguments, "swarmwright.adapters.webots")
-        simulator = Webots(attachment)
-    except (InputError, AttachmentError) as error:
-        print(f"Error: {error}", file=sys.stderr)
-        return 2
-    _attached.run(attachment, simulator)
-    return 0
+    return _attached.serve(arguments, "swarmwright.adapters.webots", Webots)
 
 
 if __name__ == "__main__":

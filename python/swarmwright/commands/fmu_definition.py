@@ -193,9 +193,7 @@ class FmuOptions(Definition):
     @classmethod
     def _names(cls, value: dict[str, str]) -> dict[str, str]:
         for name, text in value.items():
-            problem = metric_names.problem_of(name)
-            if problem:
-                raise ValueError(problem)
+            metric_names.check([name])
             Reduction.parse(name, text)
         return value
 

@@ -168,10 +168,7 @@ class RosOptions(Definition):
     @field_validator("metrics")
     @classmethod
     def _names(cls, value: dict[str, Metric]) -> dict[str, Metric]:
-        for name in value:
-            problem = metric_names.problem_of(name)
-            if problem:
-                raise ValueError(problem)
+        metric_names.check(value)
         return value
 
     @model_validator(mode="after")

@@ -1,6 +1,7 @@
 """The names that metrics may have, everywhere: in an expression for the fitness each is a variable."""
 
 import re
+from collections.abc import Iterable
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _OTHER = re.compile(r"[^A-Za-z0-9_]")
@@ -15,6 +16,14 @@ def problem_of(name: object) -> str | None:
         return None
     rule = "a metric's name has letters (A-Z, a-z), digits and _, and does not begin with a digit"
     return f"{name!r}: {_wrong_in(name)}; {rule}"
+
+
+def check(names: Iterable[object]) -> None:
+    """Raise ValueError with what is wrong with the first name that no metric may have."""
+    for name in names:
+        problem = problem_of(name)
+        if problem:
+            raise ValueError(problem)
 
 
 def _wrong_in(name: object) -> str:

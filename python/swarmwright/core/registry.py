@@ -60,6 +60,15 @@ class Registry(Generic[Component]):
                 return stand_in
         return self._loaded[kind]
 
+    def check(self, option: str, kind: str | None) -> None:
+        """Raise InputError that begins with the option which names a kind, as `get`; None names none."""
+        if kind is None:
+            return
+        try:
+            self.get(kind)
+        except InputError as error:
+            raise InputError(f"{option}: {error}") from None
+
     @contextmanager
     def lenient(self, stand_in: type[Component]) -> Iterator[None]:
         """Within the block, `get` returns `stand_in` in the place of a component that is not to be had here.

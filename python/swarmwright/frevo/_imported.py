@@ -10,7 +10,6 @@ from typing import Any
 
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
-from swarmwright.core.registry import Registry
 from swarmwright.core.yaml import parse, without_places
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.validation import check
@@ -69,12 +68,9 @@ def load(
     """
     session = open_session(Path(path))
     named = None if simulation is None else absolute(simulation)
-    for option, kind, registry in (
-        ("method", method, METHODS),
-        ("controller", controller, REPRESENTATIONS),
-        ("ranking", ranking, RANKINGS),
-    ):
-        _check_kind(option, kind, registry)
+    METHODS.check("method", method)
+    REPRESENTATIONS.check("controller", controller)
+    RANKINGS.check("ranking", ranking)
     mapped = map_session(
         session,
         None if field is None else Path(field),
@@ -90,16 +86,6 @@ def load(
         problems = without_places(str(error), name)
         raise InputError(f"{path}: does not make a valid experiment:\n{problems}") from error
     return Imported(text, experiment, tuple(mapped.notes))
-
-
-def _check_kind(option: str, kind: str | None, registry: Registry[Any]) -> None:
-    """Raise InputError when there is no such kind."""
-    if kind is None:
-        return
-    try:
-        registry.get(kind)
-    except InputError as error:
-        raise InputError(f"{option}: {error}") from None
 
 
 def _sensors(simulation: str) -> int | None:

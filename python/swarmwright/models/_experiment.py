@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.registry import Registry
 from swarmwright.core.yaml import parse, without_places
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.start_from import entry_of
@@ -60,8 +59,8 @@ def load(
         InputError: a file is of no known kind, or wrong, or two contradict each other; the message names file
             and line of every problem.
     """
-    for option, kind, registry in (("method", method, METHODS), ("controller", controller, REPRESENTATIONS)):
-        _check_kind(option, kind, registry)
+    METHODS.check("method", method)
+    REPRESENTATIONS.check("controller", controller)
     model = Model.of(_parts(paths))
     folder = Path() if target is None else Path(target).parent
     draft = Draft(model, _simulation(model, simulation), folder, method or "nnga", controller)
@@ -98,16 +97,6 @@ def _parts(paths: Iterable[str | PathLike[str]]) -> list[Any]:
     if problems:
         raise InputError("\n".join(problems))
     return parts
-
-
-def _check_kind(option: str, kind: str | None, registry: Registry[Any]) -> None:
-    """Raise InputError when there is no such kind."""
-    if kind is None:
-        return
-    try:
-        registry.get(kind)
-    except InputError as error:
-        raise InputError(f"{option}: {error}") from None
 
 
 def _simulation(model: Model, named: str | None) -> str:

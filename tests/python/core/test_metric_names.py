@@ -3,7 +3,7 @@
 import pytest
 
 from swarmwright.commands.definition import CommandOptions
-from swarmwright.core.metric_names import problem_of, suggested
+from swarmwright.core.metric_names import check, problem_of, suggested
 
 
 @pytest.mark.parametrize("name", ["a", "_1", "way_left", "A9", "in"])
@@ -33,3 +33,9 @@ def test_what_is_no_name(name: str, better: str) -> None:
 )
 def test_the_message_says_what_is_wrong(name: object, wrong: str) -> None:
     assert str(problem_of(name)).startswith(f"{wrong}a metric's name")
+
+
+def test_of_several_names_the_first_wrong_one_is_refused() -> None:
+    check(["a", "b"])
+    with pytest.raises(ValueError, match=r"^'1st': begins with a digit"):
+        check(["a", "1st", ""])

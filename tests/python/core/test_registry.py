@@ -35,6 +35,13 @@ def fresh_registry() -> Registry[Method]:
     return Registry("method", METHODS.group, METHODS.built_in, "swarmwright.methods:Method")
 
 
+def test_an_unknown_kind_is_refused_with_the_option_that_names_it() -> None:
+    METHODS.check("method", None)
+    METHODS.check("method", "nnga")
+    with pytest.raises(InputError, match="^method: .*'nngaa'.*nnga"):
+        METHODS.check("method", "nngaa")
+
+
 def install(folder: Path, name: str, code: str, entry_points: str) -> None:
     """Lay out an installed package: a module and its metadata."""
     (folder / f"{name}.py").write_text(textwrap.dedent(code))
