@@ -38,7 +38,7 @@ def fresh_registry() -> Registry[Method]:
 def test_an_unknown_kind_is_refused_with_the_option_that_names_it() -> None:
     METHODS.check("method", None)
     METHODS.check("method", "nnga")
-    with pytest.raises(InputError, match="^method: .*'nngaa'.*nnga"):
+    with pytest.raises(InputError, match=r"^method: .*'nngaa'.*nnga"):
         METHODS.check("method", "nngaa")
 
 
