@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from swarmwright.analysis.episodes import episodes_of, episodes_to_begin, limit
 from swarmwright.analysis.indicators import Indicator, shared_indicators
+from swarmwright.analysis.significance import FEW_RUNS
 from swarmwright.analysis.table import Tested
 from swarmwright.analysis.tasks import (
     Distinguished,
@@ -24,16 +25,14 @@ from swarmwright.store.folder import SWEEP
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Group, Task
 
-FEW = 5
-"""Runs of a group below which a test has little power."""
 
 HELD_OUT = "held_out"
 """Fitness on held-out seeds, among what runs are compared by."""
 _NAMED = 3
 """Pairs, or groups, that a note names."""
-_ALIKE = 1.1
+_SIMILAR_RATIO = 1.1
 """How many times as much runs may have as others without a note."""
-_JUDGING = {"code", "code.simulation", "code.ranking"}
+_FITNESS_CODE = {"code", "code.simulation", "code.ranking"}
 """Code by which fitness may be another quantity; that of methods and controllers is what is compared."""
 
 
@@ -62,7 +61,7 @@ def _costs(groups: Sequence["Group"], tasks: Sequence["Task"], *, compare_at: bo
     for task in tasks:
         rates = {one.label: one.episodes_per_evaluation for one in task.groups}
         least, most = min(rates.values()), max(rates.values())
-        if most <= _ALIKE * least:
+        if most <= _SIMILAR_RATIO * least:
             continue
         named = "; ".join(f"{label}: {rate:.3g}" for label, rate in rates.items())
         which = named if len(rates) <= _NAMED else f"{least:.3g} to {most:.3g}"
@@ -78,10 +77,10 @@ def _lengths(groups: Sequence["Group"], indicator: Indicator) -> Iterator[str]:
     """Yield that runs, which are compared at their ends, have unlike numbers of evaluations."""
     shortest = min(one.evaluations[0] for one in groups)
     longest = max(one.evaluations[1] for one in groups)
-    if longest <= _ALIKE * shortest:
+    if longest <= _SIMILAR_RATIO * shortest:
         return
     at = {episodes_of(run, min(shortest, run.evaluations)) for one in groups for run in one.runs}
-    taken = f", which took {min(at):,} to {max(at):,} episodes" if max(at) > _ALIKE * min(at) else ""
+    taken = f", which took {min(at):,} to {max(at):,} episodes" if max(at) > _SIMILAR_RATIO * min(at) else ""
     command = _command(groups, f"{indicator.options} --at {shortest}".lstrip())
     yield (
         f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its end; {command} "
@@ -298,13 +297,13 @@ def caveats(
         beside: what the same runs are also compared by, next to this: indicators, or `HELD_OUT`.
     """
     found = list(indicator.notes)
-    few = [one for one in groups if len(one.runs) < FEW]
+    few = [one for one in groups if len(one.runs) < FEW_RUNS]
     if few and len(groups) > 1:
         least, most = (limit(len(one.runs) for one in few) for limit in (min, max))
         counts = "; ".join(f"{one.label}: {len(one.runs)}" for one in few)
         if len(few) > 3:
             counts = f"{len(few)} groups have {least if least == most else f'{least} to {most}'}"
-        found.append(f"with fewer than {FEW} runs in a group ({counts}) a test has little power")
+        found.append(f"with fewer than {FEW_RUNS} runs in a group ({counts}) a test has little power")
     found += _limited(groups, at, at_episodes)
     if at_episodes is None:
         if at is None and not held_out and len(groups) > 1:
@@ -315,7 +314,7 @@ def caveats(
     found += ties([pair for task in tasks for pair in task.pairs])
     if indicator.by == "fitness" and not set(beside) - {HELD_OUT}:
         found += _elites(groups)
-    if any(_JUDGING & one.differs.keys() for one in groups):
+    if any(_FITNESS_CODE & one.differs.keys() for one in groups):
         found.append(
             f"{indicator.words} that different code computed is compared: `swarmwright runs show` names the "
             "files"

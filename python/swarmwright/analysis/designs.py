@@ -14,7 +14,7 @@ from swarmwright.experiment.settings import SIZES
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Group, Task
 
-_LONGEST = 120
+_NAME_CHARACTERS = 120
 """Characters of a name."""
 
 
@@ -57,7 +57,7 @@ def designs_of(tasks: "Sequence[Task]") -> list[Design]:
     else:
         names = names_of([(differs, members[0].runs[0]) for differs, members in ordered])
     return [
-        Design(number, shortened(name, _LONGEST), tuple(members))
+        Design(number, shortened(name, _NAME_CHARACTERS), tuple(members))
         for number, (name, (_, members)) in enumerate(zip(names, ordered, strict=True))
     ]
 

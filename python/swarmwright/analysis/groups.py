@@ -19,7 +19,7 @@ from swarmwright.user_code.copying import Copy, digest_of, display_name
 
 _NO_GROUP = ELSEWHERE | {"seed"}
 """Keys of an experiment in which runs of a group may differ."""
-_LONGEST = 120
+_NAME_CHARACTERS = 120
 """Characters of a name, beyond which groups are numbered and a note explains them."""
 _NUMBER = re.compile(r"group (\d+): ")
 """How labels of such groups begin."""
@@ -81,7 +81,7 @@ def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[R
     found = list(by_values.values())
     names = names_in_sweep(found) or names_of([(differs, members[0]) for differs, members in found])
     labels = names
-    if max(map(len, names)) > _LONGEST:
+    if max(map(len, names)) > _NAME_CHARACTERS:
         labels = [f"group {number}: {shortened(name, _BEGINNING)}" for number, name in enumerate(names, 1)]
         notes += [f"group {number} has {shortened(name, _TOLD)}" for number, name in enumerate(names, 1)]
     groups = [

@@ -26,11 +26,11 @@ WORDS: Mapping[By, str] = {
     "qd_score": "QD score",
     "coverage": "coverage",
 }
-_MARGIN = 0.1
+_REFERENCE_MARGIN = 0.1
 """Share of an objective's range by which the reference point is worse than all that is compared."""
 _POINTS = 40
 """Most generations that a curve has."""
-_QUICK = {2: math.inf, 3: 1000, 4: 300}
+_QUICK_FRONT_SIZES = {2: math.inf, 3: 1000, 4: 300}
 """By the number of objectives, with fitness: candidates of a front up to which hypervolume takes about 0.1 s;
 none for more objectives."""
 
@@ -64,7 +64,7 @@ class Indicator:
         """Whether it is one of fronts or archives that can be computed for many generations in seconds."""
         if self.reference is None:
             return self.by != "fitness"
-        return self.largest <= _QUICK.get(len(self.reference), 0)
+        return self.largest <= _QUICK_FRONT_SIZES.get(len(self.reference), 0)
 
     @property
     def options(self) -> str:
@@ -124,7 +124,7 @@ class Indicator:
             return (
                 "Hypervolume of each run's front; each objective is scaled from 0 to 1 between its worst and "
                 f"its best value in the fronts of these runs: {scales}; reference point: {point} "
-                f"(-{_MARGIN:g} in each, scaled)."
+                f"(-{_REFERENCE_MARGIN:g} in each, scaled)."
             )
         return ""
 
@@ -160,7 +160,7 @@ def quick_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
     shared = shared_indicators(runs)
     if "hypervolume" not in shared:
         return shared
-    most = _QUICK.get(1 + len(runs[0].experiment.method.needed_metrics), 0)
+    most = _QUICK_FRONT_SIZES.get(1 + len(runs[0].experiment.method.needed_metrics), 0)
     return shared if most and all(len(run.elites.candidates) <= most for run in runs) else ()
 
 
@@ -277,7 +277,7 @@ def _of_fronts(elites: Sequence[Elites], reference: dict[str, float] | None) -> 
     # Fronts without candidates have no range, and no hypervolume with any.
     known = every if len(every) else np.array([[0.0], [1.0]]) * np.ones(len(names))
     worst, best = known.min(axis=0), known.max(axis=0)
-    point = (worst - 2 * _MARGIN * _half_width(worst, best)) * signs + 0.0
+    point = (worst - 2 * _REFERENCE_MARGIN * _half_width(worst, best)) * signs + 0.0
     ranges = zip((worst * signs + 0.0).tolist(), (best * signs + 0.0).tolist(), strict=True)
     return Indicator(
         "hypervolume",
@@ -295,7 +295,7 @@ def _hypervolume(indicator: Indicator, elites: Elites) -> float:
         return hypervolume(front, np.array(list(indicator.reference.values())) * signs)
     worst, best = np.array(list(indicator.ranges.values())).T * signs
     scaled = (front / 2 - worst / 2) / _half_width(worst, best)
-    return hypervolume(scaled, np.full(len(names), -_MARGIN))
+    return hypervolume(scaled, np.full(len(names), -_REFERENCE_MARGIN))
 
 
 def _half_width(worst: Values, best: Values) -> Values:

@@ -13,7 +13,7 @@ _LONGEST_VALUE = 24
 """Characters of a value in a label."""
 _HEAD = 8
 """Characters of a value's beginning that stay where another part of it is shown."""
-_BACK = 12
+_CHARACTERS_BEFORE = 12
 """Characters before a difference in which its word may begin."""
 
 
@@ -158,7 +158,10 @@ def _cut(text: str) -> str:
 
 def _from(text: str, start: int) -> str:
     """Return the beginning of a text, and what it has from the word on in which a position is."""
-    word = next((at for sign in " /" if (at := text.rfind(sign, max(start - _BACK, 0), start)) >= 0), None)
+    word = next(
+        (at for sign in " /" if (at := text.rfind(sign, max(start - _CHARACTERS_BEFORE, 0), start)) >= 0),
+        None,
+    )
     begin = max(start - 1, 0) if word is None else word + 1
     return _cut(text) if begin <= _HEAD else f"{text[:_HEAD].rstrip()} … {_cut(text[begin:])}"
 

@@ -17,17 +17,19 @@ from swarmwright.core.correlation import doubled_midranks
 
 Values = NDArray[np.float64]
 
-_EXACT = 60
+_MOST_EXACT_RUNS = 60
 """Runs in all groups together up to which tests do without asymptotic distributions."""
 _CONFIDENCE = 0.95
 """Level of confidence intervals."""
+FEW_RUNS = 5
+"""Runs of a group below which a test has little power."""
 LEVEL = 0.05
 """Level of significance: the largest p by which groups are said to differ."""
 _ARRANGEMENTS = 200_000
 """Sets of rank sums of several groups up to which Kruskal and Wallis' test is exact."""
 _PERMUTATIONS = 100_000
 """Random arrangements by which p is estimated above."""
-_CHUNK = 1_000_000
+_CHUNK_VALUES = 1_000_000
 """Values of random arrangements that are in memory at a time."""
 
 
@@ -100,7 +102,7 @@ def mann_whitney(one: Values, two: Values, u: float) -> float:
     pooled = np.concatenate([one, two])
     if (pooled == pooled[0]).all():
         return 1.0
-    if n + m > _EXACT:
+    if n + m > _MOST_EXACT_RUNS:
         from scipy.stats import mannwhitneyu
 
         return float(mannwhitneyu(one, two, alternative="two-sided", method="asymptotic").pvalue)
@@ -141,7 +143,7 @@ def _border(n: int, m: int) -> int:
     Moses' interval: the largest k for which P(U < k) is at most half of what the confidence leaves.
     """
     tail = (1 - _CONFIDENCE) / 2
-    if n + m > _EXACT:
+    if n + m > _MOST_EXACT_RUNS:
         from scipy.stats import norm
 
         spread = np.sqrt(n * m * (n + m + 1) / 12)
@@ -182,7 +184,7 @@ def kruskal_wallis(groups: Sequence[Values]) -> Kruskal:
     sizes = np.array([len(values) for values in ordered], dtype=np.int64)
     found = kruskal(*np.split(ranks, np.cumsum(sizes)[:-1]))
     h = float(found.statistic)
-    if len(pooled) > _EXACT:
+    if len(pooled) > _MOST_EXACT_RUNS:
         return Kruskal(h, float(found.pvalue), "chi-square")
     # H grows with the sum of squared rank sums over sizes, alone.
     seen = _spread(np.add.reduceat(ranks, np.cumsum(sizes) - sizes), sizes)
@@ -236,7 +238,7 @@ def _estimated(ranks: NDArray[np.int64], sizes: NDArray[np.int64], seen: Values)
     starts = np.cumsum(sizes) - sizes
     extreme, left = 1, _PERMUTATIONS
     while left:
-        rows = min(left, max(1, _CHUNK // len(ranks)))
+        rows = min(left, max(1, _CHUNK_VALUES // len(ranks)))
         arranged = random.permuted(np.tile(ranks, (rows, 1)), axis=1)
         sums = np.add.reduceat(arranged, starts, axis=1)
         extreme += int((_spread(sums, sizes) >= seen * (1 - 1e-12)).sum())

@@ -22,7 +22,7 @@ _MODELS = "e-puck-rm"
 """Beginning of the names of the e-puck's reference models in the arena."""
 _ROBOTS = {f"{part}.robot{preset}" for part in ("parameters", _MISSION) for preset in ("", ".preset")}
 """Keys that may name a reference model."""
-_LONGEST = 120
+_LABEL_CHARACTERS = 120
 """Characters of a label."""
 _NAMED = 3
 """Groups that `untested` names."""
@@ -83,7 +83,7 @@ def by_task(groups: Sequence[RunGroup], *, by: str, held_out: bool) -> list[Task
         [(of, groups[indices[0]].runs[0]) for of, (_, indices) in zip(telling, found, strict=True)]
     )
     return [
-        TaskGroups(shortened(label, _LONGEST), differs, tuple(indices))
+        TaskGroups(shortened(label, _LABEL_CHARACTERS), differs, tuple(indices))
         for label, (differs, indices) in zip(labels, found, strict=True)
     ]
 

@@ -25,7 +25,7 @@ def check_user(name: str) -> str:
     return name
 
 
-_LARGEST = 1 << 26  # bytes
+_LARGEST_FILE_BYTES = 1 << 26  # bytes
 
 
 def set_password(path: Path, user: str, password: str) -> bool:
@@ -44,7 +44,7 @@ def set_password(path: Path, user: str, password: str) -> bool:
         raise InputError("an empty password would admit every client; give one with at least one character")
     line = f"{user}:{_engine.hash_password(password)}\n"
     try:
-        held = read_bytes(path, _LARGEST).decode() if path.exists() else ""
+        held = read_bytes(path, _LARGEST_FILE_BYTES).decode() if path.exists() else ""
         lines = held.splitlines(keepends=True)
         if lines and not lines[-1].endswith("\n"):
             lines[-1] += "\n"

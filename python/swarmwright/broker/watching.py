@@ -10,7 +10,7 @@ from swarmwright.broker.credentials import prepare
 
 SILENCE = 1.0
 """Seconds after which a server with work that sends nothing counts as blocking."""
-STALE = 2.5
+STALE_S = 2.5
 """Seconds after which a tool's status is out of date: tools send it every second while they evaluate."""
 FORGET = 30.0
 """Seconds after which a silent tool is dropped: it was killed."""
@@ -70,7 +70,7 @@ class ToolRow:
     @property
     def waits_for(self) -> str | None:
         """What it waits for, in words; None while nothing blocks."""
-        if self.heard > STALE:
+        if self.heard > STALE_S:
             return f"no message for {self.heard:.0f} s: it is computing, stopped or killed"
         alone = self.status.get("no_server")
         if alone:
@@ -162,7 +162,7 @@ class Watch:
             (ToolRow(tool.status, now - tool.heard) for tool in self._tools.values()),
             key=lambda tool: str(tool.status["tool"]),
         )
-        doing, use = _by_server([tool for tool in tools if tool.heard <= STALE])
+        doing, use = _by_server([tool for tool in tools if tool.heard <= STALE_S])
         rows = []
         for server in sorted({*self._presences, *doing, *use}):
             presence = self._presences.get(server)
@@ -183,7 +183,7 @@ class Watch:
         return View(rows, tools, self._broker_lost, self._abandoned(rows), frozenset(self._gone))
 
     def _abandoned(self, rows: Sequence[ServerRow]) -> list[ServerRow]:
-        listened = self._clock() - self._since > STALE
+        listened = self._clock() - self._since > STALE_S
         known = {tool.status["tool"] for tool in self._tools.values()}
         held = (row for row in rows if row.state == "busy" and row.tool is not None and row.tool not in known)
         return [row for row in held if row.tool in self._gone or listened]

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("swarmwright")
 _PERIOD = 1.0  # seconds between two messages to the server, however quick generations are
-_MOST = 900  # figures in one message; the server takes 1000
+_MOST_FIGURES = 900  # figures in one message; the server takes 1000
 _MOST_PARAMETERS = 100
 """Parameters that MLflow takes at a time."""
-_LONGEST = 6000  # characters of a parameter's value that the server keeps
+_VALUE_CHARACTERS = 6000  # characters of a parameter's value that the server keeps
 _FILES = ("experiment.yaml", "best.json", "fitness.png")
 
 
@@ -81,7 +81,7 @@ class MLflow(Callback):
         from mlflow.entities import Param
 
         values = {key: str(value) for key, value in flat(experiment.to_mapping()).items()}
-        parameters = [Param(name, value[:_LONGEST]) for name, value in values.items()]
+        parameters = [Param(name, value[:_VALUE_CHARACTERS]) for name, value in values.items()]
         for first in range(0, len(parameters), _MOST_PARAMETERS):
             self._client.log_batch(self._run, params=parameters[first : first + _MOST_PARAMETERS])
 
@@ -95,13 +95,13 @@ class MLflow(Callback):
             for name, value in figures(generation).items()
             if math.isfinite(value)
         ]
-        if time.monotonic() - self._sent > _PERIOD or len(self._waiting) > _MOST:
+        if time.monotonic() - self._sent > _PERIOD or len(self._waiting) > _MOST_FIGURES:
             self._send()
 
     def _send(self) -> None:
         """Send what has been noted. A temporarily unavailable server does not end the run."""
         while self._waiting:
-            part = self._waiting[:_MOST]
+            part = self._waiting[:_MOST_FIGURES]
             try:
                 self._client.log_batch(self._run, metrics=part)
             except Exception as error:  # noqa: BLE001 - its back ends raise various exceptions

@@ -134,7 +134,7 @@ at_episodes_option: Decorator = click.option(
 )
 
 
-_BY: tuple[Decorator, ...] = (
+_BY_OPTIONS: tuple[Decorator, ...] = (
     click.option(
         "--by",
         type=click.Choice(["fitness", "hypervolume", "qd_score", "coverage"]),
@@ -164,6 +164,6 @@ _BY: tuple[Decorator, ...] = (
 
 def by_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """`--by`, `--reference` and `--offset`: what of runs is compared."""
-    for option in reversed(_BY):
+    for option in reversed(_BY_OPTIONS):
         command = option(command)
     return command

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from swarmwright.analysis.sweep.remaining import Status, UnderWay
 
-EVERY = 30.0
+LINE_INTERVAL_S = 30.0
 """Seconds between two plain lines that say how far it is."""
 _NAMED = 4
 """Runs that a plain line names."""
@@ -34,7 +34,7 @@ class PlainStatus:
     def tick(self) -> None:
         """Print a line when it is time."""
         now = time.monotonic()
-        if now - self._told >= EVERY and self._status.under_way:
+        if now - self._told >= LINE_INTERVAL_S and self._status.under_way:
             self._told = now
             self._output.text(line(self._status))
 

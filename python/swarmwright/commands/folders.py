@@ -16,7 +16,7 @@ from swarmwright.core.message_kinds import kind_of
 
 _PORTS, _EACH = 21_000, 20
 """First port, and how many belong to an instance."""
-_MOST = 2000
+_MOST_INSTANCES = 2000
 """Instances."""
 _MOST_KINDS = 5
 """Kinds of failures of a process of which a work folder is kept."""
@@ -63,7 +63,7 @@ class Instance:
         self._kinds: set[str] = set()
 
     def _lock(self, locks: Path) -> int:
-        for number in range(_MOST):
+        for number in range(_MOST_INSTANCES):
             descriptor = os.open(locks / f"{number}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -72,7 +72,7 @@ class Instance:
                 continue
             self._descriptor = descriptor
             return number
-        raise InputError(f"more than {_MOST} instances of commands run on this machine")
+        raise InputError(f"more than {_MOST_INSTANCES} instances of commands run on this machine")
 
     def port(self) -> int:
         """Return a TCP port that no process listens on, and that no other instance gets."""

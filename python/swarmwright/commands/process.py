@@ -37,7 +37,7 @@ _INTERPRETER = re.compile(
 )
 _FLAGS = frozenset({"-u", "-O", "-OO", "-B", "-E", "-I", "-s", "-S", "-x", "-jar", "--vanilla"})
 """Options of interpreters behind which the script may stand."""
-_SIMILAR = 0.85
+_SIMILAR_SPELLING = 0.85
 """Similarity of spelling, from 0 to 1, from which on one of the programs on the PATH is suggested."""
 _SCRIPTS = frozenset({".py", ".sh", ".R", ".r", ".pl", ".rb", ".js", ".mjs", ".lua", ".jl", ".jar"})
 GRACE_S = 2.0
@@ -211,7 +211,7 @@ def _program_hint(program: str, folder: Path) -> str:
     meant = nearest(program, beside)
     if meant is not None:
         return f"; did you mean '{beside[meant]}', which is there?"
-    near = get_close_matches(program, _programs(), n=1, cutoff=_SIMILAR)
+    near = get_close_matches(program, _programs(), n=1, cutoff=_SIMILAR_SPELLING)
     return f"; did you mean '{near[0]}'?" if near else ""
 
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.core.errors import InputError
 
-_LARGEST = float(np.finfo(np.float32).max)
+_LARGEST_BINARY32 = float(np.finfo(np.float32).max)
 
 
 def float32_of(name: str, given: ArrayLike) -> NDArray[np.float32]:
@@ -36,9 +36,10 @@ def float32_of(name: str, given: ArrayLike) -> NDArray[np.float32]:
             return values.astype(np.float32)
         except FloatingPointError:
             pass
-    place = next(iter(np.argwhere(np.isfinite(values) & (np.abs(values) > _LARGEST)).tolist()))
+    place = next(iter(np.argwhere(np.isfinite(values) & (np.abs(values) > _LARGEST_BINARY32)).tolist()))
     raise InputError(
-        f"{name}: {values[tuple(place)]:g} at {place} is too large for a 32-bit float, at most {_LARGEST:g}"
+        f"{name}: {values[tuple(place)]:g} at {place} is too large for a 32-bit float, at most "
+        f"{_LARGEST_BINARY32:g}"
     )
 
 

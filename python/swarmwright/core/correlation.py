@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_LEAST = 4
+_FEWEST_CANDIDATES = 4
 """Candidates from which on there is an interval of a rank correlation."""
 _Z = 1.959963984540054
 """Of the standard normal distribution, 95 % are within +-_Z."""
@@ -36,7 +36,7 @@ def rank_correlation(source: Sequence[float], target: Sequence[float]) -> Correl
     if np.ptp(one) == 0 or np.ptp(other) == 0:
         return None
     rho = float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1))
-    if len(pairs) < _LEAST:
+    if len(pairs) < _FEWEST_CANDIDATES:
         return Correlation(rho, None, None, len(pairs))
     count = len(pairs)
     # At 1 the interval would be a point, as if few candidates in the same order proved that all are.

@@ -14,7 +14,7 @@ _NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*)(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 _BLANK = re.compile(r"[ \t\r\n]*")
 _WORDS = {"null": None, "true": True, "false": False}
 _NOT_FINITE = re.compile(r"[+-]?(?:NaN|Infinity|inf|nan)")
-_DEEPEST = 100
+_DEEPEST_NESTING = 100
 """Levels of nesting."""
 _LONGEST_INTEGER = 1000
 """Digits."""
@@ -78,8 +78,8 @@ class _Reader:
         return True
 
     def value(self, path: Path_, depth: int) -> Any:  # noqa: ANN401 - any JSON value
-        if depth > _DEEPEST:
-            self.fail(f"nested more than {_DEEPEST} deep")
+        if depth > _DEEPEST_NESTING:
+            self.fail(f"nested more than {_DEEPEST_NESTING} deep")
         self.source.lines.setdefault(path, self.line)
         if self._takes("{"):
             return self._object(path, depth)

@@ -6,7 +6,7 @@ from typing import Any
 
 from swarmwright.core.untrusted import one_line
 
-EVERY = 0.25
+INTERVAL_S = 0.25
 """Seconds between two changes."""
 
 
@@ -30,7 +30,7 @@ class Text:
     def show(self, text: str, *, at_once: bool = False) -> None:
         """Show a text instead of the last one, unless that was just now and this is not the last."""
         now = time.monotonic()
-        if not at_once and now - self._shown < EVERY:
+        if not at_once and now - self._shown < INTERVAL_S:
             return
         self._shown = now
         text = one_line(text)

@@ -3,14 +3,14 @@
 import resource
 from contextlib import suppress
 
-_ENOUGH = 65536
+_WANTED_FILES = 65536
 """Files that a broker with its most clients has open, and more."""
 
 
 def allow_more_open_files() -> None:
     """Raise the soft limit of open files (`ulimit -Sn`, often 1024) to the hard one, at most 65536."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = _ENOUGH if hard == resource.RLIM_INFINITY else min(hard, _ENOUGH)
+    wanted = _WANTED_FILES if hard == resource.RLIM_INFINITY else min(hard, _WANTED_FILES)
     if soft != resource.RLIM_INFINITY and soft < wanted:
         with suppress(ValueError, OSError):  # macOS: fewer than the hard limit says
             resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))

@@ -19,10 +19,12 @@ Test = Literal["friedman", "t", "t_holm", "t_bonferroni"]
 correction for their number."""
 
 Scores = NDArray[np.float64]
-_EXACT = 50
+_MOST_EXACT_DIFFERENCES = 50
 """Below so many differences Wilcoxon's distribution is counted out."""
-_TINY = 1e-300
-_TERMS = 100_000
+_SMALLEST_TERM = 1e-300
+"""Takes the place of smaller denominators of continued fractions."""
+_MOST_TERMS = 100_000
+"""Terms of a series or a continued fraction."""
 """Of a series or a continued fraction, at most; a few dozen are enough for usual arguments."""
 
 
@@ -117,7 +119,7 @@ def wilcoxon(differences: Scores) -> float:
         return 1.0
     ranks = ranks_of(-np.abs(found)[np.newaxis])[0]
     positive = float(ranks[found > 0].sum())
-    if count == len(differences) < _EXACT and len(set(ranks.tolist())) == count:
+    if count == len(differences) < _MOST_EXACT_DIFFERENCES and len(set(ranks.tolist())) == count:
         return _signed_rank_tails(positive, count)
     ties = np.unique(ranks, return_counts=True)[1].astype(np.float64)
     variance = count * (count + 1) * (2 * count + 1) / 24 - float((ties**3 - ties).sum()) / 48
@@ -177,7 +179,7 @@ def chi_squared_tail(value: float, freedom: int) -> float:
     front = math.exp(a * math.log(x) - x - math.lgamma(a))
     if x < a + 1:  # the series of the lower incomplete gamma function
         term = total = 1 / a
-        for k in range(1, _TERMS):
+        for k in range(1, _MOST_TERMS):
             term *= x / (a + k)
             total += term
             if term < total * 1e-17:
@@ -185,9 +187,9 @@ def chi_squared_tail(value: float, freedom: int) -> float:
         return max(0.0, 1 - front * total)
     # The continued fraction of the upper one, by Lentz's algorithm.
     b = x + 1 - a
-    c, d = 1 / _TINY, 1 / b
+    c, d = 1 / _SMALLEST_TERM, 1 / b
     fraction = d
-    for k in range(1, _TERMS):
+    for k in range(1, _MOST_TERMS):
         b += 2
         d = _away(k * (a - k) * d + b)
         c = _away(b + k * (a - k) / c)
@@ -229,7 +231,7 @@ def _beta_fraction(a: float, b: float, x: float) -> float:
     """Return the continued fraction of the incomplete beta function, by Lentz's algorithm."""
     c, d = 1.0, 1 / _away(1 - (a + b) * x / (a + 1))
     fraction = d
-    for k in range(1, _TERMS):
+    for k in range(1, _MOST_TERMS):
         even = k * (b - k) * x / ((a + 2 * k - 1) * (a + 2 * k))
         odd = -(a + k) * (a + b + k) * x / ((a + 2 * k) * (a + 2 * k + 1))
         for part in (even, odd):
@@ -243,4 +245,4 @@ def _beta_fraction(a: float, b: float, x: float) -> float:
 
 def _away(value: float) -> float:
     """Return a number that can be divided by."""
-    return value if abs(value) > _TINY else _TINY
+    return value if abs(value) > _SMALLEST_TERM else _SMALLEST_TERM

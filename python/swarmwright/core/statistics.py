@@ -65,9 +65,9 @@ def mean(values: Sequence[float]) -> float:
     try:
         return math.fsum(values) / len(values) if values else math.nan
     except OverflowError:  # the sum is too large, the mean is not: penalties may be the largest number
-        scaled = math.fsum(value * _SMALLER for value in values) / len(values)
+        scaled = math.fsum(value * _SCALE for value in values) / len(values)
         # Rounding may lead out of the values, whose largest may be the largest number.
-        return min(max(scaled, min(values) * _SMALLER), max(values) * _SMALLER) / _SMALLER
+        return min(max(scaled, min(values) * _SCALE), max(values) * _SCALE) / _SCALE
 
 
 def means(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -88,7 +88,7 @@ def _finite_mean(values: list[float]) -> float:
     return mean(known) if all(map(math.isfinite, known)) else math.nan
 
 
-_SMALLER = 2.0**-64
+_SCALE = 2.0**-64
 """A power of two, exact as a factor, with which sums of any values are finite."""
 
 
@@ -150,7 +150,7 @@ def estimate(values: Sequence[float], *, of: int = 1) -> Estimate:
 
 _Z = 1.959963984540054
 """Of the standard normal distribution, 95 % are within +-_Z."""
-_MANY = 1000
+_EXPANSION_FREEDOM = 1000
 """Degrees of freedom from which the expansion is exact to 14 digits."""
 
 
@@ -179,7 +179,7 @@ def student_t(freedom: int, of: int = 1) -> float:
         / 92160
         / freedom**4
     )
-    if freedom >= _MANY:
+    if freedom >= _EXPANSION_FREEDOM:
         return found
     density = math.exp(math.lgamma((freedom + 1) / 2) - math.lgamma(freedom / 2))
     density /= math.sqrt(freedom * math.pi)

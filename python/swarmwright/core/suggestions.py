@@ -3,7 +3,8 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-_LEAST = 3  # letters of a word that is looked for in names
+_SHORTEST_WORD = 3
+"""Letters of a word that is looked for in names."""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -32,7 +33,7 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
 def _has_word(candidate: str, folded: str) -> bool:
     """Return whether a name begins or ends with a word, as numAgents does with num and agents."""
     whole = candidate.casefold()
-    if len(folded) < _LEAST or len(whole) != len(candidate) or len(whole) <= len(folded):
+    if len(folded) < _SHORTEST_WORD or len(whole) != len(candidate) or len(whole) <= len(folded):
         return False
     if whole.startswith(folded):
         return True

@@ -12,8 +12,9 @@ from xml.parsers import expat
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import contents, first_character_of
 
-_MOST = 2_000_000  # elements and attributes; some 400 bytes each
-_DEEPEST = 50
+_MOST_NODES = 2_000_000
+"""Elements and attributes of a file; each takes about 400 bytes."""
+_DEEPEST_NESTING = 50
 """Levels of nesting."""
 
 
@@ -86,10 +87,10 @@ class _Builder:
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         element = Element(self.name, self.parser.CurrentLineNumber, tag, attributes)
         self._count += 1 + len(attributes)
-        if self._count > _MOST:
-            raise element.error(f"the file has more than {_MOST} elements and attributes")
-        if len(self.open) >= _DEEPEST:
-            raise element.error(f"nested more than {_DEEPEST} deep")
+        if self._count > _MOST_NODES:
+            raise element.error(f"the file has more than {_MOST_NODES} elements and attributes")
+        if len(self.open) >= _DEEPEST_NESTING:
+            raise element.error(f"nested more than {_DEEPEST_NESTING} deep")
         if self.open:
             self.open[-1].children.append(element)
         else:

@@ -22,7 +22,8 @@ Path_ = tuple[str | int, ...]
 
 LARGEST_FILE = 1 << 26
 """Bytes."""
-_LARGEST = 1_000_000  # values in a file; aliases of aliases can make a short file endless
+_MOST_VALUES = 1_000_000
+"""Values of a file: aliases of aliases can make a short one endless."""
 _TAG = "tag:yaml.org,2002:"
 _PART = re.compile(r"[^.\[\]]+|\[\d+\]")
 _WORDS = re.compile(r"[A-Za-z_](?:[A-Za-z0-9_]|[ ./-](?=[A-Za-z0-9_]))*")
@@ -30,7 +31,7 @@ _NO_TEXT = frozenset({"null", "true", "false", "yes", "no", "on", "off", "y", "n
 _CONTROL = re.compile(r"[^\t\n -~\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
 _SEVERAL = "expected a single document in the stream"
 """The parser's words."""
-_WIDTH = 110
+_LINE_CHARACTERS = 110
 """Characters of a line."""
 
 
@@ -161,8 +162,8 @@ class _Composer(Composer):
 
     def compose_node(self, parent: Any, index: Any) -> Any:  # noqa: ANN401 - as its base class has it
         self._composed += 1
-        if self._composed > 2 * _LARGEST:  # keys are nodes, too
-            raise YAMLError(f"it holds more than {_LARGEST} values")
+        if self._composed > 2 * _MOST_VALUES:  # keys are nodes, too
+            raise YAMLError(f"it holds more than {_MOST_VALUES} values")
         return super().compose_node(parent, index)
 
 
@@ -176,8 +177,8 @@ class _Builder:
 
     def build(self, node: Node, path: Path_) -> Any:  # noqa: ANN401 - any YAML value
         self._count += 1
-        if self._count > _LARGEST:
-            raise InputError(f"{self._source.name}: holds more than {_LARGEST} values")
+        if self._count > _MOST_VALUES:
+            raise InputError(f"{self._source.name}: holds more than {_MOST_VALUES} values")
         if len(self._open) > 100:
             raise InputError(f"{self._source.name}: is nested too deeply")
         if any(node is above for above in self._open):
@@ -267,7 +268,9 @@ def _mapping_lines(values: Mapping[str, Any], indent: str) -> Iterator[str]:
         if isinstance(value, Mapping) and value:
             yield start
             yield from _mapping_lines(value, indent + "  ")
-        elif isinstance(value, list) and len(value) > 1 and len(start) + len(_flow(value)) >= _WIDTH:
+        elif (
+            isinstance(value, list) and len(value) > 1 and len(start) + len(_flow(value)) >= _LINE_CHARACTERS
+        ):
             yield start
             yield from _wrapped(value, indent + "  ")
         else:
@@ -279,7 +282,7 @@ def _wrapped(values: list[Any], indent: str) -> Iterator[str]:
     line = f"{indent}["
     for index, value in enumerate(values):
         item = f"{_flow(value)}{',' if index + 1 < len(values) else ']'}"
-        if len(line) + len(item) >= _WIDTH and line.strip() != "[":
+        if len(line) + len(item) >= _LINE_CHARACTERS and line.strip() != "[":
             yield line.rstrip()
             line = f"{indent} "
         line += f"{item} "

@@ -12,15 +12,15 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-_MOST = 200
+_MOST_LABELS = 200
 """Labels that are drawn."""
-_LONGEST = 24
+_LABEL_CHARACTERS = 24
 """Letters of a label."""
-_SIZE = 8.0
+_FONT_SIZE_POINTS = 8.0
 """Of letters, points."""
 _LETTER = 0.6
 """Width of a letter as a share of the size, about."""
-_GAP = 1.5
+_GAP_POINTS = 1.5
 """Points between a body and its label."""
 _SIDES = ((1, 1), (-1, 1), (1, -1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))
 """Where a label can be beside its body, to the right and upwards, in the order in which places are tried."""
@@ -57,9 +57,9 @@ class Labels:
 
         field = _Box(0.0, 0.0, axes.get_xlim()[1] * self._scale, axes.get_ylim()[1] * self._scale)
         room = _Room(bodies, self._scale, self._least, field)
-        texts = [" ".join(text.split())[:_LONGEST] for text in bodies.labels or ()]
+        texts = [" ".join(text.split())[:_LABEL_CHARACTERS] for text in bodies.labels or ()]
         artists: list[Artist] = []
-        for index in [index for index, text in enumerate(texts) if text][:_MOST]:
+        for index in [index for index, text in enumerate(texts) if text][:_MOST_LABELS]:
             found = room.take(index, len(texts[index]), self._sides.get(index))
             if found is None:
                 continue
@@ -67,8 +67,8 @@ class Labels:
             artists.append(
                 axes.annotate(
                     texts[index], (float(bodies.x[index]), float(bodies.y[index])),
-                    xytext=(right, up + 0.15 * _SIZE), textcoords="offset points", va="baseline",
-                    fontsize=_SIZE, color=INK, zorder=5.0, parse_math=False,
+                    xytext=(right, up + 0.15 * _FONT_SIZE_POINTS), textcoords="offset points", va="baseline",
+                    fontsize=_FONT_SIZE_POINTS, color=INK, zorder=5.0, parse_math=False,
                     path_effects=[withStroke(linewidth=2.0, foreground=PAPER)],
                 )
             )  # fmt: skip
@@ -92,8 +92,8 @@ class _Room:
 
         letters: of the label. before: the side in the frame before, which is tried first.
         """
-        wide, high = _LETTER * _SIZE * letters, _SIZE
-        reach = wide + high + self._radii[index] + _GAP + self._largest
+        wide, high = _LETTER * _FONT_SIZE_POINTS * letters, _FONT_SIZE_POINTS
+        reach = wide + high + self._radii[index] + _GAP_POINTS + self._largest
         x, y = self._x, self._y
         near = np.flatnonzero(self._seen & (abs(x - x[index]) < reach) & (abs(y - y[index]) < reach))
         near = near[near != index]
@@ -115,7 +115,7 @@ class _Room:
         for side in sorted(range(len(_SIDES)), key=lambda side: side != before):
             right, up = _SIDES[side]
             # A label at a corner of the square around a disc would be far from it.
-            away = self._radii[index] * (0.75 if right and up else 1.0) + _GAP
+            away = self._radii[index] * (0.75 if right and up else 1.0) + _GAP_POINTS
             left = float(self._x[index] + right * away - wide * (1 - right) / 2)
             low = float(self._y[index] + up * away - high * (1 - up) / 2)
             yield side, _Box(left, low, left + wide, low + high)

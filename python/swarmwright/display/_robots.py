@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-_LEAST = 1.3
+_SMALLEST_RADIUS_POINTS = 1.3
 """Radius in points below which bodies are drawn larger than they are, so that they can be seen."""
-_NOTCH = 2.2
+_HEADING_RADIUS_POINTS = 2.2
 """Radius in points from which on a line shows where they look."""
 RAY_WIDTH, LINK_WIDTH = 0.9, 0.8
 """Points."""
@@ -50,9 +50,9 @@ def robots(
     places = np.stack([bodies.x[chosen], bodies.y[chosen]], axis=1).astype(np.float64)
     radii = bodies.radius[chosen].astype(np.float64)
     mark = math.sqrt(marker_area(len(radii))) / 2
-    radii = np.maximum(np.where(radii == 0, mark / scale, radii), _LEAST / scale)
+    radii = np.maximum(np.where(radii == 0, mark / scale, radii), _SMALLEST_RADIUS_POINTS / scale)
     points = float(radii.max()) * scale
-    width = 0.0 if points < _NOTCH else min(max(points / 9, 0.5), 1.2)
+    width = 0.0 if points < _HEADING_RADIUS_POINTS else min(max(points / 9, 0.5), 1.2)
     artists: list[Artist] = []
     discs = EllipseCollection(
         2 * radii, 2 * radii, np.zeros(len(radii)), units="xy", offsets=places,
@@ -60,7 +60,7 @@ def robots(
         linewidths=width, zorder=4.0,
     )  # fmt: skip
     artists.append(axes.add_collection(discs))
-    if points >= _NOTCH:
+    if points >= _HEADING_RADIUS_POINTS:
         heading = bodies.heading[chosen].astype(np.float64)
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1) * radii[:, None]
         lines = LineCollection(

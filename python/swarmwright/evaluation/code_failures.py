@@ -11,7 +11,7 @@ from swarmwright.store.rows import IN_PROCESS
 FailureOf = Callable[[str], SimulationError | None]
 """Returns what the code of the simulation failed with, for a reason that a journal has; None for others."""
 
-_MOST = 200
+_MOST_REASONS = 200
 """Different reasons that are remembered, the last ones."""
 _WARNED = re.compile(r"an episode failed on server \d+: (.*)", re.DOTALL)
 """A pool's warning of such a reason, of each once: engine/pool/src/scheduler/outbox.rs."""
@@ -53,7 +53,7 @@ class CodeFailures:
     def _remember(self, reason: str, stack: str | None) -> None:
         before = self._stacks.pop(reason, None)  # so that it becomes the newest
         self._stacks[reason] = before if stack is None else stack
-        if len(self._stacks) > _MOST:
+        if len(self._stacks) > _MOST_REASONS:
             del self._stacks[next(iter(self._stacks))]
 
 

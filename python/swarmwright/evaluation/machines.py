@@ -12,7 +12,7 @@ from swarmwright.core.errors import RunError, engine_errors
 from swarmwright.core.processes import use_threads
 from swarmwright.modules.stepping import Robots
 
-TOGETHER = 256
+LANES = 256
 """Episodes that are stepped side by side; of a simulation in Python one."""
 
 

@@ -20,7 +20,7 @@ from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.simulations import catalogue
 from swarmwright.typing import Fitness
 
-_MOST = 16
+_MOST_EXPERIMENTS = 16
 """Experiments that are kept."""
 
 
@@ -70,7 +70,7 @@ def prepared(experiment: Experiment) -> Prepared | None:
     if key is None:
         return _prepare(experiment)
     if key not in _kept:
-        if len(_kept) >= _MOST:
+        if len(_kept) >= _MOST_EXPERIMENTS:
             _kept.clear()
         _kept[key] = _prepare(experiment)
     return _kept[key]

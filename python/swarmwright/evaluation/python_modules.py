@@ -11,7 +11,7 @@ from swarmwright.core.simulation_names import is_python
 from swarmwright.evaluation.base import Controllers, Progress, Results
 from swarmwright.evaluation.code_failures import CodeFailures
 from swarmwright.evaluation.in_process import InProcessBackend, PythonBackend
-from swarmwright.evaluation.machines import TOGETHER, MachineEvaluations
+from swarmwright.evaluation.machines import LANES, MachineEvaluations
 from swarmwright.evaluation.repetition import Failed, Repetition, Value
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
@@ -29,7 +29,7 @@ class ModulesBackend(InProcessBackend):
         super().__init__(experiment, metrics)
         python = is_python(experiment.simulation)
         self._others = (PythonBackend if python else InProcessBackend)(experiment, metrics)
-        self._together = 1 if python else TOGETHER
+        self._together = 1 if python else LANES
         # What a simulation declares of its determinism says nothing about modules.
         self._repetition = Repetition(experiment.faults.attempts, bitwise=False)
         self._code_failures = CodeFailures()

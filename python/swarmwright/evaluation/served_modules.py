@@ -14,7 +14,7 @@ from swarmwright.core import modules
 from swarmwright.core.errors import InputError, RunError, SimulationError
 from swarmwright.core.modules import Module
 from swarmwright.core.tracebacks import is_installed
-from swarmwright.evaluation.machines import TOGETHER, MachineEvaluations
+from swarmwright.evaluation.machines import LANES, MachineEvaluations
 from swarmwright.evaluation.module_code import ROLES, offered, sha256_of
 from swarmwright.modules.played import PlayedEpisode
 
@@ -50,7 +50,7 @@ class ServedModules:
             for (role, _), many in offered(names).items()
             for one in many
         }
-        self.together = TOGETHER if isinstance(simulation, str) else 1
+        self.together = LANES if isinstance(simulation, str) else 1
         """Episodes that are computed in about the time of one."""
 
     @property

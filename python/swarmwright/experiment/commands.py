@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 WRONG = "command"
 """Stands for a simulation whose definition is wrong."""
-_MARGIN = 30.0
+_MARGIN_S = 30.0
 """Seconds beside the command's own for files, and for a result's way."""
 _LARGEST_SCRIPT = 1 << 20
 """Bytes of a file in which the name of the parameter file is looked for."""
@@ -122,7 +122,7 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
     waits = values.get("timeouts")
     if not (isinstance(waits, Mapping) and waits.get("step") is not None):
         timeouts = checked["timeouts"]
-        step = max(timeouts.step, options.timeout + _MARGIN)
+        step = max(timeouts.step, options.timeout + _MARGIN_S)
         checked["timeouts"] = timeouts.model_copy(update={"step": step})
 
 

@@ -14,7 +14,7 @@ from swarmwright.core.suggestions import did_you_mean
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.launchers import LauncherOptions
 
-_LONGEST = 1000
+_NAME_CHARACTERS = 1000
 """Characters of a simulation's name."""
 Checked = dict[str, Any]
 """Key -> checked value; sections with a `kind` as the options of that kind."""
@@ -23,7 +23,7 @@ AUTO = "auto"
 """Episodes of a validation: as many as are informative and cheap."""
 MOST_SERVERS = 1024
 """Servers that a number starts, at most."""
-_MOST = 100_000
+_MOST_EPISODES = 100_000
 """Episodes of a validation."""
 _LARGEST_VALIDATION = 1_000_000
 """Episodes of all candidates of a validation."""
@@ -136,10 +136,14 @@ class Faults(Options):
 
 
 def _episodes(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
-    if value == AUTO or (isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _MOST):
+    if value == AUTO or (
+        isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _MOST_EPISODES
+    ):
         return value
     hint = did_you_mean(value, [AUTO]) if isinstance(value, str) else ""
-    raise ValueError(f"must be auto or a number of episodes from 0 to {_MOST:,}, not {shown(value)}{hint}")
+    raise ValueError(
+        f"must be auto or a number of episodes from 0 to {_MOST_EPISODES:,}, not {shown(value)}{hint}"
+    )
 
 
 def _switched(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
@@ -223,7 +227,7 @@ class Validate(Options):
     """Whether the noise of the arena's e-pucks varies in such models, around that of the reference model."""
     random: int = Field(default=0, ge=0, le=100_000)
     """How many random controllers are transferred beside the best candidates."""
-    seeds: int = Field(default=30, ge=2, le=_MOST)
+    seeds: int = Field(default=30, ge=2, le=_MOST_EPISODES)
     """Episodes of each candidate in its own simulation and in each other one, with held-out seeds, from
     `seed` on as well."""
 
@@ -323,8 +327,8 @@ class Document(Options):
     @field_validator("simulation")
     @classmethod
     def _simulation(cls, value: str) -> str:
-        if len(value) > _LONGEST and not is_command(value):
-            raise ValueError(f"must have at most {_LONGEST} characters, not {len(value)}")
+        if len(value) > _NAME_CHARACTERS and not is_command(value):
+            raise ValueError(f"must have at most {_NAME_CHARACTERS} characters, not {len(value)}")
         return value
 
     @field_validator("fitness")

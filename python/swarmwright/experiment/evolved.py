@@ -11,9 +11,9 @@ from swarmwright.core.yaml import Path_
 from swarmwright.representations.parameter_set import CategoricalParameter, Parameter, RealParameter
 from swarmwright.simulations import catalogue
 
-_BETWEEN = 0.4391
+_TRIED_SHARE = 0.4391
 """Of a range; a share with which the limits of few ranges make an integer."""
-_AT: Path_ = ("controller", "parameters")
+_EVOLVED: Path_ = ("controller", "parameters")
 
 
 def problems(
@@ -25,11 +25,11 @@ def problems(
     """
     for name in evolved:
         if name in parameters:
-            yield (*_AT, name), "is also in the experiment's parameters; remove it there"
+            yield (*_EVOLVED, name), "is also in the experiment's parameters; remove it there"
     if not here:
         return
     for name, message in unknown(simulation, evolved):
-        yield (*_AT, name), message
+        yield (*_EVOLVED, name), message
     everything = catalogue.takes_any(simulation)
     names = catalogue.parameter_names(simulation)
     known = {name: one for name, one in evolved.items() if everything or name in names}
@@ -78,7 +78,7 @@ def _refusals(
         # Where a limit is refused as well, that the number between them has a fraction is not what is wrong.
         if isinstance(one, RealParameter) and all((wrong, repr(end)) not in found for end in _limits(one)):
             hint = "; for a parameter of integers write type: integer"
-        yield (*_AT, wrong), f"{catalogue.title(simulation)} refuses {refused!r}: {reason}{hint}"
+        yield (*_EVOLVED, wrong), f"{catalogue.title(simulation)} refuses {refused!r}: {reason}{hint}"
 
 
 def _named(problem: str, name: str, evolved: Mapping[str, Parameter]) -> tuple[str, str]:
@@ -107,7 +107,7 @@ def _extremes(parameter: Parameter) -> list[Any]:
     if parameter.type == "integer":
         return list(parameter.range)
     low, high = _limits(parameter)
-    return [low, high, *shortest(np.array([low + _BETWEEN * (high - low)], dtype=np.float32))]
+    return [low, high, *shortest(np.array([low + _TRIED_SHARE * (high - low)], dtype=np.float32))]
 
 
 def _limits(parameter: RealParameter) -> list[float]:

@@ -19,7 +19,7 @@ from swarmwright.ros.expression import parsed
 
 LONGEST = 1000
 """Characters of an expression, at most."""
-_DEEPEST = 100
+_DEEPEST_NESTING = 100
 _LARGEST_EXPONENT = 64
 
 Numbers = NDArray[np.float64]
@@ -103,8 +103,8 @@ FUNCTIONS: dict[str, _Function] = {
 
 def check(node: ast.expr, text: str, names: set[str], depth: int) -> None:
     """Refuse whatever is not on the lists; collect the names."""
-    if depth > _DEEPEST:
-        raise ExpressionError(f"is nested too deeply; at most {_DEEPEST} levels are possible")
+    if depth > _DEEPEST_NESTING:
+        raise ExpressionError(f"is nested too deeply; at most {_DEEPEST_NESTING} levels are possible")
     inner: list[ast.expr] = []
     match node:
         case ast.Constant(value=value):

@@ -12,7 +12,7 @@ from swarmwright.core.files import read_bytes
 from swarmwright.core.simulation_names import is_python
 from swarmwright.simulations import catalogue
 
-_LARGEST = 1 << 26  # bytes
+_LARGEST_FILE_BYTES = 1 << 26  # bytes
 _YAML = (".yaml", ".yml")
 _FILES = (*_YAML, ".json")
 
@@ -115,7 +115,7 @@ def read_object(path: Path) -> dict[str, Any]:
     Raises InputError, with file and line, when it cannot be read or holds something else.
     """
     try:
-        text = read_bytes(path, _LARGEST).decode("utf-8-sig")
+        text = read_bytes(path, _LARGEST_FILE_BYTES).decode("utf-8-sig")
         value = json.loads(text, parse_constant=_no_number)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None

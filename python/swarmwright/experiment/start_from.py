@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Entry = dict[str, Any]
 """One controller: `architecture`, `weights`, what it is `from`, and `genome` where that is another one."""
 _OF_RUN = frozenset({"run", "generation", "candidate"})
-_LONGEST = 60
+_SHOWN_CHARACTERS = 60
 """Characters of a value in a message."""
 
 
@@ -162,8 +162,8 @@ def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str
 
 def _difference(key: str, one: Mapping[str, Any], other: Mapping[str, Any], options: Container[str]) -> str:
     """Return what differs: `output_range ([-2, 2], here [-1, 1]; set controller.output_range)`."""
-    values = [shown(each[key], _LONGEST + 1) if key in each else "none" for each in (one, other)]
-    if key == "groups" or max(map(len, values)) > _LONGEST:
+    values = [shown(each[key], _SHOWN_CHARACTERS + 1) if key in each else "none" for each in (one, other)]
+    if key == "groups" or max(map(len, values)) > _SHOWN_CHARACTERS:
         return key
     advice = f"; set controller.{key}" if key in options and key in one else ""
     return f"{key} ({values[0]}, here {values[1]}{advice})"

@@ -11,7 +11,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.untrusted import one_line
 from swarmwright.export.bundle import MANIFEST
 
-_LARGEST = 1 << 28
+_LARGEST_BUNDLE_BYTES = 1 << 28
 """Bytes of all files of a bundle."""
 _DRIVE = re.compile(r"[A-Za-z]:")
 
@@ -78,8 +78,10 @@ def _check_name(path: Path, name: str) -> None:
 
 
 def _check_size(path: Path, size: int) -> None:
-    if size > _LARGEST:
-        raise InputError(f"{path}: has more than {_LARGEST >> 20} MiB of files; no bundle is so large")
+    if size > _LARGEST_BUNDLE_BYTES:
+        raise InputError(
+            f"{path}: has more than {_LARGEST_BUNDLE_BYTES >> 20} MiB of files; no bundle is so large"
+        )
 
 
 def _check_manifest(path: Path, names: Collection[str]) -> None:

@@ -28,7 +28,7 @@ _OPTIONS = (["-O0"], ["-O2"], ["-O3", "-march=native", "-ffp-contract=fast"])
 
 _RUNNER = "CONTROLLER_RUN"
 """Of the environment: a program, and its arguments, that runs what was compiled, such as an emulator."""
-_SAME = {
+_PROCESSOR_NAMES = {
     "x86_64": ("x86_64", "i386", "i486", "i586", "i686", "amd64"),
     "AMD64": ("x86_64", "i386", "i486", "i586", "i686", "amd64"),
     "aarch64": ("aarch64", "arm64"),
@@ -93,7 +93,7 @@ class Language:
         except RunError:
             return
         machine = platform.machine()
-        same = _SAME.get(machine, (machine,))
+        same = _PROCESSOR_NAMES.get(machine, (machine,))
         if target and not (target.startswith(same) and "-none" not in target.replace("-none-linux", "")):
             raise RunError(
                 f"verification: {self.variable}={shlex.join(words[:-1])} compiles for another processor "
@@ -194,7 +194,7 @@ def tests(subject: Subject, values: Mapping[str, str]) -> str:
 
 _ON_AVR = 20
 """Recorded steps that a self-test takes on AVR, whose flash has room for few."""
-_CUT = 10
+_ROWS_OF_PART = 10
 """Rows of tables of self-tests, after each of which they can be cut."""
 
 
@@ -202,13 +202,13 @@ def _rows(items: list[str], width: int) -> str:
     """Return the rows of a table that is cut after SELF_TEST_STEPS, in whole tens."""
     lines = []
     for row, at in enumerate(range(0, len(items), width)):
-        if row and row % _CUT == 0:
-            lines += ["#endif"] * (row > _CUT) + [f"#if SELF_TEST_STEPS > {row}"]
+        if row and row % _ROWS_OF_PART == 0:
+            lines += ["#endif"] * (row > _ROWS_OF_PART) + [f"#if SELF_TEST_STEPS > {row}"]
         cells = items[at : at + width]
         lines.append(
             f"    {{\n{wrapped(cells, '        ')}\n    }}," if width > 6 else f"    {{{', '.join(cells)}}},"
         )
-    if len(items) > _CUT * width:
+    if len(items) > _ROWS_OF_PART * width:
         lines.append("#endif")
     return "\n".join(lines)
 

@@ -13,7 +13,7 @@ from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import render
 
-_OWN = (
+_TEMPLATES = (
     "package.xml",
     "CMakeLists.txt",
     "src/graph.hpp",
@@ -39,7 +39,7 @@ class Ros1(Exporter):
         packages have.
         """
         values = ros_family.values_of(subject, prefix)
-        own = {name: render(f"ros1/{name}", values) for name in _OWN}
+        own = {name: render(f"ros1/{name}", values) for name in _TEMPLATES}
         ros_family.check_package(prefix, own["package.xml"])
         return {
             **own,

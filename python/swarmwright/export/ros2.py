@@ -16,7 +16,7 @@ from swarmwright.export.sequences import Sequences, difference
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import render
 
-_OWN = (
+_TEMPLATES = (
     "package.xml",
     "CMakeLists.txt",
     "README.md",
@@ -71,7 +71,7 @@ class Ros2(Exporter):
             raise InputError(f"prefix: {prefix!r} is a file of the package; take another one")
         if package in _LIBRARIES:
             raise InputError(f"prefix: {prefix!r} is a module that the nodes import; take another one")
-        own = {name: render(f"ros2/{name}", values) for name in _OWN}
+        own = {name: render(f"ros2/{name}", values) for name in _TEMPLATES}
         ros_family.check_package(prefix, own["package.xml"])
         python = Python().files(subject, prefix)
         del python[f"{prefix}_test.py"]

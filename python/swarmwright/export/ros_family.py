@@ -29,7 +29,7 @@ _SHARED = (
 _DEPENDENCY = re.compile(r"depend>(\w+)</")
 _ROBOT = "{robot}"
 """Stands for a robot's name in topics of a run."""
-_OWN = "exported"
+_RESERVED_NAME = "exported"
 """What a file of the package is called."""
 _SCALING = """\
 # Where a comment below has a range, -1 to 1 for LOW to HIGH, scale and offset convert between it and -1 to 1:
@@ -53,7 +53,7 @@ def values_of(subject: Subject, prefix: str) -> dict[str, str]:
         raise InputError(
             "controller: a parameter set steers no robot, so no node can run it; --to c writes its values"
         )
-    if prefix.lower() == _OWN:
+    if prefix.lower() == _RESERVED_NAME:
         raise InputError(f"prefix: {prefix!r} is a file of the package; take another one")
     return {
         "mark": MARK,

@@ -24,16 +24,16 @@ _FIRST_PARAMETER = 100
 _FIRST_METRIC = 10_000
 _FIRST_AGENT = 100_000
 _MOST_VARIABLES = 200_000
-_LARGEST = 2**31 - 1
+_LARGEST_INTEGER = 2**31 - 1
 """Of FMI 2.0's type Integer."""
 _UNITS = {"metres": "m", "seconds": "s", "radians": "rad", "metres per second": "m/s"}
 """Words of simulations, as FMUs name them."""
 _UNIT = re.compile(rf"\b({'|'.join(sorted(_UNITS, key=len, reverse=True))})\b")
 _NUMBER = r"-?\d(?:[\d,.]*\d)?"
 _LIMITS = re.compile(rf"(?<![\w.])({_NUMBER}) to ({_NUMBER})(?!\w)")
-_LEAST = re.compile(rf"\bat least ({_NUMBER})(?!\w)")
-"""Descriptions of the parameters of built-in simulations say unit and range in these words."""
-_LENGTHS = {"emergency_exit": "steps", "minisim": "maxSteps"}
+_AT_LEAST = re.compile(rf"\bat least ({_NUMBER})(?!\w)")
+"""How descriptions of the parameters of built-in simulations give limits, and a lower limit alone."""
+_STEP_LIMITS = {"emergency_exit": "steps", "minisim": "maxSteps"}
 """Parameters that say after how many steps an episode ends."""
 _TICK_S = 0.1
 """Of the arena."""
@@ -292,8 +292,8 @@ def _defaults(description: Mapping[str, Any]) -> dict[str, Any]:
 
 def _duration(title: str, parameters: Mapping[str, Any], start: Start) -> float | None:
     """Return the seconds after which any episode of a built-in simulation has ended; None where not known."""
-    if title in _LENGTHS:
-        steps = int(parameters[_LENGTHS[title]])
+    if title in _STEP_LIMITS:
+        steps = int(parameters[_STEP_LIMITS[title]])
     else:
         seconds = parameters["duration"] or _mission_seconds(parameters["mission"])
         if seconds is None:
@@ -315,7 +315,7 @@ def _with_limits(one: Parameter) -> Parameter:
     if one.kind not in ("integer", "number"):
         return one
     kind = int if one.kind == "integer" else float
-    found = _LIMITS.search(one.description) or _LEAST.search(one.description)
+    found = _LIMITS.search(one.description) or _AT_LEAST.search(one.description)
     numbers = [kind(number.replace(",", "")) for number in found.groups()] if found else []
     low, high = [*numbers, None, None][:2]
     # Of FMI's types only the real ones have a unit.
@@ -343,7 +343,7 @@ def _parameter(name: str, about: Mapping[str, Any], base: Mapping[str, Any]) -> 
     simple = about["type"] in ("integer", "number", "string", "boolean") and value is not None
     if simple and isinstance(value, bool):
         return Parameter(name, "flag", value, text)
-    if simple and about["type"] == "integer" and float(value).is_integer() and abs(value) <= _LARGEST:
+    if simple and about["type"] == "integer" and float(value).is_integer() and abs(value) <= _LARGEST_INTEGER:
         return Parameter(name, "integer", int(value), text)
     if simple and about["type"] in ("integer", "number"):
         return Parameter(name, "number", float(value), text)

@@ -34,7 +34,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LONGEST_NAME = 50
 """Characters."""
-_WIDTH = 100
+_LINE_CHARACTERS = 100
 """Characters of a line of code."""
 
 _C = (
@@ -250,7 +250,7 @@ def wrapped(items: Sequence[str], indent: str = "    ") -> str:
     """Return items with commas, in indented lines."""
     lines, line = [], indent
     for item in items:
-        if len(line) + len(item) + 1 > _WIDTH and line.strip():
+        if len(line) + len(item) + 1 > _LINE_CHARACTERS and line.strip():
             lines.append(line.rstrip())
             line = indent
         line += f"{item}, "

@@ -17,8 +17,25 @@ _MOST_STEPS = 4096
 """Of a state machine, until all rows were visited."""
 _RESTART = 64
 """Steps from reset to reset, at least."""
-_WITHIN = (0.0, 1.0, 0.5, 0.25, 0.75, 0.1, 0.95, 0.0625, 0.3, 0.6, 0.85, 0.4375, 0.71, 0.03, 0.9, 0.15)
-_NEGATIVE = (-1.0, -0.5, -0.25, -0.1, -0.75, -0.03)
+_VALUES_WITHIN_0_1 = (
+    0.0,
+    1.0,
+    0.5,
+    0.25,
+    0.75,
+    0.1,
+    0.95,
+    0.0625,
+    0.3,
+    0.6,
+    0.85,
+    0.4375,
+    0.71,
+    0.03,
+    0.9,
+    0.15,
+)
+_NEGATIVE_VALUES = (-1.0, -0.5, -0.25, -0.1, -0.75, -0.03)
 
 
 @dataclass(frozen=True)
@@ -46,7 +63,7 @@ def walk_of(subject: Subject) -> Walk:
     tried = (
         [_probes(one) for one in specification["thresholds"]]
         if machine
-        else [np.array([*_WITHIN, *_NEGATIVE], np.float32)]
+        else [np.array([*_VALUES_WITHIN_0_1, *_NEGATIVE_VALUES], np.float32)]
     )
     counts = [len(one) for one in tried] if machine else _counts(subject, len(tried[0]))
     begins = np.cumsum([0, *map(len, tried)])[:-1].tolist() if machine else [0] * sensors
@@ -81,7 +98,7 @@ def checksum(actuators: NDArray[np.float32]) -> int:
 def _counts(subject: Subject, probes: int) -> list[int]:
     counts = [probes] * int(subject.specification["sensors"])
     if subject.checks_random:
-        counts[RANDOM_SENSOR] = len(_WITHIN)
+        counts[RANDOM_SENSOR] = len(_VALUES_WITHIN_0_1)
     return counts
 
 

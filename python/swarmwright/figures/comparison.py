@@ -47,13 +47,13 @@ _SLANTED = 44
 """Characters of a name that is slanted, in one line."""
 _CHARACTER = 0.088
 """Inches that a character of a name needs."""
-_GAP = 0.2
+_NAME_GAP_INCHES = 0.2
 """Inches between two names."""
 _MARGINS = 0.2
 """Room beside the outer boxes, as a share of that of a box."""
-_BESIDE = 8.0
+_OTHER_WIDTH_INCHES = 8.0
 """Inches of the figure beside the boxes' axes: the curves, and labels of all axes."""
-_WIDEST = 6.0
+_LEVEL_NAMES_INCHES = 6.0
 """Inches of the boxes' axes beyond which their names are slanted."""
 _ROW = 3.8
 """Inches of the height of a task, where there are several."""
@@ -65,9 +65,9 @@ _AXIS = 24
 """Characters in a line of the label of a vertical axis, where there are several tasks."""
 _AXIS_ALONE = 46
 """The same where there is one task, whose axes are higher."""
-_LINE = 0.2
+_LEGEND_LINE_INCHES = 0.2
 """Inches of a line of the legend."""
-_CLEAR = 3
+_MOST_SHADED_GROUPS = 3
 """Groups up to which the worst and best runs are shaded as well; more would be illegible."""
 
 
@@ -101,8 +101,12 @@ def draw(
     least = 5.4 if len(rows) == 1 else _ROW
     slanted = sum(0.6 * _CHARACTER * max(map(len, one.names)) for one in names if one.slanted)
     entries = [_entry(one) for one in designs]
-    below = _LINE * sum(entry.count("\n") + 1 for entry in entries[::_COLUMNS]) if len(rows) > 1 else 0.0
-    figure = new_figure(_BESIDE + width, least * len(rows) + slanted + below)
+    below = (
+        _LEGEND_LINE_INCHES * sum(entry.count("\n") + 1 for entry in entries[::_COLUMNS])
+        if len(rows) > 1
+        else 0.0
+    )
+    figure = new_figure(_OTHER_WIDTH_INCHES + width, least * len(rows) + slanted + below)
     axes = figure.subplots(len(rows), 2, width_ratios=[6.0, width], squeeze=False)
     for (left, right), row, named in zip(axes, rows, names, strict=True):
         _row(comparison, row, named, left, right, [design_of[id(one)] for one in row], x)
@@ -139,7 +143,7 @@ def _row(
     indicator = comparison.indicator
     curve = partial(indicator_so_far, indicator) if indicator.has_curve else best_so_far
     for place, (one, design) in enumerate(zip(groups, designs, strict=True)):
-        extremes = len(comparison.groups) <= _CLEAR
+        extremes = len(comparison.groups) <= _MOST_SHADED_GROUPS
         drawn.append(_curve(left, one, design, x, curve, extremes=extremes))
         _final(right, one, place, design.number)
     zoom(left, drawn)
@@ -199,8 +203,8 @@ def _names(labels: Sequence[str]) -> _Names:
     """Return names of groups for below their boxes; those that would overlap are slanted."""
     lines = [[line for part in _PARTS.split(label) for line in _wrapped(part)] for label in labels]
     longest = max((len(line) for words in lines for line in words), default=0)
-    width = (len(labels) + _MARGINS) * (_CHARACTER * longest + _GAP)
-    if width <= _WIDEST:
+    width = (len(labels) + _MARGINS) * (_CHARACTER * longest + _NAME_GAP_INCHES)
+    if width <= _LEVEL_NAMES_INCHES:
         return _Names(["\n".join(words) for words in lines], slanted=False, width=max(width, 3.0))
     slanted = [shortened(label, _SLANTED) for label in labels]
     return _Names(slanted, slanted=True, width=max(0.42 * len(labels), 3.0))
@@ -227,7 +231,7 @@ def _meaning(groups: "tuple[Group, ...]") -> str:
     """Return what lines and shades of the curves mean; nothing where each group is one run."""
     if all(len(one.runs) == 1 for one in groups):
         return ""
-    shades = "dark: middle half · light: all" if len(groups) <= _CLEAR else "shaded: middle half"
+    shades = "dark: middle half · light: all" if len(groups) <= _MOST_SHADED_GROUPS else "shaded: middle half"
     return f"line: median of the runs · {shades}"
 
 

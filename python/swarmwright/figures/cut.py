@@ -6,9 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_FIRST = 0.1
-_SQUASHED = 1.5
-_FEW = 8  # points of a curve below which nothing is cut
+_BEGINNING_SHARE = 0.1
+"""Share of the x axis that is a curve's beginning, which may be cut."""
+_LARGEST_SPAN_RATIO = 1.5
+"""Up to how many times the span of the rest the whole axis is drawn uncut."""
+_FEWEST_POINTS = 8
+"""Points of a curve below which nothing is cut."""
 
 Values = NDArray[np.float64]
 
@@ -40,17 +43,17 @@ def cut(curves: Sequence[tuple[Values, Values, Values]]) -> Cut | None:
     lows, highs, leasts = [], [], []
     for x, bottom, top in curves:
         known = np.isfinite(bottom) & np.isfinite(top)
-        if np.count_nonzero(known) < _FEW:
+        if np.count_nonzero(known) < _FEWEST_POINTS:
             return None
-        later = known & (x >= x[known][0] + _FIRST * (x[known][-1] - x[known][0]))
+        later = known & (x >= x[known][0] + _BEGINNING_SHARE * (x[known][-1] - x[known][0]))
         lows.append(float(bottom[later].min()))
         highs.append(float(top[later].max()))
         leasts.append(float(bottom[known].min()))
     if not lows:
         return None
     low, high, least = min(lows), max(highs), min(leasts)
-    span = high / _SQUASHED - low / _SQUASHED  # neither overflows
-    if span <= 0 or (high / _SQUASHED - least / _SQUASHED) <= _SQUASHED * span:
+    span = high / _LARGEST_SPAN_RATIO - low / _LARGEST_SPAN_RATIO  # neither overflows
+    if span <= 0 or (high / _LARGEST_SPAN_RATIO - least / _LARGEST_SPAN_RATIO) <= _LARGEST_SPAN_RATIO * span:
         return None
-    spare = 0.1 * _SQUASHED * span
+    spare = 0.1 * _LARGEST_SPAN_RATIO * span
     return Cut(low - spare, high + spare, least)

@@ -15,7 +15,7 @@ _SHARES = {
     "percentage_xover": ("crossover", 0.30),
     "percentage_renew": ("renew", 0.05),
 }
-_FASTEST = 2.0
+_LARGEST_VELOCITY = 2.0
 """Largest step of a weight or bias in one generation of FREVO's PSO."""
 
 
@@ -103,7 +103,7 @@ def _map_pso(session: Session, mapped: Mapped) -> None:
     add(Line("perturb", "false", "FREVO moves the best particle as all others"))
     # Both are looked at again with the representation: what is read twice is taken once.
     reach = representation.take_number("weight_range", 2.0)
-    fastest = min(_FASTEST / (2 * reach), 1.0) if reach > 0 else 1.0
+    fastest = min(_LARGEST_VELOCITY / (2 * reach), 1.0) if reach > 0 else 1.0
     add(Line("reach", 1.0, "FREVO holds weights within weight_range, biases within bias_range"))
     add(Line("fastest", fastest, "FREVO moves nothing by more than 2; as a share of the range"))
     mapped.notes.append(

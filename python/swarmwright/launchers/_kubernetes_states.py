@@ -10,9 +10,9 @@ from swarmwright.launchers._kubernetes_manifests import INDEX, JOB
 
 Object = Mapping[str, Any]
 
-OVERDUE = 15.0
+OVERDUE_S = 15.0
 """Seconds beyond its grace after which a deleted pod that is still there has lost its node."""
-_HOPELESS = {
+_FATAL_REASONS = {
     "CreateContainerConfigError",
     "CreateContainerError",
     "ErrImageNeverPull",
@@ -74,7 +74,7 @@ def health(job: Object | None, index: int, pod: Object | None, refusal: str) -> 
     phase = status.get("phase")
     if phase in {"Succeeded", "Failed"}:
         return _ended(name, pod)
-    if deleted and (datetime.now(UTC) - datetime.fromisoformat(deleted)).total_seconds() > OVERDUE:
+    if deleted and (datetime.now(UTC) - datetime.fromisoformat(deleted)).total_seconds() > OVERDUE_S:
         node = pod.get("spec", {}).get("nodeName", "")
         return Health("ended", f"pod {name} was deleted; its node {node} does not end it")
     if phase == "Running":
@@ -90,7 +90,7 @@ def _pending(name: str, status: Object) -> Health:
         waits = one.get("state", {}).get("waiting") or {}
         reason = waits.get("reason", "")
         words = ": ".join(filter(None, [reason, waits.get("message")]))
-        if reason in _HOPELESS:
+        if reason in _FATAL_REASONS:
             return Health("ended", f"pod {name}: {words}")
         if waits.get("message"):
             return Health("waiting", words)

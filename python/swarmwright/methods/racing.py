@@ -15,9 +15,9 @@ from swarmwright.methods._race import Entrant, Race, Rules
 from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genomes
 
-_SAME = 1e-4
+_SAME_SHARE = 1e-4
 """Two candidates are practically the same when no number of theirs differs by more of its range."""
-_RARELY = 0.2
+_LARGEST_COPY_RATE = 0.2
 """How often a candidate of choices alone may equal its parent, at most."""
 
 
@@ -303,7 +303,9 @@ class Racing(Method):
         genes = self.representation.genome_size
         for one in self._elites:
             one.spread *= (1 / count) ** (1 / genes)
-            one.fresh = max(one.fresh * (1 - (self._number - 1) / self._races), 1 - _RARELY ** (1 / genes))
+            one.fresh = max(
+                one.fresh * (1 - (self._number - 1) / self._races), 1 - _LARGEST_COPY_RATE ** (1 / genes)
+            )
         new = self._sampled("racing.sample", count)
         if self.options.soft_restart and self._widen(new):
             new = self._sampled("racing.again", count)
@@ -350,12 +352,12 @@ def alike(rows: NDArray[np.float64]) -> NDArray[np.intp]:
     # Rows that are alike have sums that are near each other. accumulate adds in order, sum() as it likes.
     sums = np.add.accumulate(rows, axis=1)[:, -1]
     order = np.argsort(sums, kind="stable")
-    reach = _SAME * rows.shape[1] * (1 + 1e-9)
+    reach = _SAME_SHARE * rows.shape[1] * (1 + 1e-9)
     found: set[int] = set()
     ends = np.searchsorted(sums[order], sums[order] + reach, side="right")
     for place, end in enumerate(ends.tolist()):
         others = order[place + 1 : end]
-        near = others[(np.abs(rows[others] - rows[order[place]]) <= _SAME).all(axis=1)]
+        near = others[(np.abs(rows[others] - rows[order[place]]) <= _SAME_SHARE).all(axis=1)]
         if len(near):
             found.update([int(order[place]), *near.tolist()])
     return np.array(sorted(found), dtype=np.intp)

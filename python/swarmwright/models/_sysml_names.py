@@ -18,7 +18,7 @@ _OF_LIBRARY = frozenset(
 )
 """What is often used of them without the package's name."""
 _WITH_MEMBERS = frozenset({"item", "package", "part", "port"})
-_DEEPEST = 50
+_MOST_STEPS = 50
 """Steps over types, imports and aliases to where a member is defined."""
 
 Path = tuple[str, ...]
@@ -106,7 +106,7 @@ class Names:
     def _member(self, scope: Path, name: str, depth: int) -> Feature | None:
         """Return what has a name in a body: its own, by an alias, imported or inherited; None for nothing."""
         key = (scope, name)
-        if key not in self._known and depth < _DEEPEST:
+        if key not in self._known and depth < _MOST_STEPS:
             self._known[key] = None
             self._known[key] = self._looked_up(scope, name, depth + 1)
         return self._known.get(key)

@@ -9,7 +9,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
 
 _LARGEST_FILE_BYTES = 1 << 24
-_DEEPEST = 50
+_DEEPEST_NESTING = 50
 """Levels of nesting."""
 _WITH_COMMENT = frozenset({"comment", "doc", "rep"})
 """Words of statements that end with a comment."""
@@ -101,8 +101,8 @@ def _block(tokens: list[Token], at: int, path: Path, depth: int) -> tuple[list[S
                 found.append(Statement(words, words[0].line, token.end))
                 words = []
         elif token.text == "{":
-            if depth >= _DEEPEST:
-                raise InputError(f"{path}:{token.line}: nested more than {_DEEPEST} deep")
+            if depth >= _DEEPEST_NESTING:
+                raise InputError(f"{path}:{token.line}: nested more than {_DEEPEST_NESTING} deep")
             body, at = _block(tokens, at, path, depth + 1)
             if at >= len(tokens):
                 raise InputError(f"{path}:{token.line}: is not valid SysML: '{{' is not closed")

@@ -13,7 +13,8 @@ from swarmwright.optimization.generation import Generation
 from swarmwright.optimization.rate import Rate
 from swarmwright.store import StoreReader
 
-_MOST = 10**15  # evaluations, where there is no limit
+_UNLIMITED_EVALUATIONS = 10**15
+"""Evaluations that stand for no limit of them."""
 
 
 class Account:
@@ -77,7 +78,9 @@ class Account:
     @property
     def most(self) -> int:
         """How many candidates are evaluated in the whole run, at most."""
-        return min(self._method.budget, self._budget.evaluations or _MOST, _MOST)
+        return min(
+            self._method.budget, self._budget.evaluations or _UNLIMITED_EVALUATIONS, _UNLIMITED_EVALUATIONS
+        )
 
     def expected_generations(self, generations: int | None = None) -> int:
         """Return how many the run will have, as far as it can be told after these, by default the stored."""

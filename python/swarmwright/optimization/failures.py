@@ -19,7 +19,7 @@ from swarmwright.store.rows import AttemptEntry
 _log = logging.getLogger("swarmwright")
 _UNATTRIBUTED = "an evaluation failed after "
 """How the pool's warning of a failed evaluation begins: engine/pool/src/scheduler/attribution.rs."""
-_MOST = 10
+_MOST_NAMED = 10
 """Failures that are named, of those that are reported together."""
 
 
@@ -81,11 +81,11 @@ class Failures:
         warnings = [one for one in results.journal.warnings if not one.text.startswith(_UNATTRIBUTED)]
         warnings += [
             WarningEntry(f"{one.text(seeds)}: {one.last.error}", one.candidate, time=one.time)
-            for one in failures[:_MOST]
+            for one in failures[:_MOST_NAMED]
         ]
-        if len(failures) > _MOST:
+        if len(failures) > _MOST_NAMED:
             warnings.append(
-                WarningEntry(f"{len(failures) - _MOST} more episodes of this generation failed as well")
+                WarningEntry(f"{len(failures) - _MOST_NAMED} more episodes of this generation failed as well")
             )
         return dataclasses.replace(results, journal=Journal(results.journal.attempts, warnings))
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 _GENERATIONS = 5
 """After so many equal fitness is warned of; that of sparse rewards may still be equal in the first."""
-_WIDEST = 1e100
+_LARGEST_RATIO = 1e100
 """Ratio of the largest to the smallest fitness of a generation that no simulation is expected to have."""
 
 _LOGGER = logging.getLogger("swarmwright")
@@ -79,7 +79,7 @@ class FitnessChecks:
         if not sizes.size:
             return True
         low, high = float(sizes.min()), float(sizes.max())
-        if low >= high / _WIDEST:
+        if low >= high / _LARGEST_RATIO:
             return True
         _LOGGER.warning(
             "the fitness of generation %d has sizes from %.3g to %.3g: a server may send its numbers in "

@@ -25,7 +25,7 @@ from swarmwright.optimization.evaluators import evaluator_of
 from swarmwright.optimization.failures import Failures
 from swarmwright.optimization.fitness_checks import FitnessChecks
 from swarmwright.optimization.generation import OnGeneration, Told
-from swarmwright.optimization.memory import LARGE, candidates, progress
+from swarmwright.optimization.memory import LARGE_POPULATION, candidates, progress
 from swarmwright.optimization.recorder import Recorder
 from swarmwright.optimization.strayed import strayed
 from swarmwright.optimization.two_simulations import needed_columns
@@ -64,7 +64,7 @@ class Loop:
         self._recorder = Recorder(store, self._account)
         self._asked = 0
         self._next: tuple[Genomes, list[int]] | None = None  # asked for and not evaluated yet
-        self._large = candidates(experiment) >= LARGE
+        self._large = candidates(experiment) >= LARGE_POPULATION
         self._ahead: Ahead | None = None  # where the engine evolves by itself
 
     @property

@@ -10,10 +10,11 @@ from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations import Representation
 
-LARGE = 100_000
+LARGE_POPULATION = 100_000
 """Candidates of a generation from which on slow steps are logged."""
 _COPIES = 4  # of each genome at a time: asked for, its weights, the method's, the record's
-_BESIDE = 200  # bytes of a candidate beside its genes and results
+_OTHER_BYTES = 200
+"""Bytes of a candidate without its genes and results."""
 progress = logging.getLogger("swarmwright.progress")
 """Logger of slow steps; the command line shows it, other programs may."""
 
@@ -24,11 +25,11 @@ def check_memory(experiment: Experiment, representation: Representation) -> None
     Raises InputError when not even the genomes fit.
     """
     count = candidates(experiment)
-    if count < LARGE:
+    if count < LARGE_POPULATION:
         return
     episodes = _numbers(experiment)
     genomes = count * representation.genome_size * 4
-    needed = _COPIES * genomes + count * (16 * episodes + _BESIDE)
+    needed = _COPIES * genomes + count * (16 * episodes + _OTHER_BYTES)
     free = available()
     what = f"{count:,} candidates with {representation.genome_size:,} genes each"
     if free is None:

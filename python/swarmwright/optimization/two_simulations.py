@@ -34,7 +34,7 @@ from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
 from swarmwright.user_code.permission import require_named
 
-_SLOW = "slow: "
+_SLOW_PREFIX = "slow: "
 """Before the names of launchers of the slow simulation."""
 
 
@@ -110,7 +110,7 @@ class TwoSimulations:
 
     def server_use(self) -> ServerUses:
         """Return the use of the servers of each launcher; those of the slow simulation are apart."""
-        slow = {f"{_SLOW}{name}": use for name, use in self.slow.server_use().items()}
+        slow = {f"{_SLOW_PREFIX}{name}": use for name, use in self.slow.server_use().items()}
         return {**self.fast.server_use(), **slow}
 
     def incidents(self) -> dict[str, int]:
@@ -164,7 +164,9 @@ def open_simulations(
         where.pop("broker", None)
     places = [_place(experiment, broker, servers), _place(there, where.get("broker"), where.get("servers"))]
     _require_apart(experiment, there, target, places)
-    apart = {name.removeprefix(_SLOW): use for name, use in earlier.items() if name.startswith(_SLOW)}
+    apart = {
+        name.removeprefix(_SLOW_PREFIX): use for name, use in earlier.items() if name.startswith(_SLOW_PREFIX)
+    }
     with ExitStack() as stack:
         fast = stack.enter_context(
             open_backend(

@@ -16,7 +16,8 @@ from swarmwright.rankings._base import Ranking, RankingOptions
 from swarmwright.typing import Fitness
 
 Episodes = NDArray[np.float64]
-_MOST = sys.float_info.max
+_LARGEST_FLOAT = sys.float_info.max
+"""Of binary64: fitness is kept finite."""
 Rounds = Generator[tuple[NDArray[np.intp], slice], Episodes, Fitness]
 """Yields candidates and the episodes that they go through, takes what came out; returns their fitness."""
 
@@ -138,8 +139,10 @@ class Race(Ranking):
                 if leading[rows[0]]:
                     values = own
                 else:
-                    easier = np.clip(reference - _mean(episodes[leading, :upto]), -_MOST, _MOST)
-                    values = np.clip(own + _mean(easier[np.newaxis])[0], -_MOST, _below(least))
+                    easier = np.clip(
+                        reference - _mean(episodes[leading, :upto]), -_LARGEST_FLOAT, _LARGEST_FLOAT
+                    )
+                    values = np.clip(own + _mean(easier[np.newaxis])[0], -_LARGEST_FLOAT, _below(least))
                 fitness[rows] = values + 0.0
                 least = min(least, float(np.min(values)))
         return fitness
@@ -151,7 +154,7 @@ class Race(Ranking):
 
 def _below(value: float) -> float:
     """Return the next smaller number; of the least one, and of what is not finite, the same."""
-    return max(math.nextafter(value, -math.inf), -_MOST) if math.isfinite(value) else value
+    return max(math.nextafter(value, -math.inf), -_LARGEST_FLOAT) if math.isfinite(value) else value
 
 
 def _compared(scores: Episodes, test: Test) -> Episodes:

@@ -17,7 +17,7 @@ METRIC = "slow_fitness"
 """The metric of the record that has the fitness in the slow simulation, NaN where a candidate has none."""
 Episodes = NDArray[np.float64]
 
-_MARGIN = 2.0**-30
+_MARGIN_SHARE = 2.0**-30
 """Share of a limit into which what is above it is moved; its precision leaves as much for differences."""
 _SMALLEST = 2.0**-900
 """Limits nearer to zero have the margin of this."""
@@ -136,7 +136,7 @@ def kept_below(values: Fitness, limit: float) -> Fitness:
     how far they are above its lower end. So those of several generations with the same limit are in order,
     too, and the best of them changes as it would without a limit.
     """
-    margin = max(abs(limit), _SMALLEST) * _MARGIN
+    margin = max(abs(limit), _SMALLEST) * _MARGIN_SHARE
     end = limit - margin
     moved = values > end
     distinct, places = np.unique(values[moved], return_inverse=True)

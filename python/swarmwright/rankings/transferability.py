@@ -20,7 +20,7 @@ from swarmwright.typing import Fitness
 
 Values = NDArray[np.float64]
 
-_SAME = 1e-200
+_SMALLEST_SQUARED_DISTANCE = 1e-200
 """Squared distance below which candidates are at one place: the weight of a smaller one could be infinite."""
 
 
@@ -201,7 +201,7 @@ def _distances(known: _Known, places: Values, others: Values) -> Values:
 
 def _predicted(known: _Known, squares: Values) -> Values:
     """Return the disparities of candidates, (candidates,), by their squared distances from known ones."""
-    same = squares < _SAME
+    same = squares < _SMALLEST_SQUARED_DISTANCE
     weights = np.where(same.any(axis=1, keepdims=True), same, 1 / np.where(same, 1.0, squares))
     sums = np.add.accumulate(weights, axis=1)[:, -1]
     found: Values = np.add.accumulate(weights * known.disparities, axis=1)[:, -1] / sums

@@ -13,7 +13,7 @@ from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.store.database import FILE as STORE
 
 FILE = "fitness.png"
-_LONGEST = 60.0
+_LONGEST_DRAWING_S = 60.0
 """Seconds until a drawing process is abandoned."""
 
 _DELAY = 0.05
@@ -63,7 +63,7 @@ def wait() -> None:
             _start()
         while _process is not None:
             try:
-                _process.wait(_LONGEST)
+                _process.wait(_LONGEST_DRAWING_S)
             except subprocess.TimeoutExpired:
                 _process.kill()
                 _process.wait()

@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 
 EPISODES = 100
 """Episodes of a post-evaluation, unless another number is given."""
-_FIRST = 1_000_000_000  # far from the seeds that runs use
+_HELD_OUT_OFFSET = 1_000_000_000
+"""Of held-out seeds from `parameters.seed`: far from the seeds that evolution uses."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -433,7 +434,7 @@ def unseen_seeds(first: int, used: set[int], count: int, begin: int | None = Non
 
     Default of `begin`: parameters.seed, which is `first`, + 10**9.
     """
-    seed = begin if begin is not None else first + _FIRST if first < 2**62 else first - 2**61
+    seed = begin if begin is not None else first + _HELD_OUT_OFFSET if first < 2**62 else first - 2**61
     seeds: list[int] = []
     while len(seeds) < count:
         if seed not in used:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _MOST_CHANGED = 6
 """Changed parameters that a page lists."""
-_LONGEST = 40
+_VALUE_CHARACTERS = 40
 """Characters of a value there."""
 
 
@@ -296,7 +296,7 @@ def _short(value: Any) -> str:  # noqa: ANN401 - any value of a file
     if value is _NONE:
         return "not given"
     text = value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+    return text if len(text) <= _VALUE_CHARACTERS else f"{text[: _VALUE_CHARACTERS - 1]}…"
 
 
 def _was(value: Any) -> str:  # noqa: ANN401 - any value of a file

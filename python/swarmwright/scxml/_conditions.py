@@ -18,9 +18,9 @@ Thresholds = dict[int, list[float]]
 
 _MOST_CHARACTERS = 10_000
 """Of a condition."""
-_DEEPEST = 100
+_DEEPEST_NESTING = 100
 """Levels of parentheses."""
-_LARGEST = float(np.finfo(np.float32).max)
+_LARGEST_BINARY32 = float(np.finfo(np.float32).max)
 _WORDS = {"&&": " and ", "||": " or ", "!==": "!=", "===": "==", "true": " True ", "false": " False "}
 _WORD = re.compile(r"&&|\|\||!==|!=|===|!|\btrue\b|\bfalse\b")
 _STRING = re.compile(r"'[^']*'|\"[^\"]*\"")
@@ -117,7 +117,7 @@ def _negated_and_compared(text: str) -> str | None:
 def constant(node: ast.expr, constants: Mapping[str, float], depth: int = 0) -> float:
     """Return the value of an expression of numbers. Raises ConditionError where it is another one."""
     value = math.nan
-    if depth > _DEEPEST:
+    if depth > _DEEPEST_NESTING:
         raise ConditionError("is nested too deeply")
     match node:
         case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
@@ -135,7 +135,7 @@ def constant(node: ast.expr, constants: Mapping[str, float], depth: int = 0) -> 
                 raise ConditionError(f"{ast.unparse(node)!r} divides by zero") from None
         case _:
             raise ConditionError(f"{ast.unparse(node)!r} found, expected a number")
-    if not math.isfinite(value) or abs(value) > _LARGEST:
+    if not math.isfinite(value) or abs(value) > _LARGEST_BINARY32:
         raise ConditionError(f"{ast.unparse(node)!r} is not a finite number")
     return value
 
@@ -153,7 +153,7 @@ def condition(
 
     Raises ConditionError where it is not made of comparisons of a sensor with a number.
     """
-    if depth > _DEEPEST:
+    if depth > _DEEPEST_NESTING:
         raise ConditionError("is nested too deeply")
     match node:
         case ast.Constant(value=bool() as value):

@@ -23,7 +23,7 @@ _LARGEST_COUNT = 1_000_000
 _MOST_STEPS = 10**15
 """Steps of an episode."""
 _DETERMINISMS = ("bitwise", "statistical", "none")
-_ALIKE = 0.85
+_MISSPELT_LIKENESS = 0.85
 """From which likeness on an attribute is taken for another one that is misspelt, 1 being the same."""
 
 
@@ -160,7 +160,7 @@ def misspelt(kind: type[Described]) -> list[str]:
     for name, value in given.items():
         if name.startswith("_") or hasattr(base, name):
             continue
-        alike = get_close_matches(name, known, 1, _ALIKE)
+        alike = get_close_matches(name, known, 1, _MISSPELT_LIKENESS)
         if alike and _sort(value) == _sort(known[alike[0]]):
             found.append(
                 f"{kind.__name__}.{name}: is not an attribute of {base.__name__}, and has no effect by "

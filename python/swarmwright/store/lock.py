@@ -19,7 +19,7 @@ experiment.yaml: editors put a new file in its place, whose lock is free.
 """
 _PATIENCE = 0.5
 """Seconds for which a process that only tests the lock may hold it."""
-_HELD: set[Path] = set()
+_HELD_LOCKS: set[Path] = set()
 """Locks that this process has."""
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 _NO_RIGHT = {errno.EACCES, errno.EPERM, errno.EROFS}
@@ -55,7 +55,7 @@ class Lock:
                 raise InputError(_unlockable(folder, error)) from error
             if locked:
                 self._file = file
-                _HELD.add(self._path)
+                _HELD_LOCKS.add(self._path)
                 self.folder = self._held()
                 """File descriptor of the folder, wherever it is moved."""
                 return
@@ -79,7 +79,7 @@ class Lock:
         os.close(self.folder)
 
     def _release(self) -> None:
-        _HELD.discard(self._path)
+        _HELD_LOCKS.discard(self._path)
         with suppress(OSError):
             # Delete before releasing: a process that has opened it meanwhile notices, and creates a new file.
             if _is_still(self._file, self._path):
@@ -126,7 +126,7 @@ def _taken(folder: Path) -> InputError:
 
 def who_else(folder: Path) -> str:
     """Return what has locked a run: another process, or this one, such as another thread of it."""
-    return "another part of this process" if folder.absolute() / LOCK in _HELD else "another process"
+    return "another part of this process" if folder.absolute() / LOCK in _HELD_LOCKS else "another process"
 
 
 def is_locked(folder: Path) -> bool:

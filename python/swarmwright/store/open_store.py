@@ -16,7 +16,7 @@ from typing import Self
 from swarmwright.core.errors import RunError
 from swarmwright.store.database import FILE, NEW, SAMPLES, connect, create, errors, reopen, version_of
 
-_LONGEST = 60.0
+_LONGEST_WAIT_S = 60.0
 """Seconds for which the end of the process waits for the disk."""
 
 
@@ -165,7 +165,7 @@ def _flush_now(file: Path, done: "_thread.LockType") -> None:
 
 @atexit.register
 def _wait() -> None:
-    deadline = time.monotonic() + _LONGEST
+    deadline = time.monotonic() + _LONGEST_WAIT_S
     with suppress(_NoLongerError), _signals_end_the_wait():
         for done in list(_unfinished):
             done.acquire(timeout=max(0.0, deadline - time.monotonic()))

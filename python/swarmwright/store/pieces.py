@@ -11,7 +11,7 @@ from swarmwright.store.blocks import Record
 from swarmwright.store.database import connect_to_read, errors, reading_on
 from swarmwright.store.generations import Generations, Row
 
-_HELD = 1 << 24
+_PIECE_BYTES = 1 << 24
 """Bytes of evaluations that are read at once, about: of larger generations, and after the first ones of small
 generations."""
 
@@ -58,9 +58,9 @@ def evaluations(
         size, large = 0, None
         with begin() as connection:
             generations = opened(connection)
-            while left and large is None and size <= _HELD:
+            while left and large is None and size <= _PIECE_BYTES:
                 row = left.popleft()
-                found = generations.compared(row, _HELD)
+                found = generations.compared(row, _PIECE_BYTES)
                 if found is None:
                     large = row
                 else:

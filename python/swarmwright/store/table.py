@@ -23,7 +23,7 @@ def pyarrow(what: str) -> Any:  # noqa: ANN401 - a module
     return pa
 
 
-_OTHERS = frozenset(
+_OTHER_COLUMNS = frozenset(
     {"generation", "candidate", "recorded", "seed", "fitness", "episode", "episodes", "genome"}
 )
 """Names of the other columns in tables of a record or a validation."""
@@ -31,7 +31,7 @@ _OTHERS = frozenset(
 
 def column_of(metric: str) -> str:
     """Return what the column of a metric is called: its name, after metric_ where another one has it."""
-    return f"metric_{metric}" if metric in _OTHERS else metric
+    return f"metric_{metric}" if metric in _OTHER_COLUMNS else metric
 
 
 class RecordTable(Record, dict[str, Column]):  # noqa: PLW1641 - arrays have no hash

@@ -38,13 +38,13 @@ from swarmwright.user_code.permission import remember
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
 
-_TOGETHER = 0.02
+_COMMIT_INTERVAL_S = 0.02
 """Seconds within which generations are written in one transaction."""
-_SOME = 32
+_WORTHWHILE_GENERATIONS = 32
 """Generations that are worth a transaction while there is nothing else to do."""
-_MUCH = 1 << 20
+_LARGEST_UNWRITTEN_BYTES = 1 << 20
 """Bytes of genomes and results that are written at once all the same: memory used soon again is cached."""
-_DRAFT = 1.0
+_DRAFT_S = 1.0
 """Seconds for which a new store is a draft, which the end of the process at any moment would take."""
 
 
@@ -218,7 +218,7 @@ class StoreWriter:
         self._bytes += evaluated.episodes.nbytes + evaluated.metrics.nbytes
         if not isinstance(evaluated.genomes, _engine.Sample):
             self._bytes += evaluated.genomes.nbytes
-        if self._bytes >= _MUCH or now - self._written >= _TOGETHER:
+        if self._bytes >= _LARGEST_UNWRITTEN_BYTES or now - self._written >= _COMMIT_INTERVAL_S:
             self._flush()
         self.keep_soon()
 
@@ -227,7 +227,7 @@ class StoreWriter:
 
         Raises RunError as `commit`.
         """
-        if len(self._finished) >= _SOME:
+        if len(self._finished) >= _WORTHWHILE_GENERATIONS:
             self._flush()
 
     @property
@@ -237,7 +237,7 @@ class StoreWriter:
 
     def keep_soon(self) -> None:
         """End the draft when its time is over; called from time to time. Raises RunError as `commit`."""
-        if self._store.draft and time.monotonic() - self._started >= _DRAFT:
+        if self._store.draft and time.monotonic() - self._started >= _DRAFT_S:
             self.keep()
 
     def keep(self) -> None:

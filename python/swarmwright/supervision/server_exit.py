@@ -8,7 +8,7 @@ from pathlib import Path
 
 from swarmwright.core.tracebacks import is_installed, shown
 
-_OUTSIDE = {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
+_EXTERNAL_SIGNALS = {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
 """Signals by which people, and systems that run out of memory, end processes."""
 
 _FATAL = "Fatal Python error"
@@ -16,8 +16,8 @@ _THREAD = re.compile(r"(Current thread|Thread) 0x")
 _LATE = re.compile(r"(.+?)((?:Current thread|Thread) 0x[0-9a-f]+.* \(most recent call first\):)")
 """The first line of a stack behind what was written without the end of a line, such as a question."""
 _FRAME = re.compile(r'\s+File "(?P<file>[^"]+)", line (?P<line>\d+) in (?P<name>.+)')
-_OURS = Path(__file__).parents[1]
-_HOST = str(_OURS / "simulations" / "host.py")
+_PACKAGE = Path(__file__).parents[1]
+_HOST = str(_PACKAGE / "simulations" / "host.py")
 
 
 def signal_name(number: int) -> str:
@@ -47,7 +47,7 @@ class ServerExit:
     @property
     def outside(self) -> bool:
         """Whether it was ended from outside, by a user or the system."""
-        return self.hung is None and -self.status in _OUTSIDE
+        return self.hung is None and -self.status in _EXTERNAL_SIGNALS
 
     @property
     def how(self) -> str:
@@ -63,7 +63,7 @@ class ServerExit:
         """In which function and line of the user's code: ` in step (gather.py:12)`; empty when unknown."""
         frames = [match for line in self.stack if (match := _FRAME.fullmatch(line))]
         mine = [frame for frame in frames if not is_installed(frame["file"])] or frames
-        if not mine or Path(mine[0]["file"]).is_relative_to(_OURS):  # which only waits, for whatever it is
+        if not mine or Path(mine[0]["file"]).is_relative_to(_PACKAGE):  # which only waits, for whatever it is
             return ""
         return f" in {mine[0]['name']} ({shown(mine[0]['file'])}:{mine[0]['line']})"
 

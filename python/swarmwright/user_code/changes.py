@@ -16,7 +16,7 @@ from swarmwright.user_code.parts import Part, Source, is_plug_in, of_plug_in, of
 
 LINES = 60
 """Of a difference, at most."""
-_WIDTH = 200
+_SHOWN_CHARACTERS = 200
 """Characters of a line that are shown."""
 
 
@@ -179,7 +179,7 @@ def _unified(old: bytes, new: bytes, before: str, after: str) -> list[str]:
 def _printable(line: str) -> str:
     """Return a line without terminal control characters: the copy may come from anywhere."""
     clean = "".join(sign if sign.isprintable() or sign == "\t" else "\ufffd" for sign in line)
-    return clean if len(clean) <= _WIDTH else f"{clean[:_WIDTH]} .."
+    return clean if len(clean) <= _SHOWN_CHARACTERS else f"{clean[:_SHOWN_CHARACTERS]} .."
 
 
 def near(path: Path) -> Path:

@@ -13,7 +13,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code.imports import Walk
 
-_LARGEST = 1 << 26
+_LARGEST_FILE_BYTES = 1 << 26
 """Bytes of a file that is followed; larger ones do not belong to a simulation."""
 _SYSTEM = ("/usr", "/bin", "/lib", "/sbin", "/etc", "/dev", "/proc")
 
@@ -59,7 +59,7 @@ def digest(options: Definition) -> str:
 def _belongs(path: Path) -> bool:
     """Whether a file is the user's, and not an installed program."""
     installed = path.parent.name in {"bin", "sbin"} or str(path.resolve()).startswith(_SYSTEM)
-    return not installed and path.stat().st_size <= _LARGEST
+    return not installed and path.stat().st_size <= _LARGEST_FILE_BYTES
 
 
 def _named(options: Definition, here: Path) -> Iterator[Path]:

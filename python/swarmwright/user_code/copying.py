@@ -20,7 +20,8 @@ from swarmwright.user_code.parts import Part, part_of
 FOLDER = "code"
 """Where copies lie in a run folder, one in a folder for each version: 1, 2, .."""
 _MANIFEST = "manifest.json"
-_LARGEST = 1 << 28  # bytes
+_LARGEST_FILE_BYTES = 1 << 28
+"""Bytes of one file of a copy."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class Copy:
         """Return the copy of a file. Raises InputError when it is not what was copied."""
         path = self.folder / kept.name / place
         try:
-            data = read_bytes(path, _LARGEST)
+            data = read_bytes(path, _LARGEST_FILE_BYTES)
         except OSError as error:
             raise InputError(
                 f"{path}: this copy of the run's code cannot be read: {error.strerror}"

@@ -9,7 +9,7 @@ from pathlib import Path
 from swarmwright.core.errors import InputError
 from swarmwright.user_code.parts import Part, Source
 
-LARGEST = 1 << 28
+LARGEST_BYTES = 1 << 28
 """Bytes of all files of a simulation."""
 _OF_A_RUN = ("run.sqlite", "run.sqlite.new")
 """By which a run folder is known."""
@@ -66,7 +66,7 @@ def with_data(part: Part, patterns: Sequence[str]) -> Part:
         size = sum(path.stat().st_size for path in places.values())
     except OSError as error:
         raise InputError(f"servers: files: {error.filename}: cannot be read: {error.strerror}") from error
-    if size > LARGEST:
+    if size > LARGEST_BYTES:
         raise too_large(size)
     data = {place: Source(path, read(path)) for place, path in places.items()}
     return dataclasses.replace(
@@ -80,7 +80,7 @@ def with_data(part: Part, patterns: Sequence[str]) -> Part:
 def too_large(size: int) -> InputError:
     """Return the error for files of so many bytes."""
     return InputError(
-        f"servers: files: {size >> 20} MiB are more than {LARGEST >> 20}; copy them to the servers' "
+        f"servers: files: {size >> 20} MiB are more than {LARGEST_BYTES >> 20}; copy them to the servers' "
         "machines and name their folder with the option code"
     )
 

@@ -178,7 +178,7 @@ def kept(count: int) -> PictureRecording:
 
 
 def test_long_episodes_are_thinned_and_keep_their_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recording, "MOST", 10)
+    monkeypatch.setattr(recording, "MOST_PICTURES", 10)
     for count in (0, 1, 9, 10, 57, 100):
         pictures = kept(count)
         assert len(pictures.pictures) <= 11

@@ -257,9 +257,9 @@ def test_what_takes_long_is_left_to_the_user(
     assert shared_indicators(archives) == quick_indicators(archives) == ("qd_score", "coverage")
     assert shared_indicators([*fronts, *archives]) == ()
     largest = max(len(run.elites.candidates) for run in fronts)
-    monkeypatch.setattr(indicators, "_QUICK", {3: largest})
+    monkeypatch.setattr(indicators, "_QUICK_FRONT_SIZES", {3: largest})
     assert quick_indicators(fronts) == ("hypervolume",)
-    monkeypatch.setattr(indicators, "_QUICK", {3: largest - 1})
+    monkeypatch.setattr(indicators, "_QUICK_FRONT_SIZES", {3: largest - 1})
     assert quick_indicators(fronts) == ()
     for reference in (None, {"fitness": -9.0, "steps": 99.0, "distance": 99.0}):
         found = compare(fronts, by="hypervolume", reference=reference)

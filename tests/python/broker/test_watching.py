@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from swarmwright.broker.watching import FORGET, STALE, Watch, words
+from swarmwright.broker.watching import FORGET, STALE_S, Watch, words
 
 Json = dict[str, Any]
 TOOL = "swarmwright@lab/1/00ff"
@@ -85,7 +85,7 @@ def test_a_server_whose_tool_has_ended_is_named(watch: Watch) -> None:
 def test_a_server_is_reserved_for_a_tool_that_was_never_heard(watch: Watch, clock: Clock) -> None:
     watch.update(presence(1))
     assert not watch.view().abandoned
-    clock.now += STALE + 0.1
+    clock.now += STALE_S + 0.1
     assert watch.view().abandoned
     watch.update(presence(1, "ready", None))
     assert not watch.view().abandoned
@@ -104,7 +104,7 @@ def test_what_a_tool_said_long_ago_blames_no_server(watch: Watch, clock: Clock) 
     watch.update(presence(1))
     watch.update(status(work(1, 3.0)))
     assert watch.view().blocking is not None
-    clock.now += STALE + 1
+    clock.now += STALE_S + 1
     view = watch.view()
     assert view.blocking is None
     assert view.servers[0].doing == []

@@ -106,7 +106,7 @@ def test_values_of_a_yaml_file_are_counted_while_it_is_read(
         return compose(self, *place)
 
     monkeypatch.setattr(yaml._Composer, "compose_node", counted)
-    monkeypatch.setattr(yaml, "_LARGEST", 100)
+    monkeypatch.setattr(yaml, "_MOST_VALUES", 100)
     (tmp_path / "x.yaml").write_text("a: [" + "1," * 10_000 + "]\n")
     with pytest.raises(InputError, match=r"x\.yaml: .*more than 100 values"):
         yaml.read(tmp_path / "x.yaml")

@@ -80,7 +80,7 @@ def test_elements_are_counted_and_text_is_put_together_at_once(
     path = tmp_path / "x.xml"
     path.write_text("<a>" + "b&lt;\n" * 100_000 + "</a>")
     assert read(path).text == "b<\n" * 100_000
-    monkeypatch.setattr(xml, "_MOST", 100)
+    monkeypatch.setattr(xml, "_MOST_NODES", 100)
     path.write_text("<a>" + "<b/>" * 99 + "</a>")
     assert len(read(path).children) == 99
     path.write_text('<a c="d">' + "<b/>" * 99 + "</a>")

@@ -83,7 +83,7 @@ def test_whole_episodes_have_the_engines_fitness(form: str, monkeypatch: pytest.
     expected, _ = evaluated(Controllers(subject.architecture(), weights), seeds)
     other = Controllers(in_python(subject.architecture()), weights)
     assert evaluated(other, seeds)[0].tobytes() == expected.tobytes()
-    monkeypatch.setattr(python_modules, "TOGETHER", 7)  # parts that do not fit evenly
+    monkeypatch.setattr(python_modules, "LANES", 7)  # parts that do not fit evenly
     assert evaluated(other, seeds)[0].tobytes() == expected.tobytes()
     assert len(np.unique(expected)) > 5
 

@@ -85,7 +85,7 @@ def test_generations_are_written_while_others_are_waited_for(
 ) -> None:
     """As many as are worth a transaction."""
     run = optimize(EXPERIMENT.replace(method={"generations": 33}), out=tmp_path / "run")
-    monkeypatch.setattr(writer, "_TOGETHER", 1e9)
+    monkeypatch.setattr(writer, "_COMMIT_INTERVAL_S", 1e9)
     written = []
     with StoreWriter.create(tmp_path / "again", run.experiment, run.metrics) as store:
         store.begin("here")
@@ -107,7 +107,7 @@ def test_facts_are_written_with_what_comes_next(tmp_path: Path, monkeypatch: pyt
         read = store.reader()
         assert (read.ended(), read.validation()) == ("target", {"state": "due"})
         # A validation may take long: when the second of the draft is over, it ends.
-        monkeypatch.setattr(writer, "_DRAFT", 0.0)
+        monkeypatch.setattr(writer, "_DRAFT_S", 0.0)
         store.note_validation({"state": "none"})
         assert StoreReader(tmp_path / "again").validation() == {"state": "none"}
         assert read.validation() == {"state": "none"}

@@ -86,7 +86,7 @@ def test_a_run_that_is_moved_in_its_first_second_can_be_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: bool
 ) -> None:
     if not written:
-        monkeypatch.setattr(writer, "_TOGETHER", 600.0)
+        monkeypatch.setattr(writer, "_COMMIT_INTERVAL_S", 600.0)
     whole = optimize(IN_PROCESS, out=tmp_path / "whole")
     folder, moved = tmp_path / "run", tmp_path / "moved"
     store = StoreWriter.create(folder, whole.experiment, whole.metrics)

@@ -26,7 +26,7 @@ def test_memory_does_not_grow_with_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, population: int
 ) -> None:
     monkeypatch.setattr(blocks, "_BLOCK", block)
-    monkeypatch.setattr(pieces, "_HELD", 1 << 20)
+    monkeypatch.setattr(pieces, "_PIECE_BYTES", 1 << 20)
     run = _run(tmp_path / "run", "nnga", LARGE, population=population, generations=192 // population)
     whole = run.record.genomes.nbytes
     assert whole > 12 << 20
@@ -45,7 +45,7 @@ def test_the_pieces_are_the_record(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, held: int
 ) -> None:
     monkeypatch.setattr(blocks, "_BLOCK", 500)
-    monkeypatch.setattr(pieces, "_HELD", held)
+    monkeypatch.setattr(pieces, "_PIECE_BYTES", held)
     run = _run(tmp_path / "run", kind)
     parts = list(run.store.rows())
     for name in ("generation", "candidate", "fitness", "episodes", "genomes"):
@@ -63,7 +63,7 @@ def test_a_large_generation_that_is_read_keeps_no_process_from_going_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     monkeypatch.setattr(blocks, "_BLOCK", 500)
-    monkeypatch.setattr(pieces, "_HELD", 0)
+    monkeypatch.setattr(pieces, "_PIECE_BYTES", 0)
     monkeypatch.setattr(database, "_PATIENCE", 0.0)
     run = _run(tmp_path / "run", kind)
     rows = run.store.rows()
@@ -86,7 +86,7 @@ def test_the_log_of_a_killed_process_is_read_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     monkeypatch.setattr(blocks, "_BLOCK", 500)
-    monkeypatch.setattr(pieces, "_HELD", 0)
+    monkeypatch.setattr(pieces, "_PIECE_BYTES", 0)
     monkeypatch.setattr("swarmwright.store.journal._LINES", 2)
     run = optimize(EXPERIMENT, out=tmp_path / "run", servers=1)
     connections = []
@@ -102,7 +102,7 @@ def test_the_log_of_a_killed_process_is_read_once(
 
 
 def test_an_iterator_can_be_used_up_in_another_thread(finished: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pieces, "_HELD", 0)
+    monkeypatch.setattr(pieces, "_PIECE_BYTES", 0)
     rows = finished.store.rows()
     count = [len(next(rows).fitness)]
     thread = threading.Thread(target=lambda: count.extend(len(part.fitness) for part in rows))

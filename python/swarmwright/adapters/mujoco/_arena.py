@@ -18,7 +18,7 @@ Points = NDArray[np.float64]  # (n, 2)
 WALL = 0.05
 """Half the thickness of a wall."""
 _KEYS = {"width", "depth", "height", "pillars"}
-_TRIES = 10_000
+_TRIED_PLACES = 10_000
 """Places that are tried for a body before it is said that there is none."""
 
 
@@ -95,7 +95,7 @@ class Arena:
 
         def found(count: int, clearance: float, share: float, name: str) -> Points:
             places: list[tuple[float, float]] = []
-            for _ in range(_TRIES):
+            for _ in range(_TRIED_PLACES):
                 if len(places) == count:
                     break
                 x, y = random.uniform(-1, 1, 2) * (half * share - clearance)

@@ -4,7 +4,7 @@ import os
 
 from swarmwright.core.errors import InputError
 
-_HOW = (
+_DRAWING_ADVICE = (
     "without a screen, install OSMesa (Debian's package libosmesa6) and PyOpenGL, and set MUJOCO_GL=osmesa; "
     "with a graphics card, set MUJOCO_GL=egl (Debian's libegl1)"
 )
@@ -40,4 +40,4 @@ def cannot_draw(reason: Exception) -> InputError:
     named = os.environ.get("MUJOCO_GL")
     setting = f"MUJOCO_GL={named}" if named else "MUJOCO_GL is not set"
     words = f"{type(reason).__name__}: {reason}" if str(reason) else type(reason).__name__
-    return InputError(f"MuJoCo cannot draw here ({setting}; {words}): {_HOW}")
+    return InputError(f"MuJoCo cannot draw here ({setting}; {words}): {_DRAWING_ADVICE}")

@@ -14,8 +14,8 @@ _MASS = 0.5  # kg
 _INERTIA = np.array([0.0025, 0.0025, 0.0045])  # kg m^2
 _ARM = 0.1  # rotors at (+-ARM, +-ARM), metres
 _DRAG = 0.02  # torque about the axis for a thrust of 1 N, N m
-_MOST = 3.0  # thrust of a rotor, N
-_FASTEST = 1.0  # m/s
+_THRUST_N = 3.0  # thrust of a rotor, N
+_TOP_SPEED_M_S = 1.0  # m/s
 _HEIGHT = 1.0  # that is held, metres
 
 _QUADROTOR = """
@@ -83,7 +83,7 @@ class Quadrotors(Robots):
     def motors(self, number: int) -> str:
         """Return the rotors: a thrust, and the torque that comes with it."""
         return "".join(
-            f'<motor site="rotor{number}{index}" gear="0 0 1 0 0 {turn * _DRAG}" ctrlrange="0 {_MOST}"/>'
+            f'<motor site="rotor{number}{index}" gear="0 0 1 0 0 {turn * _DRAG}" ctrlrange="0 {_THRUST_N}"/>'
             for index, (_, _, turn) in enumerate(_ROTORS)
         )
 
@@ -102,7 +102,7 @@ class Quadrotors(Robots):
     def step(self, actions: NDArray[np.float32]) -> Numbers:
         """Advance by one step of control."""
         for _ in range(self.physics_steps):
-            self._steer(_FASTEST * actions.astype(float))
+            self._steer(_TOP_SPEED_M_S * actions.astype(float))
             mujoco.mj_step(self.model, self.data)
             self._flies &= ~self._touches()
         self.left -= 1
@@ -119,7 +119,7 @@ class Quadrotors(Robots):
     def look(self) -> Numbers:
         """Return what quadrotors sense."""
         around = self.near(np.zeros(self.agents))
-        return np.hstack([around, self.data.qvel[self._speeds[:, :2]] / _FASTEST])
+        return np.hstack([around, self.data.qvel[self._speeds[:, :2]] / _TOP_SPEED_M_S])
 
     @property
     def drawn(self) -> float:
@@ -162,7 +162,7 @@ class Quadrotors(Robots):
         turn = (axes * lean[:, :, None]).sum(axis=1)  # in the axes of the robot
         torque = _INERTIA * (120.0 * turn - 20.0 * motion[:, 3:])
         forces = (np.column_stack([thrust, torque])[:, :, None] * _MIXER.T[None]).sum(axis=1)
-        self.data.ctrl[:] = np.where(self._flies[:, None], np.clip(forces, 0, _MOST), 0.0).ravel()
+        self.data.ctrl[:] = np.where(self._flies[:, None], np.clip(forces, 0, _THRUST_N), 0.0).ravel()
 
     def _touches(self) -> NDArray[np.bool_]:
         """Return which quadrotors touch anything, the floor and the ceiling, too, (agents,)."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swarmwright.adapters.mujoco._robots import RANGES, SECTORS, Numbers, Robots
 
-_FASTEST = 10.0
+_TOP_WHEEL_SPEED_RAD_S = 10.0
 """Radians per second of a wheel: half a metre per second."""
 _SPEED = 0.5
 """Metres per second of a rover whose wheels do that."""
@@ -65,7 +65,9 @@ class Rovers(Robots):
 
     def motors(self, number: int) -> str:
         """Return the motors of the wheels: they hold a speed, with 0.2 N m at most."""
-        limits = f'kv="0.2" ctrlrange="-{_FASTEST} {_FASTEST}" forcerange="-0.2 0.2"'
+        limits = (
+            f'kv="0.2" ctrlrange="-{_TOP_WHEEL_SPEED_RAD_S} {_TOP_WHEEL_SPEED_RAD_S}" forcerange="-0.2 0.2"'
+        )
         return "".join(f'<velocity joint="{side}{number}" {limits}/>' for side in ("left", "right"))
 
     def start(self, places: Numbers, headings: Numbers) -> None:
@@ -79,7 +81,7 @@ class Rovers(Robots):
 
     def step(self, actions: NDArray[np.float32]) -> Numbers:
         """Advance by one step of control."""
-        self.data.ctrl[:] = _FASTEST * actions.ravel()
+        self.data.ctrl[:] = _TOP_WHEEL_SPEED_RAD_S * actions.ravel()
         mujoco.mj_step(self.model, self.data, self.physics_steps)
         self.left -= 1
         self._touched += float(self.touching().mean())

@@ -18,7 +18,7 @@ from swarmwright.supervision.local_servers import automatic_count, processors
 
 _LISTEN = 1.0
 """Seconds for servers on a broker to say that they are there."""
-_ASSUMED = 50
+_ASSUMED_POPULATION = 50
 """Candidates of a generation where their number depends on what only a server knows."""
 
 
@@ -101,4 +101,4 @@ def _at_a_time(experiment: Experiment) -> int:
         representation = experiment.representation()
     with suppress(InputError, PlugInError), reported():
         candidates = METHODS.get(options.kind).first_generation(options, representation)
-    return (candidates or _ASSUMED) * experiment.ranking.episodes
+    return (candidates or _ASSUMED_POPULATION) * experiment.ranking.episodes

@@ -11,7 +11,7 @@ from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.optimization.generation import Generation, how_far
 from swarmwright.runs.run import Run
 
-_MANY = 1000  # generations, where their number is not known
+_ASSUMED_GENERATIONS = 1000  # generations, where their number is not known
 
 
 @dataclass
@@ -38,7 +38,7 @@ class UnderWay:
     def share(self) -> float:
         """How much of the run is done, 0 to 1."""
         if self.generation is None:
-            return self.part / (self.task.variant.experiment.budget.generations or _MANY)
+            return self.part / (self.task.variant.experiment.budget.generations or _ASSUMED_GENERATIONS)
         share = self.generation.share
         return min(share + self.part * share / self.done, 1.0)
 

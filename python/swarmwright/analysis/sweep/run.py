@@ -33,7 +33,7 @@ from swarmwright.store.lock import is_locked
 from swarmwright.supervision.local_servers import LocalServers
 from swarmwright.user_code.copying import display_name
 
-_NO_MATTER = ELSEWHERE | {"sensors", "actuators"}
+_IRRELEVANT_KEYS = ELSEWHERE | {"sensors", "actuators"}
 """Keys that say where it is computed, or that a server may have announced."""
 
 
@@ -232,7 +232,7 @@ def _identity(experiment: Experiment) -> str:
 def comparable(experiment: Experiment) -> dict[str, Any]:
     """Return the keys of an experiment that have to be the same in a run of it."""
     values: dict[str, Any] = {
-        key: value for key, value in experiment.to_mapping().items() if key not in _NO_MATTER
+        key: value for key, value in experiment.to_mapping().items() if key not in _IRRELEVANT_KEYS
     }
     parsed = SimulationName.parse(experiment.simulation)
     if parsed.is_command:

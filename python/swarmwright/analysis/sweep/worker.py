@@ -29,7 +29,7 @@ from swarmwright.experiment.experiment import recorded_experiment
 from swarmwright.optimization.generation import Generation
 from swarmwright.optimization.memory import progress
 
-EVERY = 0.25
+REPORT_INTERVAL_S = 0.25
 """Seconds between two reports of how far a generation is."""
 GRACE_S = 30.0
 """Seconds that the run under way has to end after the parent."""
@@ -104,7 +104,7 @@ class Worker:
     def _evaluating(self, done: int, total: int, waiting_for: str) -> None:
         self._check()
         now = time.monotonic()
-        if now - self._told >= EVERY:
+        if now - self._told >= REPORT_INTERVAL_S:
             self._told = now
             self._tell("evaluating", done=done, total=total, waiting_for=waiting_for)
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from swarmwright.analysis.caveats import pooled, ties
 from swarmwright.analysis.groups import RunGroup, group
+from swarmwright.analysis.significance import FEW_RUNS
 from swarmwright.analysis.tasks import by_task, different_tasks, untested
 from swarmwright.analysis.transfer.result import Transfer
 from swarmwright.core.arguments import checked, listed, text
@@ -24,8 +25,6 @@ from swarmwright.runs.validation import leading
 
 CANDIDATES, SEEDS = 10, 30
 """Unless other numbers are given."""
-FEW = 5
-"""Runs of a group below which a test has little power."""
 
 
 @checked
@@ -143,8 +142,8 @@ def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Itera
     for target, count in failed.items():
         if count:
             yield f"{count} episodes failed in {target} and are left out"
-    if len(groups) > 1 and min(len(one.runs) for one in groups) < FEW:
-        yield f"with fewer than {FEW} runs of a group a test has little power"
+    if len(groups) > 1 and min(len(one.runs) for one in groups) < FEW_RUNS:
+        yield f"with fewer than {FEW_RUNS} runs of a group a test has little power"
     tasks = by_task(groups, by="fitness", held_out=False)
     if any(len(one.indices) > 1 for one in tasks) and len(tasks) > 1:
         yield different_tasks()

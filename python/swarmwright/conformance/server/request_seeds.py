@@ -17,7 +17,7 @@ from swarmwright.conformance.server.determinism import BEYOND_32_BITS, LARGEST_S
 
 _SEEDS = (BEYOND_32_BITS + 1, 2**53 + 1, LARGEST_SEED)
 """Seeds of evaluate and start that are others if bits are lost."""
-_OTHER = 5
+_OTHER_SEED = 5
 """What `parameters` of evaluate and start say as seed, which the seeds of the message replace."""
 _FIX = (
     "read each of seeds as an unsigned 64-bit integer, not as a double or with 32 bits, and put it into the "
@@ -39,7 +39,7 @@ def seeds_of_evaluations(server: Server) -> None:
     """
     controllers = announced_controllers(server, 1)
     server.comparable()
-    parameters = {**server.settings.parameters, "seed": _OTHER}
+    parameters = {**server.settings.parameters, "seed": _OTHER_SEED}
     request = evaluation(server, controllers, _SEEDS, parameters=parameters)
     fitness = numbers(evaluated(server, request), "fitness", "<f8").tolist()
     free_again(server)
@@ -58,7 +58,7 @@ def seeds_of_evaluations(server: Server) -> None:
             raise Failure(
                 f"seed {seed}: {value!r} offloaded, {expected!r} stepwise{cause}",
                 "the same bits",
-                f'evaluate with the seeds {list(_SEEDS)}, and "seed": {_OTHER} in parameters',
+                f'evaluate with the seeds {list(_SEEDS)}, and "seed": {_OTHER_SEED} in parameters',
             )
 
 
@@ -88,7 +88,7 @@ def seeds_of_batches(server: Server) -> None:
     """Seeds of more than 32 and of more than 53 bits, one in a batch, and another one in the parameters."""
     must_have_batches(server)
     server.comparable()
-    parameters = {**server.settings.parameters, "seed": _OTHER}
+    parameters = {**server.settings.parameters, "seed": _OTHER_SEED}
     for seed in _SEEDS:
         seen = Trajectory()
 
@@ -113,7 +113,7 @@ def seeds_of_batches(server: Server) -> None:
             raise Failure(
                 f"seed {seed}, stepwise and batched: {difference}{cause}",
                 "the same bits",
-                f'start with the seed {seed}, and "seed": {_OTHER} in parameters',
+                f'start with the seed {seed}, and "seed": {_OTHER_SEED} in parameters',
             )
 
 
@@ -136,7 +136,7 @@ def _lost_seed(played: Callable[[int], Trajectory], seed: int, agrees: Callable[
     played: the episode of a seed. agrees: whether what came is that episode.
     """
     causes = {
-        _OTHER: "which is in parameters",
+        _OTHER_SEED: "which is in parameters",
         seed & 0xFFFF_FFFF: "as if it were truncated to 32 bits",
         int(float(seed)): "as if it were read through a double, which has 53 bits",
     }

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 COLORS = 256
 _STILLS, _ROW = 6, 3
 """Pictures of a still, and in each of its rows."""
-_LINE = 20
+_LINE_HEIGHT_PIXELS = 20
 """Pixels of a line of text."""
 
 
@@ -81,13 +81,16 @@ def _still(recording: PictureRecording, path: Path, caption: Caption, _speed: fl
     width, height = images[0].size
     columns = min(count, _ROW)
     rows = -(-count // columns)
-    size = (columns * (width + 8) + 8, rows * (height + _LINE + 8) + _LINE + 8)
+    size = (columns * (width + 8) + 8, rows * (height + _LINE_HEIGHT_PIXELS + 8) + _LINE_HEIGHT_PIXELS + 8)
     sheet = Image.new("RGB", size, PAPER)
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(13)
     draw.text((8, 5), caption.title, fill=INK, font=font)
     for place, (index, image) in enumerate(zip(chosen, images, strict=True)):
         row, column = divmod(place, columns)
-        left, top = 8 + column * (width + 8), 8 + _LINE + row * (height + _LINE + 8)
+        left, top = (
+            8 + column * (width + 8),
+            8 + _LINE_HEIGHT_PIXELS + row * (height + _LINE_HEIGHT_PIXELS + 8),
+        )
         step = recording.steps[index]
         draw.text(
             (left, top),
@@ -95,8 +98,11 @@ def _still(recording: PictureRecording, path: Path, caption: Caption, _speed: fl
             fill=INK,
             font=font,
         )
-        sheet.paste(image, (left, top + _LINE - 2))
-        draw.rectangle((left - 1, top + _LINE - 3, left + width, top + _LINE - 2 + height), outline=BORDER)
+        sheet.paste(image, (left, top + _LINE_HEIGHT_PIXELS - 2))
+        draw.rectangle(
+            (left - 1, top + _LINE_HEIGHT_PIXELS - 3, left + width, top + _LINE_HEIGHT_PIXELS - 2 + height),
+            outline=BORDER,
+        )
     buffer = io.BytesIO()
     sheet.save(buffer, "PNG")
     path.write_bytes(buffer.getvalue())

@@ -16,9 +16,9 @@ from swarmwright.display.pictures._text import as_text
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-MOST = 600
+MOST_PICTURES = 600
 """Pictures that are kept of an episode; of longer ones every second, fourth, .. step."""
-LARGEST = (640, 640)
+LARGEST_SIZE_PIXELS = (640, 640)
 """Pixels of a picture; larger ones are scaled down."""
 
 Draw = Callable[[], NDArray[np.uint8]]
@@ -115,7 +115,7 @@ class Pictures:
         if step % self._every and not ended:
             return
         self._kept[step] = _png(self._draw())
-        if len(self._kept) > MOST and not ended:
+        if len(self._kept) > MOST_PICTURES and not ended:
             self._every *= 2
             self._kept = {step: one for step, one in self._kept.items() if step % self._every == 0}
 
@@ -139,7 +139,7 @@ def _png(drawn: NDArray[np.uint8]) -> bytes:
     from PIL import Image
 
     image = Image.fromarray(np.ascontiguousarray(drawn))
-    image.thumbnail(LARGEST, Image.Resampling.LANCZOS)
+    image.thumbnail(LARGEST_SIZE_PIXELS, Image.Resampling.LANCZOS)
     buffer = io.BytesIO()
     image.save(buffer, format="PNG", compress_level=1)
     return buffer.getvalue()

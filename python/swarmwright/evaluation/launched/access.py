@@ -17,7 +17,7 @@ from swarmwright.broker.mosquitto import Account, access_rules
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.open_files import allow_more_open_files
 
-_DAYS = 366
+_CERTIFICATE_DAYS = 366
 """Term of the certificate, which is made for one run."""
 TOOL = "tool"
 
@@ -140,7 +140,7 @@ def _with_accounts(
     folder = Path(stack.enter_context(TemporaryDirectory(prefix="swarmwright-")))  # mode 0700
     names = list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1"]))
     with engine_errors("servers: broker_host: "):
-        authority, _, certificate, key = _engine.certificates(names, _DAYS)
+        authority, _, certificate, key = _engine.certificates(names, _CERTIFICATE_DAYS)
     words = {name: secrets.token_urlsafe(24) for name in (TOOL, *accounts)}
     under = prefix.removesuffix("/")
     rules = [Account(TOOL, "tool", under), *(Account(name, "server", under) for name in accounts)]

@@ -41,7 +41,7 @@ def packed(
         names.append(parsed.in_file(f"{folder}{part.main}"))
         files.update({f"{folder}{place}": source.data for place, source in part.files.items()})
     size = sum(map(len, files.values()))
-    if size > data_files.LARGEST:
+    if size > data_files.LARGEST_BYTES:
         raise data_files.too_large(size)
     travels = files and options.code is None
     return name, names, Code.of(files, programs) if travels else None

@@ -24,9 +24,9 @@ Point = tuple[float, float]
 Box = tuple[float, float, float, float]
 """Left, low, right, high."""
 
-_SIZE = 9.0  # points, of labels
-_LETTER = 0.66 * _SIZE / 72
-_LABEL_HEIGHT = 1.25 * _SIZE / 72
+_FONT_SIZE_POINTS = 9.0  # points, of labels
+_LETTER = 0.66 * _FONT_SIZE_POINTS / 72
+_LABEL_HEIGHT = 1.25 * _FONT_SIZE_POINTS / 72
 _PAD = 0.03  # around a label
 _LOOP = 0.52  # how far a way from a state to itself leads away from it
 _LEAST_RING = 1.55  # radius of the circle of states
@@ -289,7 +289,7 @@ class Diagram:
                 continue
             axes.text(
                 (box[0] + box[2]) / 2, (box[1] + box[3]) / 2, one.label, ha="center", va="center", color=INK,
-                fontsize=_SIZE, zorder=6, gid="label",
+                fontsize=_FONT_SIZE_POINTS, zorder=6, gid="label",
                 bbox={"boxstyle": "round,pad=0.12", "facecolor": PAPER, "edgecolor": color, "linewidth": 0.7},
             )  # fmt: skip
 

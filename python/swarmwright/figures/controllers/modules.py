@@ -12,7 +12,7 @@ from swarmwright.figures.style import COLORS, INK, PAPER, SOFT, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WIDTH = 62
+_LINE_CHARACTERS = 62
 """Characters in a line of the list."""
 
 
@@ -35,7 +35,7 @@ def draw(specification: Mapping[str, Any], title: str, first_color: int = 0) -> 
     about = (
         f"modules, {len(states)} state{plural}, {count} transitions; numbers of transitions as in the list"
     )
-    figure, axes = figure_with_list(title, about, diagram.size, _list(states), letters=_WIDTH)
+    figure, axes = figure_with_list(title, about, diagram.size, _list(states), letters=_LINE_CHARACTERS)
     diagram.draw(axes, "bold ring: state 0, in which every episode begins")
     return figure
 
@@ -86,9 +86,11 @@ def _list(states: tuple[State, ...]) -> list[list[str]]:
     """Return the lines of each state."""
     blocks = []
     for index, state in enumerate(states):
-        lines = textwrap.wrap(f"state {index}: {words_of(state)}", _WIDTH, subsequent_indent="      ")
+        lines = textwrap.wrap(
+            f"state {index}: {words_of(state)}", _LINE_CHARACTERS, subsequent_indent="      "
+        )
         for k, one in enumerate(state.transitions, 1):
             text = f"{k} {words_of(one)}"
-            lines += textwrap.wrap(text, _WIDTH, initial_indent="  ", subsequent_indent="      ")
+            lines += textwrap.wrap(text, _LINE_CHARACTERS, initial_indent="  ", subsequent_indent="      ")
         blocks.append(lines)
     return blocks

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-_LONGEST = 24
+_NAME_CHARACTERS = 24
 """Letters of a name; of a longer one the beginning and the end are drawn.
 
 Names of several kinds of robots begin with those of the kinds, and end with the sensor's.
@@ -35,7 +35,7 @@ def _fitting(names: Sequence[str], what: str, count: int) -> tuple[str, ...]:
 
 
 def _short(name: str) -> str:
-    if len(name) <= _LONGEST:
+    if len(name) <= _NAME_CHARACTERS:
         return name
-    last = _LONGEST // 2
-    return f"{name[: _LONGEST - 1 - last]}…{name[-last:]}"
+    last = _NAME_CHARACTERS // 2
+    return f"{name[: _NAME_CHARACTERS - 1 - last]}…{name[-last:]}"

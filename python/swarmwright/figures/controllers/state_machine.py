@@ -20,9 +20,9 @@ _MOST_ARROWS = 72
 _MOST_WRITTEN = 24
 """States of a matrix with numbers in its cells."""
 _HIGHEST = 13.8  # inches
-_LONGEST = 4
+_MOST_SENSORS = 4
 """Sensors in an example of a condition; longer ones are not informative."""
-_WIDTH = 78
+_LINE_CHARACTERS = 78
 """Characters in a line of the list."""
 
 
@@ -37,7 +37,7 @@ def draw(specification: Mapping[str, Any], names: Names, title: str, first_color
     )
     blocks = _list(found, states, names)
     if states > _MOST_STATES or len(found) > _MOST_ARROWS:
-        figure, axes = figure_with_list(title, about, 7.0, blocks, letters=_WIDTH, highest=_HIGHEST)
+        figure, axes = figure_with_list(title, about, 7.0, blocks, letters=_LINE_CHARACTERS, highest=_HIGHEST)
         # The numbers of its axes need space.
         left, low, width, height = axes.get_position().bounds
         axes.set_position((left + 0.09 * width, low + 0.09 * height, 0.9 * width, 0.9 * height))
@@ -49,7 +49,9 @@ def draw(specification: Mapping[str, Any], names: Names, title: str, first_color
         [_arrow(one, alive=one.source in reached) for one in found],
         first_color,
     )
-    figure, axes = figure_with_list(title, about, diagram.size, blocks, letters=_WIDTH, highest=_HIGHEST)
+    figure, axes = figure_with_list(
+        title, about, diagram.size, blocks, letters=_LINE_CHARACTERS, highest=_HIGHEST
+    )
     diagram.draw(axes, "bold ring: state 0, in which every episode begins · dashed: never reached")
     return figure
 
@@ -96,11 +98,11 @@ def _words(one: Transition, names: Names) -> list[str]:
     elif one.exact:
         when = f"when {one.condition}"
     else:
-        short = one.condition.count(",") < _LONGEST
+        short = one.condition.count(",") < _MOST_SENSORS
         when = f"in {one.rows} of {one.of} cases" + (f", such as {one.condition}" if short else "")
     does = ", ".join(
         f"{name} {low:.2g}" if low == high else f"{name} {low:.2g} to {high:.2g}"
         for name, low, high in zip(names.actuators, one.lowest, one.highest, strict=True)
     )
     text = f"→ {one.target}  {when}: {does}"
-    return textwrap.wrap(text, _WIDTH, initial_indent="  ", subsequent_indent="       ")
+    return textwrap.wrap(text, _LINE_CHARACTERS, initial_indent="  ", subsequent_indent="       ")
