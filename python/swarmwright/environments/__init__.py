@@ -61,7 +61,13 @@ def gymnasium_env(
 ) -> "AgentEnv":
     """Return a simulation with one agent as an environment of Gymnasium; all as in `parallel_env`.
 
-    Raises InputError as well for a simulation with several agents.
+    Args:
+        simulation: as in `parallel_env`.
+        parameters: as in `parallel_env`.
+        render_mode: as in `parallel_env`.
+
+    Raises InputError when Gymnasium is not installed, for a simulation with several agents, and as
+    `parallel_env`.
     """
     try:
         from swarmwright.environments._single import AgentEnv  # noqa: PLC0415 - Gymnasium may be missing

@@ -90,11 +90,27 @@ class Exporter(ABC):
         """
 
     def values(self, folder: Path, prefix: str) -> Mapping[str, object] | None:  # noqa: ARG002 - for others
-        """Return what was written for a parameter set, read back. Default: its self-test is trusted, None."""
+        """Return what was written for a parameter set, read back: values by the names of parameters.
+
+        Default: None, its self-test is trusted.
+
+        Args:
+            folder: a temporary one with the files.
+            prefix: as in `files`.
+
+        Raises as `run`.
+        """
         return None
 
     def self_test(self, folder: Path, prefix: str) -> str | None:  # noqa: ARG002 - for those who have one
-        """Run the generated self-test; return its name, None without one, the default. Raises as `run`."""
+        """Run the generated self-test; return its name, None without one, the default.
+
+        Args:
+            folder: a temporary one with the files.
+            prefix: as in `files`.
+
+        Raises as `run`.
+        """
         return None
 
 

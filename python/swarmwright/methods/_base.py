@@ -233,7 +233,12 @@ class Method(SteadyState):
 
     @classmethod
     def no_start(cls, options: MethodOptions, count: int) -> str | None:
-        """Return why this method cannot start from so many given controllers; None if it can."""
+        """Return why this method cannot start from so many given controllers; None if it can.
+
+        Args:
+            options: of the method.
+            count: given controllers, at least 1.
+        """
         if cls.start_as is None:
             return (
                 f"{cls.kind} cannot start from given controllers; leave the key out, or take another method"
@@ -244,7 +249,12 @@ class Method(SteadyState):
 
     @classmethod
     def surplus(cls, options: MethodOptions, count: int) -> str | None:
-        """Return why the first generation has no place for so many given controllers; None if it has."""
+        """Return why the first generation has no place for so many given controllers; None if it has.
+
+        Args:
+            options: of the method.
+            count: given controllers, at least 1.
+        """
         places = cls.first_generation(options, None)
         if places is not None and count > places:
             return f"{count} controllers are more than the {places} of the first generation"

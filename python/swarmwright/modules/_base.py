@@ -93,7 +93,11 @@ class Behaviour(ABC):
     ) -> NDArray[np.floating]:
         """Return the speeds of the left and of the right wheel, (n, 2), of -1 to 1; others are cut.
 
-        state: (n, state), changed in place.
+        Args:
+            senses: what each of the n robots senses.
+            parameters: by name, (n,) each.
+            state: (n, state), changed in place.
+            random: the robots' random numbers of this step; an episode that is repeated has them again.
         """
 
 
@@ -113,7 +117,11 @@ class Condition(ABC):
     ) -> NDArray[np.floating]:
         """Return the probability with which the condition holds in this step, (n,), 0 to 1; others are cut.
 
-        state: (n, state), changed in place.
+        Args:
+            senses: as in `Behaviour.act`.
+            parameters: as in `Behaviour.act`.
+            state: (n, state), changed in place.
+            random: as in `Behaviour.act`.
         """
 
 

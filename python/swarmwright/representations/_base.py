@@ -164,15 +164,31 @@ class Representation(ABC):
 
     @abstractmethod
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
-        """Return a copy in which each gene is changed with `probability`; `severity` scales the change."""
+        """Return a copy in which each gene is changed with `probability`; `severity` scales the change.
+
+        Args:
+            genome: (genome_size,) float32; it is not changed.
+            stream: of random numbers, from which alone the change is drawn.
+            severity: how large changes are, at least 0, in units that the representation describes.
+            probability: of a change of each gene, 0 to 1.
+        """
 
     @abstractmethod
     def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
-        """Return a copy of `mother` with a part of `father`."""
+        """Return a copy of `mother` with a part of `father`.
+
+        Args:
+            mother: (genome_size,) float32; neither parent is changed.
+            father: the same.
+            stream: of random numbers, from which alone the part is drawn.
+        """
 
     @abstractmethod
     def distance(self, one: Genome, other: Genome) -> float:
-        """Return how different two genomes are: 0 for equal ones, symmetric."""
+        """Return how different two genomes are, (genome_size,) each.
+
+        It is finite, at least 0, 0 for equal ones, and the same for both orders.
+        """
 
     def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
@@ -190,7 +206,9 @@ class Representation(ABC):
     def mutations(
         self, parents: Genomes, streams: Streams, *, severity: float, probability: float
     ) -> Genomes:
-        """Return a mutated copy of each of n parents, made with the stream of the same index.
+        """Return a mutated copy of each of n parents, (n, genome_size), with the stream of the same index.
+
+        severity, probability: as in `mutate`.
 
         Streams may have been drawn from before; each goes on where it is, and counts as used up afterwards.
         """
@@ -246,7 +264,10 @@ class Representation(ABC):
         return genomes.astype(np.float64) / ((high - low) if self.continuous else 1.0)
 
     def crossovers(self, mothers: Genomes, fathers: Genomes, streams: Streams) -> Genomes:
-        """Return a child of each of n pairs, made with the stream of the same index; see `mutations`."""
+        """Return a child of each of n pairs, made with the stream of the same index; see `mutations`.
+
+        mothers, fathers: (n, genome_size) each.
+        """
         pairs = zip(mothers, fathers, streams, strict=True)
         children = [self.crossover(mother, father, stream) for mother, father, stream in pairs]
         return self._rows("crossover", children)
