@@ -205,7 +205,8 @@ class Missions(Physics):
             sides = (100 * box.length, 100 * box.thickness, 100 * box.height)
             self._add(enki.RectangularObject(*sides, -1, _GREY), box.x, box.y, box.angle)
         self._objects = [
-            self._add(_pushed(one), *pose) for one, pose in zip(world.objects, objects.tolist(), strict=True)
+            self._add(_pushed_object(one), *pose)
+            for one, pose in zip(world.objects, objects.tolist(), strict=True)
         ]
         self._robots = [self._add(enki.EPuck(), *pose) for pose in robots.tolist()]
         self._tick, self._bases = world.tick, [model.wheel_base for model in world.models]
@@ -247,7 +248,7 @@ _PARTS = 10
 _GREY = enki.Color(0.4, 0.4, 0.4)
 
 
-def _pushed(one: PushedObject) -> Any:  # noqa: ANN401 - Enki's
+def _pushed_object(one: PushedObject) -> Any:  # noqa: ANN401 - Enki's
     """Return an object that robots push."""
     if one.radius:
         made = enki.CircularObject(100 * one.radius, 100 * one.height, one.mass, _GREY)

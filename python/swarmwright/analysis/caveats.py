@@ -137,7 +137,7 @@ def _values(
         return
     made = {_recorded(one.runs[0]) for one in groups}
     if indicator.by != "fitness":
-        yield from _luck(groups, made, indicator)
+        yield from _elites_by_luck(groups, made, indicator)
         return
     missing = [run for one in groups for run in one.runs if run.validation is None]
     if HELD_OUT in beside:
@@ -152,7 +152,7 @@ def _values(
             f"the best recorded fitness is made of different episodes ({'; '.join(sorted(made))}), and the "
             f"fewer they are, the more it is too high; {command}"
         )
-    elif any(_lucky(run) for one in groups for run in one.runs):
+    elif any(_may_be_lucky(run) for one in groups for run in one.runs):
         yield (
             "the best recorded fitness is too high where fitness depends on the seed, most of all with "
             f"new seeds in each generation; {command}"
@@ -164,14 +164,14 @@ def _values(
         )
 
 
-def _luck(groups: Sequence["Group"], made: Collection[str], indicator: Indicator) -> Iterator[str]:
+def _elites_by_luck(groups: Sequence["Group"], made: Collection[str], indicator: Indicator) -> Iterator[str]:
     """Yield that elites may owe their places to their seeds; made: what recorded fitness is made of."""
     if len(made) > 1:
         yield (
             f"the elites were chosen by different episodes ({'; '.join(sorted(made))}), and the fewer they "
             f"are, the more the {indicator.words} is too high where values depend on the seed"
         )
-    elif any(_lucky(run) for one in groups for run in one.runs):
+    elif any(_may_be_lucky(run) for one in groups for run in one.runs):
         yield (
             f"the elites are what came out best with the seeds of the run, so the {indicator.words} is too "
             "high where values depend on the seed"
@@ -206,7 +206,7 @@ def _held_out(groups: Sequence["Group"]) -> Iterator[str]:
         yield "the runs were validated on different held-out seeds"
 
 
-def _lucky(run: Run) -> bool:
+def _may_be_lucky(run: Run) -> bool:
     """Return whether the best of a run may owe its recorded fitness to its seeds.
 
     Where it was not validated, its recorded episodes say whether fitness depends on the seed, if they are
@@ -259,7 +259,7 @@ def _limited(groups: Sequence["Group"], at: int | None, at_episodes: int | None)
     if ended:
         more = f" and {len(ended) - 5} more" if len(ended) > 5 else ""
         yield f"ended before {words}, and count with what they had: {', '.join(ended[:5])}{more}"
-    waiting = [one.label for one in groups if _waits(one, at, at_episodes)]
+    waiting = [one.label for one in groups if _has_unfinished_evaluations(one, at, at_episodes)]
     if waiting:
         yield (
             f"candidates of {' and '.join(waiting)} are evaluated again, so the last generation that was "
@@ -267,7 +267,7 @@ def _limited(groups: Sequence["Group"], at: int | None, at_episodes: int | None)
         )
 
 
-def _waits(one: "Group", at: int | None, at_episodes: int | None) -> bool:
+def _has_unfinished_evaluations(one: "Group", at: int | None, at_episodes: int | None) -> bool:
     """Return whether evaluations of a generation that was not finished do not count."""
     return any(
         count < min(limit(run, at, at_episodes) or 0, run.evaluations)

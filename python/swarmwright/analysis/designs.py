@@ -75,17 +75,17 @@ def _keys(tasks: "Sequence[Task]") -> set[str]:
     every = {key for task in tasks for one in task.groups for key in one.differs}
     keys = (every - of_tasks) | within
     fewer = keys - set(SIZES)
-    return fewer if all(_told_apart(task.groups, fewer) for task in tasks) else keys
+    return fewer if all(_are_distinct(task.groups, fewer) for task in tasks) else keys
 
 
 def _differing(groups: "Sequence[Group]") -> set[str]:
     every = {key for one in groups for key in one.differs}
-    return {key for key in every if len({identity(_only(one.differs, [key])) for one in groups}) > 1}
+    return {key for key in every if len({identity(_selected(one.differs, [key])) for one in groups}) > 1}
 
 
-def _told_apart(groups: "Sequence[Group]", keys: Collection[str]) -> bool:
-    return len({identity(_only(one.differs, keys)) for one in groups}) == len(groups)
+def _are_distinct(groups: "Sequence[Group]", keys: Collection[str]) -> bool:
+    return len({identity(_selected(one.differs, keys)) for one in groups}) == len(groups)
 
 
-def _only(differs: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:
+def _selected(differs: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:
     return {key: differs[key] for key in keys if key in differs}

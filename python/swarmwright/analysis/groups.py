@@ -55,7 +55,7 @@ def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[R
     Returns:
         The groups, and notes on what was left out.
     """
-    kept, notes = _once(runs)
+    kept, notes = _without_repetitions(runs)
     # Beside a mission whose parts were set, one that is named is written out: then only these parts differ.
     missions = any(isinstance(run.experiment.parameters.get("mission"), Mapping) for run in kept)
     # What changed in the code is known of runs that hold their copy; of others, whether anything has.
@@ -148,7 +148,7 @@ def names_of(groups: Sequence[tuple[Mapping[str, Any], Run]]) -> list[str]:
     for what in _NAMED:
         if not any(_within(key, what) and key != f"parameters.{what}" for key in keys):
             continue  # nothing differs, or names alone
-        titles = [_called(what, run.experiment) for _, run in groups]
+        titles = [_title_of(what, run.experiment) for _, run in groups]
         if len(set(titles)) > 1:
             named[what] = titles
     wording = Wording([differs for differs, _ in groups])
@@ -177,7 +177,7 @@ def _within(key: str, what: str) -> bool:
     return key == f"parameters.{what}" or key.startswith(f"parameters.{what}.")
 
 
-def _called(what: str, experiment: Experiment) -> str:
+def _title_of(what: str, experiment: Experiment) -> str:
     """Return what an experiment's mission or robot is called, in words; nothing where it has none."""
     given = experiment.parameters.get(what)
     if given is None and (what == "robot" or built_in(experiment.simulation) != ARENA):
@@ -189,7 +189,7 @@ def _called(what: str, experiment: Experiment) -> str:
     return f"mission {title or ('without a title' if isinstance(given, Mapping) else given)}"
 
 
-def _once(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
+def _without_repetitions(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     """Leave out runs that are the same as another one; of two, the longer one stays."""
     kept: dict[str, Run] = {}
     copies: dict[str, list[Run]] = {}

@@ -102,7 +102,7 @@ def _held_out(validation: "Validation | None") -> dict[str, float | None]:
 def latex_text(comparison: "Comparison") -> str:
     """Return the groups and the tests of each task as `tabular` environments, for the package booktabs."""
     lines = [r"% needs \usepackage{booktabs}"]
-    lines.append(f"% {_what(comparison)}, {_when(comparison)}")
+    lines.append(f"% {_compared_value(comparison)}, {_when(comparison)}")
     for task in comparison.tasks:
         if task.label:
             lines.append(f"% task: {one_line(task.label)}")
@@ -115,7 +115,7 @@ def latex_text(comparison: "Comparison") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _what(comparison: "Comparison") -> str:
+def _compared_value(comparison: "Comparison") -> str:
     """Return what is compared of each run, in words."""
     if comparison.held_out:
         return "mean fitness of each run's best candidate on held-out seeds"

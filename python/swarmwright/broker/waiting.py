@@ -13,7 +13,9 @@ LONGEST_PAUSE_S = 2.0
 """Seconds between two attempts; they double."""
 
 
-def patiently(connect: Callable[[], Result], seconds: float, tell: Callable[[str], None]) -> Result:
+def connect_with_retries(
+    connect: Callable[[], Result], seconds: float, tell: Callable[[str], None]
+) -> Result:
     """Return what `connect` returns, called again as long as no broker answers.
 
     Other errors, such as wrong credentials or certificates, are raised at once: waiting does not fix them.

@@ -106,7 +106,7 @@ class Log:
         if not self._active or LEVELS.index(level) < self._least:
             return
         moment = dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        line = {"time": moment, "level": level, "event": event, **_there(fields)}
+        line = {"time": moment, "level": level, "event": event, **_without_none(fields)}
         text = json.dumps(finite(line), default=str)
         if self._stream is None:
             from swarmwright import _engine
@@ -145,7 +145,7 @@ class Log:
                 self.write("warning", event, **fields)
 
 
-def _there(fields: Mapping[str, object]) -> dict[str, object]:
+def _without_none(fields: Mapping[str, object]) -> dict[str, object]:
     return {key: value for key, value in fields.items() if value is not None}
 
 

@@ -145,7 +145,7 @@ def command(
         **how,
     )
     if picture is not None:
-        others = [_beside(replay, which, how) for which in beside]
+        others = [_replay_beside(replay, which, how) for which in beside]
         _save(output, replay, picture, speed, shown, others)
     elif as_json:
         _print_scenes(output, replay)
@@ -159,7 +159,7 @@ def command(
         output.text(replay.outcome(played.fitness))
 
 
-def _beside(replay: "Replay", which: str, how: dict[str, Any]) -> "Replay":
+def _replay_beside(replay: "Replay", which: str, how: dict[str, Any]) -> "Replay":
     """Return what `--beside` names, in the same episode: simulation, parameters and seed of the first one."""
     from swarmwright import Run
     from swarmwright.runs.replay import Replay

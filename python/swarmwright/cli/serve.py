@@ -122,7 +122,7 @@ def command(
     simulation = _named(simulation)
     title = _title(simulation)
     names = [name.strip() for text in modules for name in text.split(",")]
-    title += _with(names)
+    title += _modules_in_words(names)
     if first is None:
         first = 1 + secrets.randbelow(LARGEST_RANDOM_ID - count + 1)
     elif first + count - 1 > LARGEST_ID:
@@ -230,7 +230,7 @@ def _title(simulation: str) -> str:
     return simulation
 
 
-def _with(modules: Sequence[str]) -> str:
+def _modules_in_words(modules: Sequence[str]) -> str:
     """Which modules are offered, in words; errors are reported before any server is started."""
     if not modules:
         return ""

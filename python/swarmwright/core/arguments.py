@@ -122,15 +122,15 @@ def function(name: str, given: object, arguments: Sequence[str]) -> Callable[...
     try:
         signature.bind(*arguments)
     except TypeError as error:
-        raise InputError(f"{expected}; {_called(given)} takes {signature}: {error}") from None
+        raise InputError(f"{expected}; {_function_name(given)} takes {signature}: {error}") from None
     if inspect.iscoroutinefunction(given) or inspect.iscoroutinefunction(type(given).__call__):
         raise InputError(
-            f"{expected}; {_called(given)} is asynchronous (async def), and would not be awaited"
+            f"{expected}; {_function_name(given)} is asynchronous (async def), and would not be awaited"
         )
     return given
 
 
-def _called(given: object) -> str:
+def _function_name(given: object) -> str:
     """Return what a function is called."""
     name: str = getattr(given, "__qualname__", type(given).__qualname__)
     return name

@@ -191,8 +191,8 @@ def chi_squared_tail(value: float, freedom: int) -> float:
     fraction = d
     for k in range(1, _MOST_TERMS):
         b += 2
-        d = _away(k * (a - k) * d + b)
-        c = _away(b + k * (a - k) / c)
+        d = _nonzero(k * (a - k) * d + b)
+        c = _nonzero(b + k * (a - k) / c)
         d = 1 / d
         fraction *= c * d
         if abs(c * d - 1) < 1e-16:
@@ -229,20 +229,20 @@ def _log_gamma_ratio(a: float) -> float:
 
 def _beta_fraction(a: float, b: float, x: float) -> float:
     """Return the continued fraction of the incomplete beta function, by Lentz's algorithm."""
-    c, d = 1.0, 1 / _away(1 - (a + b) * x / (a + 1))
+    c, d = 1.0, 1 / _nonzero(1 - (a + b) * x / (a + 1))
     fraction = d
     for k in range(1, _MOST_TERMS):
         even = k * (b - k) * x / ((a + 2 * k - 1) * (a + 2 * k))
         odd = -(a + k) * (a + b + k) * x / ((a + 2 * k) * (a + 2 * k + 1))
         for part in (even, odd):
-            d = 1 / _away(1 + part * d)
-            c = _away(1 + part / c)
+            d = 1 / _nonzero(1 + part * d)
+            c = _nonzero(1 + part / c)
             fraction *= c * d
         if abs(c * d - 1) < 1e-16:
             break
     return fraction
 
 
-def _away(value: float) -> float:
+def _nonzero(value: float) -> float:
     """Return a number that can be divided by."""
     return value if abs(value) > _SMALLEST_TERM else _SMALLEST_TERM

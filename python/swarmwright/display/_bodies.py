@@ -134,13 +134,13 @@ class Bodies(Sequence[Body]):
         place = range(len(self))[index]
         kind, state = self.looks[self.look[place]]
         rays = tuple(
-            Ray(float(angle), float(length), float(start), _maybe(reading))
+            Ray(float(angle), float(length), float(start), _number_or_none(reading))
             for angle, start, length, reading in self.ray_numbers[self.ray_body == place]
         )
         agent = int(self.agent[place])
         return Body(
             kind, float(self.x[place]), float(self.y[place]), state, float(self.radius[place]),
-            _maybe(self.heading[place]), _maybe(self.value[place]),
+            _number_or_none(self.heading[place]), _number_or_none(self.value[place]),
             self.labels[place] if self.labels else "", agent if agent >= 0 else None, rays,
         )  # fmt: skip
 
@@ -170,5 +170,5 @@ def _numbers(name: str, value: Any, count: int) -> Numbers:  # noqa: ANN401 - an
     return numbers if numbers.ndim else np.full(count, numbers, dtype=np.float32)
 
 
-def _maybe(number: Any) -> float | None:  # noqa: ANN401 - of an array
+def _number_or_none(number: Any) -> float | None:  # noqa: ANN401 - of an array
     return None if np.isnan(number) else float(number)

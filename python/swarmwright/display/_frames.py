@@ -58,9 +58,11 @@ def between(before: Scene, after: Scene, share: float) -> Scene:
     a, b = Bodies.of(before.bodies), Bodies.of(after.bodies)
     # The shorter way around.
     turn = (b.heading - a.heading + np.pi) % (2 * np.pi) - np.pi
-    x, y = (_way(getattr(a, axis), getattr(b, axis), share) for axis in ("x", "y"))
+    x, y = (_interpolated(getattr(a, axis), getattr(b, axis), share) for axis in ("x", "y"))
     return replace(before, bodies=a.moved(x, y, a.heading + np.float32(share) * turn))
 
 
-def _way(before: NDArray[np.float32], after: NDArray[np.float32], share: float) -> NDArray[np.float32]:
+def _interpolated(
+    before: NDArray[np.float32], after: NDArray[np.float32], share: float
+) -> NDArray[np.float32]:
     return (before.astype(np.float64) * (1 - share) + after.astype(np.float64) * share).astype(np.float32)

@@ -186,7 +186,7 @@ def _evaluated(
                 controllers = Controllers.of(representation, rows)
                 results = backend.evaluate(controllers, seeds, on_progress or _silent)
             else:
-                results = _nothing(len(seeds), len(backend.metrics))
+                results = _empty_results(len(seeds), len(backend.metrics))
         tell_failures(backend, results)
         return EvaluatedEpisodes(
             fitness=ranking.score(results.fitness) if len(rows) else np.empty(0),
@@ -206,7 +206,7 @@ def tell_failures(backend: Backend, results: Results) -> None:
         _log.warning("an episode failed: %s", one_line(reason))
 
 
-def _nothing(episodes: int, metrics: int) -> Results:
+def _empty_results(episodes: int, metrics: int) -> Results:
     """Return the results of no candidates."""
     return Results(np.empty((0, episodes)), np.empty((0, episodes, metrics)), Journal())
 

@@ -11,7 +11,7 @@ from typing import Any, cast
 from swarmwright import _engine
 from swarmwright.broker.address import broker_problem
 from swarmwright.broker.credentials import check_environment, prepare
-from swarmwright.broker.waiting import patiently
+from swarmwright.broker.waiting import connect_with_retries
 from swarmwright.core.engine_types import Faults, Requirements, Timeouts
 from swarmwright.core.errors import InputError, RunError, engine_errors
 from swarmwright.core.modules import ACTUATORS, SENSORS
@@ -118,7 +118,7 @@ def open_backend(
             )
         patience = experiment.timeouts.connect if wait is None else wait
         with engine_errors():
-            pool = patiently(
+            pool = connect_with_retries(
                 # A command shows itself, in one piece: no step of it crosses the broker.
                 lambda: _pool(
                     experiment,

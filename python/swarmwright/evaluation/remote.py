@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from swarmwright import _engine
 from swarmwright.broker.credentials import prepare
-from swarmwright.broker.waiting import patiently
+from swarmwright.broker.waiting import connect_with_retries
 from swarmwright.core.errors import RunError, engine_errors
 from swarmwright.core.untrusted import one_line
 from swarmwright.display import Playable, Recording, record
@@ -57,7 +57,7 @@ def begin(
         )
 
     with engine_errors():
-        return repeated(lambda: patiently(attempt, experiment.timeouts.connect, _LOGGER.warning))
+        return repeated(lambda: connect_with_retries(attempt, experiment.timeouts.connect, _LOGGER.warning))
 
 
 def recorded(make: Callable[[], tuple[_engine.RemoteEpisode, Playable]]) -> Recording:

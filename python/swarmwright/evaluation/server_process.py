@@ -29,7 +29,7 @@ from contextlib import suppress
 from typing import Any
 
 from swarmwright import _engine
-from swarmwright.broker.waiting import patiently
+from swarmwright.broker.waiting import connect_with_retries
 from swarmwright.core.errors import SwarmwrightError, engine_errors
 from swarmwright.simulations import catalogue
 from swarmwright.supervision.marked_output import mark_output
@@ -192,7 +192,9 @@ def _serve(events: int, settings: dict[str, Any]) -> int:
             if names:
                 settings["modules"] = _modules(names, simulation, failed)
             wait = settings.pop("wait", 0.0)
-            patiently(lambda: _engine.serve(simulation, **settings, on_event=report), wait, waiting)
+            connect_with_retries(
+                lambda: _engine.serve(simulation, **settings, on_event=report), wait, waiting
+            )
     except SwarmwrightError as error:
         report({"event": "error", "message": str(error)})
         sys.stderr.write(f"{error}\n")

@@ -74,8 +74,8 @@ def add_library(file: Path, prefix: str, fmi: str) -> None:
 
 def _platform(compiler: list[str]) -> tuple[str, str, str]:
     """Return machine and system as FMI 3.0 names them, and how libraries end there."""
-    triple = _said([*compiler, "-dumpmachine"]).strip()
-    preprocessed = _said([*compiler, "-E", "-P", "-x", "c", "-"], _MACHINES)
+    triple = _compiler_output([*compiler, "-dumpmachine"]).strip()
+    preprocessed = _compiler_output([*compiler, "-E", "-P", "-x", "c", "-"], _MACHINES)
     machine = re.search(r"^machine: (\w+)$", preprocessed, re.MULTILINE)
     system = next((found for word, found in _SYSTEMS.items() if word in triple), None)
     if machine is None or system is None:
@@ -86,7 +86,7 @@ def _platform(compiler: list[str]) -> tuple[str, str, str]:
     return machine[1], *system
 
 
-def _said(words: list[str], text: str = "") -> str:
+def _compiler_output(words: list[str], text: str = "") -> str:
     """Return what a compiler prints about itself."""
     try:
         return subprocess.run(

@@ -64,7 +64,7 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
         ranges.update(catalogue.ranges_by_group(simulation, dict(parameters), names or [None]))
     else:
         description = _announced(experiment, address)
-        told = {"parameters": {name: _told(value) for name, value in base.items()}}
+        told = {"parameters": {name: _declaration_of_value(value) for name, value in base.items()}}
         known = parameters_of(told, base, have_limits=False)
     if catalogue.is_here(simulation) and description["actuators"]:
         found, _, period = started(
@@ -124,7 +124,7 @@ def _unknown(experiment: Experiment, name: str = "sensors") -> str:
     return f"{place_of(experiment, 'simulation')}{name} not known: {experiment.simulation!r} is not built in"
 
 
-def _told(value: Any) -> dict[str, Any]:  # noqa: ANN401 - any value of a file
+def _declaration_of_value(value: Any) -> dict[str, Any]:  # noqa: ANN401 - any value of a file
     """Return the declaration of a parameter of which only a value is known."""
     kinds = {bool: "boolean", int: "integer", float: "number", str: "string"}
     return {"type": kinds.get(type(value), "object"), "default": value, "description": "Of the simulation."}

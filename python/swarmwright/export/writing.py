@@ -40,7 +40,7 @@ def write(files: Mapping[str, str | bytes], folder: Path, *, force: bool = False
     check_replaceable(files, folder, force=force)
     paths = [folder / name for name in files]
     if not force:
-        paths = [_beside(path, content) for path, content in zip(paths, files.values(), strict=True)]
+        paths = [_destination(path, content) for path, content in zip(paths, files.values(), strict=True)]
     earlier = _digests(folder)
     texts = {name: content for name, content in files.items() if isinstance(content, str)}
     new = {name: {_sha256(file_bytes(text))} for name, text in texts.items()}
@@ -92,14 +92,15 @@ def check_replaceable(files: Mapping[str, str | bytes], folder: Path, *, force: 
 def _check_file(path: Path, there: bytes, content: str | bytes, digests: set[str] | None) -> None:
     """Raise InputError for a file that an export may not replace.
 
-    One that has the new content already may be, and so may a sketch, which `_beside` keeps if it was edited.
+    One that has the new content already may be, and so may a sketch, which
+    `_destination` keeps if it was edited.
 
     there: what it holds. digests: of it as it was exported, if known.
     """
     if there == file_bytes(content):
         return
     if digests is None or has_seal(content):
-        if not _ours(path, there):
+        if not _is_exported(path, there):
             raise InputError(f"{path}: is there already and was not exported by Swarmwright; {_REMEDY}")
         return
     # Editors and version control change the ends of lines.
@@ -143,7 +144,7 @@ def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _beside(path: Path, content: str | bytes) -> Path:
+def _destination(path: Path, content: str | bytes) -> Path:
     """Return where a file is written: beside the one that is there if users were to edit it, and have."""
     if not has_seal(content) or not path.exists():
         return path
@@ -171,7 +172,7 @@ def check_case(files: Mapping[str, str | bytes], folder: Path, prefix: str) -> N
             continue
         for other in sorted(path.parent.iterdir()):
             is_other = other.name != path.name and other.name.lower() == path.name.lower()
-            if is_other and other.is_file() and _ours(other, _read(other)):
+            if is_other and other.is_file() and _is_exported(other, _read(other)):
                 there = other.name[: len(prefix)]
                 raise InputError(
                     f"prefix: {prefix!r} differs from {there!r} of {other}, which is there already, in upper "
@@ -191,7 +192,7 @@ def _first_line(content: bytes) -> bytes:
     return content.split(b"\n", 1)[0]
 
 
-def _ours(path: Path, content: bytes) -> bool:
+def _is_exported(path: Path, content: bytes) -> bool:
     """Return whether a file was exported: it has the mark, or is a copy, as a package above it says."""
     if MARK.encode() in content[:_SEARCHED]:
         return True

@@ -29,14 +29,14 @@ def conversions(units: Sequence[Any], inverse: set[str]) -> Mapping[str, Mapping
             factor, offset = base.factor / to.factor, (base.offset - to.offset) / to.factor
             others[other.name] = (factor, offset)
             for shown in other.displayUnits:
-                others.setdefault(shown.name, _then((factor, offset), shown))
+                others.setdefault(shown.name, _composed((factor, offset), shown))
         # Its own definitions come before those by way of others.
-        others.update({shown.name: _then((1.0, 0.0), shown) for shown in one.displayUnits})
+        others.update({shown.name: _composed((1.0, 0.0), shown) for shown in one.displayUnits})
         found[one.name] = {name: by for name, by in others.items() if name not in inverse}
     return found
 
 
-def _then(by: tuple[float, float], shown: Any) -> tuple[float, float]:  # noqa: ANN401 - FMPy has no types
+def _composed(by: tuple[float, float], shown: Any) -> tuple[float, float]:  # noqa: ANN401 - FMPy has no types
     factor = float(shown.factor)
     return by[0] * factor, by[1] * factor + float(shown.offset)
 

@@ -12,18 +12,20 @@ def terminals_of(text: bytes) -> Mapping[str, tuple[str, ...]]:
     """
     root = ET.fromstring(text)  # noqa: S314 - expat limits entities
     return {
-        name: tuple(members) for one in root.findall("Terminals/Terminal") for name, members in _of(one, "")
+        name: tuple(members)
+        for one in root.findall("Terminals/Terminal")
+        for name, members in _terminals_in(one, "")
     }
 
 
-def _of(terminal: ET.Element, above: str) -> Iterator[tuple[str, list[str]]]:
+def _terminals_in(terminal: ET.Element, above: str) -> Iterator[tuple[str, list[str]]]:
     name = f"{above}{terminal.get('name', '')}"
     members = []
     for one in terminal:
         if one.tag == "TerminalMemberVariable":
             members.append(one.get("variableName", ""))
         elif one.tag == "Terminal":
-            for inner, variables in _of(one, f"{name}."):
+            for inner, variables in _terminals_in(one, f"{name}."):
                 if "." not in inner[len(name) + 1 :]:
                     members += variables
                 yield inner, variables

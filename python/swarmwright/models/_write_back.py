@@ -163,7 +163,7 @@ def _tags(path: Path, value: Callable[[str], Any]) -> bytes:
         naming, set_ = ("key", "value") if match[1] == "propentry" else ("name", "number")
         name = _attribute(match[0], naming)
         found = None if name is None else value(name.strip())
-        return match[0] if found is None else _with(match[0], set_, str(found))
+        return match[0] if found is None else _with_attribute(match[0], set_, str(found))
 
     # An encoding may lack characters of a value; XML has them by number.
     return _TAG.sub(replaced, text).encode(encoding, "xmlcharrefreplace")
@@ -190,7 +190,7 @@ def _attribute(tag: str, name: str) -> str | None:
     return None if match is None else unescape(match[2][1:-1], {"&quot;": '"', "&apos;": "'"})
 
 
-def _with(tag: str, name: str, text: str) -> str:
+def _with_attribute(tag: str, name: str, text: str) -> str:
     """Return a tag with another value of an attribute, or with one more attribute."""
     written = f'"{escape(text, {chr(34): "&quot;"})}"'
     changed, count = _pattern(name).subn(lambda match: match[1] + written, tag, count=1)

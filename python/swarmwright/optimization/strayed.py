@@ -62,7 +62,7 @@ def _why(reader: StoreReader, components: Sequence[Component], edited: Sequence[
         if is_plug_in(type(component)):
             sort = next(name for base, name in _SORTS.items() if isinstance(component, base))
             return (
-                f": the {sort} {component.kind} does not give the same {_gives(sort)} again; "
+                f": the {sort} {component.kind} does not give the same {_output_of(sort)} again; "
                 f"`swarmwright.testing.check_{sort}({component.kind!r})` finds out why. Start a new run"
             )
     state, commits = "", (first.versions.get(COMMIT), revision())
@@ -77,5 +77,5 @@ def _why(reader: StoreReader, components: Sequence[Component], edited: Sequence[
     )
 
 
-def _gives(sort: str) -> str:
+def _output_of(sort: str) -> str:
     return "fitness" if sort == "ranking" else "genomes"

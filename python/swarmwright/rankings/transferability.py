@@ -110,7 +110,7 @@ class Transferability(SlowRanking):
             slow[who] = row_means((yield who))
             measured[who] = True
         for one in np.flatnonzero(np.isfinite(slow)).tolist():
-            known = self._with(known, places[one], float(approximate[one]), float(slow[one]))
+            known = self._with_candidate(known, places[one], float(approximate[one]), float(slow[one]))
         fitness = self._fitness(known, approximate, places, measured, slow)
         return Ranked(fitness, known._replace(generations=known.generations + 1))
 
@@ -129,7 +129,7 @@ class Transferability(SlowRanking):
         high = np.maximum(before.high, places.max(axis=0, initial=-np.inf))
         return before._replace(low=low, high=high)
 
-    def _with(self, known: _Known, place: Values, fast: float, slow: float) -> _Known:
+    def _with_candidate(self, known: _Known, place: Values, fast: float, slow: float) -> _Known:
         """Return what is known with one more candidate."""
         disparity = abs(slow - fast)
         return known._replace(

@@ -22,7 +22,7 @@ _MOST_CHANGES = 8
 """Of one mutation."""
 
 
-def _only(genomes: Genomes) -> Genome:
+def _single(genomes: Genomes) -> Genome:
     """Return the one genome that there is."""
     found: Genome = genomes[0]
     return found
@@ -263,8 +263,8 @@ class Modules(Representation):
     def initial(self, stream: Stream) -> Genome:
         """Return a random machine, or the given one after 0 to 8 changes."""
         if self.start is not None:
-            return _only(self._near_start([stream]))
-        return _only(self._random(stream.unit(self.genome_size)[np.newaxis]))
+            return _single(self._near_start([stream]))
+        return _single(self._random(stream.unit(self.genome_size)[np.newaxis]))
 
     def initials(self, streams: Streams) -> Genomes:
         """Return a machine for each stream, see `initial`."""
@@ -302,7 +302,9 @@ class Modules(Representation):
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
         """Return a copy after a few changes, see the class."""
-        return _only(self._mutated(genome[np.newaxis], [stream], severity=severity, probability=probability))
+        return _single(
+            self._mutated(genome[np.newaxis], [stream], severity=severity, probability=probability)
+        )
 
     def mutations(
         self, parents: Genomes, streams: Streams, *, severity: float, probability: float
@@ -430,7 +432,7 @@ class Modules(Representation):
         count = stream.integer(units - 1) + 1
         first = stream.integer(units)
         runs = np.array([[count - 1, first]])
-        return _only(self._crossed(mother[np.newaxis], father[np.newaxis], runs))
+        return _single(self._crossed(mother[np.newaxis], father[np.newaxis], runs))
 
     def crossovers(self, mothers: Genomes, fathers: Genomes, streams: Streams) -> Genomes:
         """Return a child of each pair, see `crossover`."""

@@ -160,7 +160,7 @@ class Team(Representation):
 
     def weights(self, genomes: Genomes) -> NDArray[np.float32]:
         """Return the weights of the groups' controllers, one group after another."""
-        pairs = zip(self.parts.values(), self._apart(genomes), strict=True)
+        pairs = zip(self.parts.values(), self._parts_of(genomes), strict=True)
         parts = [part.weights(np.ascontiguousarray(rows)) for part, rows in pairs]
         return np.ascontiguousarray(np.concatenate(parts, axis=1), dtype=np.float32)
 
@@ -170,27 +170,27 @@ class Team(Representation):
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
         """Return a copy in which each group's genes were mutated."""
-        pairs = zip(self.parts.values(), self._apart(genome), strict=True)
+        pairs = zip(self.parts.values(), self._parts_of(genome), strict=True)
         return np.concatenate(
             [part.mutate(own, stream, severity=severity, probability=probability) for part, own in pairs]
         )
 
     def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
         """Return a child in which each group's genes are of both parents."""
-        both = zip(self.parts.values(), self._apart(mother), self._apart(father), strict=True)
+        both = zip(self.parts.values(), self._parts_of(mother), self._parts_of(father), strict=True)
         return np.concatenate([part.crossover(one, other, stream) for part, one, other in both])
 
     def distance(self, one: Genome, other: Genome) -> float:
         """Return the sum of the groups' distances."""
-        both = zip(self.parts.values(), self._apart(one), self._apart(other), strict=True)
+        both = zip(self.parts.values(), self._parts_of(one), self._parts_of(other), strict=True)
         return sum(part.distance(first, second) for part, first, second in both)
 
     def likeness(self, genomes: Genomes) -> NDArray[np.float64]:
         """Return numbers by which genomes are compared, one group after another."""
-        pairs = zip(self.parts.values(), self._apart(genomes), strict=True)
+        pairs = zip(self.parts.values(), self._parts_of(genomes), strict=True)
         return np.concatenate([part.likeness(np.ascontiguousarray(rows)) for part, rows in pairs], axis=1)
 
-    def _apart(self, genomes: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+    def _parts_of(self, genomes: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         return np.split(genomes, self._cuts, axis=-1)
 
 

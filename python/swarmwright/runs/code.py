@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
 
-_INSTEAD = "; --simulation FILE:Class takes another one"
+_OTHER_SIMULATION_HINT = "; --simulation FILE:Class takes another one"
 
 
 def parts_of(experiment: Experiment, patterns: Sequence[str] | None = None) -> list[Part]:
@@ -149,12 +149,12 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
 
     Raises InputError when there is no source, or the other class does not fit.
     """
-    edited = edits.said(run)
+    edited = edits.in_words(run)
     if edited is not None:
         warn_once(f"{edited}; what the run recorded is used")
     experiment = run.experiment
     if simulation is not None:
-        return _with(experiment, simulation)
+        return _with_simulation(experiment, simulation)
     redefined = _redefined(run, experiment.simulation)
     if redefined is not None:
         warn_once(f"{run.path}: {redefined}; it is used as it is now")
@@ -167,7 +167,7 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
                 "its first copy is used"
             )
         for kept in copy.parts.values():
-            _tell(copy, kept)
+            _warn_if_changed(copy, kept)
         experiment = _with_environment(_with_modules(experiment, copy), copy)
     if copy is not None and "simulation" in copy.parts and _is_copied(experiment.simulation):
         kept = copy.parts["simulation"]
@@ -175,7 +175,7 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
         return dataclasses.replace(experiment, simulation=name)
     if copy is None:
         _check_there(run, experiment.simulation)
-        if _keeps(experiment.simulation):
+        if _has_own_source(experiment.simulation):
             known = ""
             if run.code:
                 parts = parts_of(experiment, _patterns(experiment))
@@ -206,7 +206,7 @@ def _redefined(run: "Run", simulation: str) -> str | None:
     return f"the class {simulation.rpartition(':')[2]} was redefined after the run was computed with it"
 
 
-def _of_notebook(run: "Run", simulation: str, *, accept_changed_code: bool) -> list[str]:
+def _notebook_notes(run: "Run", simulation: str, *, accept_changed_code: bool) -> list[str]:
     """Return what is noted of a class of this notebook. Raises InputError where a change was not accepted."""
     redefined = _redefined(run, simulation)
     if redefined is None:
@@ -223,14 +223,18 @@ def _of_notebook(run: "Run", simulation: str, *, accept_changed_code: bool) -> l
 def remarks(run: "Run") -> list[str]:
     """Return in words what was edited since the run: its experiment.yaml, its simulation, plug-ins."""
     found = []
-    edited = edits.said(run)
+    edited = edits.in_words(run)
     if edited is not None:
         found.append(edited)
     try:
         copy = copy_of(run)
         if copy is not None:
             differing = ((kept, _differing(copy, kept)) for kept in copy.parts.values())
-            found += [f"{_what(kept)}: {summary(kept, now)}" for kept, now in differing if now is not None]
+            found += [
+                f"{_component_label(kept)}: {summary(kept, now)}"
+                for kept, now in differing
+                if now is not None
+            ]
     except InputError as error:
         found.append(str(error))
     return found
@@ -270,8 +274,8 @@ def continuation(
 
     Raises InputError when something has changed that was not accepted, or there is no source.
     """
-    named = None if simulation is None else _with(experiment, simulation)
-    notes = _of_notebook(run, (named or experiment).simulation, accept_changed_code=accept_changed_code)
+    named = None if simulation is None else _with_simulation(experiment, simulation)
+    notes = _notebook_notes(run, (named or experiment).simulation, accept_changed_code=accept_changed_code)
     copy = copy_of(run)
     if copy is None:
         if named is None:
@@ -304,7 +308,8 @@ def continuation(
         return Continuation(named or _with_environment(experiment, copy), used, copy, copy.version, notes)
     if not accept_changed_code:
         raise InputError(
-            f"{_told_of(run, copy, changed)}\nGenerations that different code evaluated cannot be compared. "
+            f"{_changes_in_words(run, copy, changed)}\n"
+            "Generations that different code evaluated cannot be compared. "
             f"Restore what was edited (the run's copy is in {near(copy.folder)}), or start a new run, or go "
             "on nevertheless with --accept-changed-code, which is noted in the run (in Python, "
             "accept_changed_code=True)."
@@ -321,7 +326,7 @@ def continuation(
     if named is not None:
         named = dataclasses.replace(named, controller=experiment.controller)
     if named is None and "simulation" in changed and not is_environment(experiment.simulation):
-        named = _with(experiment, _name(experiment, changed["simulation"]))
+        named = _with_simulation(experiment, _name_in_part(experiment, changed["simulation"]))
     version = max(run.code) + 1
     edited = (summary(copy.parts[name], part) for name, part in changed.items() if is_plug_in(name))
     return Continuation(named or experiment, parts, None, version, notes, tuple(dict.fromkeys(edited)))
@@ -364,7 +369,7 @@ def changed_code(run: "Run", experiment: Experiment) -> str | None:
         if part.name in copy.parts
     }
     changed = {name: part for name, part in now.items() if not _is_same(copy.parts[name], part)}
-    return _told_of(run, copy, changed) if changed else None
+    return _changes_in_words(run, copy, changed) if changed else None
 
 
 def _check_trusted(run: "Run", experiment: Experiment, copy: Copy | None, *, accepted: bool = False) -> None:
@@ -401,17 +406,19 @@ def trust_code(run: "Run") -> None:
         check_trusted(run)
 
 
-def _told_of(run: "Run", copy: Copy, changed: dict[str, Part]) -> str:
+def _changes_in_words(run: "Run", copy: Copy, changed: dict[str, Part]) -> str:
     """Return what has changed in words, with the differences below."""
     lines = []
     for name, part in changed.items():
         kept = copy.parts[name]
-        lines.append(f"{run.path}: {_what(kept)} has changed since the run was begun: {summary(kept, part)}")
+        lines.append(
+            f"{run.path}: {_component_label(kept)} has changed since the run was begun: {summary(kept, part)}"
+        )
         lines.append(difference(copy, kept, part))
     return "\n".join(line for line in lines if line)
 
 
-def _tell(copy: Copy, kept: Kept) -> None:
+def _warn_if_changed(copy: Copy, kept: Kept) -> None:
     """Say that a component has changed since the run."""
     now = _differing(copy, kept)
     if now is None:
@@ -421,9 +428,12 @@ def _tell(copy: Copy, kept: Kept) -> None:
     elif _is_environment_copied(kept):
         notices.copy_is_used(copy, kept, now, f"; --simulation {kept.component} takes it as it is now")
     elif is_plug_in(kept.name) or is_environment(kept.component):
-        warn_once(f"{near(copy.run)}: {_what(kept)}: {summary(kept, now)} since; the current version is used")
+        warn_once(
+            f"{near(copy.run)}: {_component_label(kept)}: {summary(kept, now)} since; the current version is "
+            "used"
+        )
     else:
-        notices.copy_is_used(copy, kept, now, _INSTEAD)
+        notices.copy_is_used(copy, kept, now, _OTHER_SIMULATION_HINT)
 
 
 def _differing(copy: Copy, kept: Kept) -> Part | None:
@@ -432,7 +442,7 @@ def _differing(copy: Copy, kept: Kept) -> Part | None:
     return None if now is None or now.digests == dict(kept.digests) else now
 
 
-def _what(kept: Kept) -> str:
+def _component_label(kept: Kept) -> str:
     parsed = SimulationName.parse(kept.component)
     return f"{kept.name} {parsed.label if parsed.is_command else kept.component}"
 
@@ -448,7 +458,7 @@ def _is_environment_copied(kept: Kept) -> bool:
     return SimulationName.parse(kept.component).library in {"gymnasium", "pettingzoo"}
 
 
-def _keeps(simulation: str) -> bool:
+def _has_own_source(simulation: str) -> bool:
     """Whether runs of a simulation keep a copy of its source."""
     parsed = SimulationName.parse(simulation)
     package = parsed.place.partition(".")[0]
@@ -471,7 +481,7 @@ def _check_there(run: "Run", simulation: str) -> None:
         )
 
 
-def _with(experiment: Experiment, simulation: str | type) -> Experiment:
+def _with_simulation(experiment: Experiment, simulation: str | type) -> Experiment:
     """Return the experiment with another class. Raises InputError when that does not fit the run."""
     name = name_of(simulation) if isinstance(simulation, type) else simulation
     if not is_python(name):
@@ -493,7 +503,7 @@ def _with(experiment: Experiment, simulation: str | type) -> Experiment:
     return dataclasses.replace(experiment, simulation=name)
 
 
-def _name(experiment: Experiment, part: Part) -> str:
+def _name_in_part(experiment: Experiment, part: Part) -> str:
     place = part.origin if part.module is None else part.module
     return SimulationName.parse(experiment.simulation).in_file(place)
 

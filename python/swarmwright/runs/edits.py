@@ -37,7 +37,8 @@ class Change:
 
     def __str__(self) -> str:
         """Return key and values in words."""
-        return f"{self.key} is {_said(self.now)} in the file, {_said(self.recorded)} in the run"
+        now, recorded = _value_in_words(self.now), _value_in_words(self.recorded)
+        return f"{self.key} is {now} in the file, {recorded} in the run"
 
 
 def changes(run: "Run") -> tuple[list[Change], Experiment]:
@@ -72,7 +73,7 @@ def differences(recorded: Mapping[str, Any], now: Mapping[str, Any]) -> list[Cha
     ]
 
 
-def said(run: "Run") -> str | None:
+def in_words(run: "Run") -> str | None:
     """Return in words what was changed in the file, None when nothing was."""
     try:
         found, _ = changes(run)
@@ -114,8 +115,10 @@ def taken_over(run: "Run", asked: Experiment) -> tuple[Experiment, list[str]]:
         return run.experiment, []
     sections = {one.key.partition(".")[0] for one in moved}
     experiment = dataclasses.replace(run.experiment, **{key: getattr(written, key) for key in sections})
-    return experiment, [f"{FILE}: {one.key} {_said(one.recorded)} -> {_said(one.now)}" for one in moved]
+    return experiment, [
+        f"{FILE}: {one.key} {_value_in_words(one.recorded)} -> {_value_in_words(one.now)}" for one in moved
+    ]
 
 
-def _said(value: Any) -> str:  # noqa: ANN401 - any value of a file
+def _value_in_words(value: Any) -> str:  # noqa: ANN401 - any value of a file
     return "not given" if value is _NOTHING else shown(value)

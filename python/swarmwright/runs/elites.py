@@ -152,7 +152,7 @@ class Elites:
             style.check(Path(path))
         if not self.candidates:
             raise InputError("there is no elite to draw: no candidate has finite fitness and metrics")
-        values, names, heading = self.values(), self._called(), title_of(self.experiment)
+        values, names, heading = self.values(), self._metric_labels(), title_of(self.experiment)
         if self.grid is None:
             figure = front(values, names, list(self.goals.values()), heading)
         else:
@@ -165,7 +165,7 @@ class Elites:
             style.save(figure, Path(path))
         return figure
 
-    def _called(self) -> list[str]:
+    def _metric_labels(self) -> list[str]:
         """Return what figures call the metrics: in words, with the unit where it is known."""
         known: dict[str, dict[str, str]] = {}
         simulation, parameters = self.experiment.simulation, self.experiment.parameters

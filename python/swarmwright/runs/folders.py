@@ -52,7 +52,7 @@ def default_folder(experiment: Experiment) -> Path:
     folder, number = base, 1
     try:
         RUNS.mkdir(exist_ok=True)
-        while not _made(folder):
+        while not _make_folder(folder):
             number += 1
             folder = base.with_name(f"{base.name}-{number}")
     except OSError as error:
@@ -60,7 +60,7 @@ def default_folder(experiment: Experiment) -> Path:
     return folder
 
 
-def _made(folder: Path) -> bool:
+def _make_folder(folder: Path) -> bool:
     """Make a folder; return False when there is something of its name."""
     try:
         folder.mkdir()

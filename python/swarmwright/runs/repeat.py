@@ -105,7 +105,7 @@ def repeat(
         experiment = experiment_of(experiment)
     recorded = run.evaluation(candidate, generation)
     parts = instances(run, recorded)
-    ran = _ran(run, recorded)
+    ran = _episodes_run(run, recorded)
     seeds = [seed for part in parts[:-1] for seed in part.seeds] + recorded.seeds[:ran]
     before = np.concatenate([*(part.episodes for part in parts[:-1]), recorded.episodes[:ran]])
     experiment = experiment or used_for(run, recorded.generation, simulation)
@@ -144,7 +144,7 @@ def _plain(errors: Sequence[str]) -> set[str]:
     return {_VARYING.sub("", one) for one in errors}
 
 
-def _ran(run: "Run", recorded: Evaluation) -> int:
+def _episodes_run(run: "Run", recorded: Evaluation) -> int:
     """Return how many episodes a candidate went through: all, but for one that was dropped from a race."""
     ranking = run.experiment.new_ranking()
     if not isinstance(ranking, Race):

@@ -263,24 +263,24 @@ def _changed(now: Mapping[str, Any], before: Mapping[str, Any], settings: Iterab
     said: set[str] = set()
     # The last one of a key holds.
     for path, value in {one.path[1:]: one.value for one in settings if one.path[0] == "parameters"}.items():
-        if not path or _at(now, path) == _at(before, path):
+        if not path or _value_at(now, path) == _value_at(before, path):
             continue
         said.add(path[0])  # a name of which a part is set is a mapping now: not all of it is news
-        yield f"{'.'.join(path)} {_short(value)}{_was(_at(before, path))}"
+        yield f"{'.'.join(path)} {_shortened(value)}{_earlier_value(_value_at(before, path))}"
     flat_now, flat_before = flat(now), flat(before)
     for key in dict.fromkeys([*flat_now, *flat_before]):
         if key == "seed" or key.split(".")[0] in said:
             continue
         value, was = flat_now.get(key, _NONE), flat_before.get(key, _NONE)
         if value != was:
-            yield f"{key} {_short(value)}{_was(was)}"
+            yield f"{key} {_shortened(value)}{_earlier_value(was)}"
 
 
 _NONE = object()
 """Stands for a parameter that is not given."""
 
 
-def _at(values: Any, path: Iterable[str]) -> Any:  # noqa: ANN401 - any value of a file
+def _value_at(values: Any, path: Iterable[str]) -> Any:  # noqa: ANN401 - any value of a file
     """Return a parameter, or a part of one."""
     for part in path:
         if isinstance(values, Mapping):
@@ -292,16 +292,16 @@ def _at(values: Any, path: Iterable[str]) -> Any:  # noqa: ANN401 - any value of
     return values
 
 
-def _short(value: Any) -> str:  # noqa: ANN401 - any value of a file
+def _shortened(value: Any) -> str:  # noqa: ANN401 - any value of a file
     if value is _NONE:
         return "not given"
     text = value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= _VALUE_CHARACTERS else f"{text[: _VALUE_CHARACTERS - 1]}…"
 
 
-def _was(value: Any) -> str:  # noqa: ANN401 - any value of a file
+def _earlier_value(value: Any) -> str:  # noqa: ANN401 - any value of a file
     """Return what a parameter was, in words; nothing where the run did not give it."""
-    return "" if value is _NONE else f" (in the run {_short(value)})"
+    return "" if value is _NONE else f" (in the run {_shortened(value)})"
 
 
 def _origin(experiment: "Experiment") -> list[tuple[str, str]]:

@@ -42,7 +42,7 @@ def table(
     steps, thresholds, rows = steps_of(root, edges, outputs, sensors)
     _check_size(rows * (1 + actuators))
     effects, first = _flattened(root, steps, rows, 1 + actuators)
-    kept = [_kept(one, actuators) for one in effects]
+    kept = [_keeping_actuators(one, actuators) for one in effects]
     given = dict([*begin, *first])
     start = tuple(given.get(actuator, 0.0) for actuator in range(actuators))
     variants = _variants(effects, kept, start)
@@ -139,7 +139,7 @@ def _thresholds(edges: dict[int, Edge], sensors: int) -> Thresholds:
     return {sensor: sorted(ones) for sensor, ones in found.items()}
 
 
-def _kept(effects: list[_Effect], actuators: int) -> tuple[int, ...]:
+def _keeping_actuators(effects: list[_Effect], actuators: int) -> tuple[int, ...]:
     """Return the actuators that keep their number in some step of a state."""
     return tuple(
         actuator

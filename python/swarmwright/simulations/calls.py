@@ -73,7 +73,7 @@ class Calls(Generic[Made]):
                 raise _engine.InputError(str(error)) from None
             self._fail(self._cause(method, error), error)
         except EpisodeError as error:  # it says where and what
-            failure = reworded(error, _kept(str(error), _REASON))
+            failure = reworded(error, _as_engine_keeps(str(error), _REASON))
             self._tell(str(failure), failure.stack)
             self._failures[:] = [failure]
             raise failure from error.__cause__
@@ -119,14 +119,14 @@ class Calls(Generic[Made]):
             return self._not_called(method, error)
         of_adapter = bool(frames) and Path(frames[-1].filename).is_relative_to(_ADAPTERS)
         if of_adapter and isinstance(error, SimulationError):  # the adapter says what is wrong
-            return f"{method}: {_said(error)}"
+            return f"{method}: {_message_of(error)}"
         file = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
         if self._kind.__module__.startswith("swarmwright.adapters."):
             mine = [frame for frame in frames if not is_installed(frame.filename)] or frames
         else:
             mine = [frame for frame in frames if frame.filename == file] or frames
         where = f" ({shown_path(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
-        words = _said(error)
+        words = _message_of(error)
         return f"{method}: {type(error).__name__}{': ' if words else ''}{words}{where}"
 
     def _not_called(self, method: str, error: TypeError) -> str:
@@ -139,7 +139,7 @@ class Calls(Generic[Made]):
             place = f" ({shown_path(code.co_filename)}:{code.co_firstlineno})"
         elif file is not None:
             place = f" ({shown_path(file)})"
-        what = f"TypeError: {_said(error)}" if callable(found) else f"{short(found)} is no method"
+        what = f"TypeError: {_message_of(error)}" if callable(found) else f"{short(found)} is no method"
         return f"{method}: {what}{place}; expected {self._signature(method)}"
 
     def _signature(self, method: str) -> str:
@@ -151,7 +151,7 @@ class Calls(Generic[Made]):
 
     def _fail(self, reason: str, error: BaseException | None = None) -> NoReturn:
         """Report and raise."""
-        reason = _kept(f"{self._kind.__name__}.{reason}", _REASON)
+        reason = _as_engine_keeps(f"{self._kind.__name__}.{reason}", _REASON)
         stack = None if error is None else _traceback(error)
         self._tell(reason, stack)
         failure = SimulationError(reason, stack)
@@ -188,12 +188,12 @@ def _end_child(method: str) -> NoReturn:
     os._exit(1)
 
 
-def _said(error: BaseException) -> str:
+def _message_of(error: BaseException) -> str:
     """Return what an exception says, shortened."""
-    return _kept(words_of(error), _WORDS)
+    return _as_engine_keeps(words_of(error), _WORDS)
 
 
-def _kept(text: str, most: int) -> str:
+def _as_engine_keeps(text: str, most: int) -> str:
     """Return a text as the engine would keep it: without lone surrogates, and shortened."""
     text = text.encode(errors="replace").decode()
     return text if len(text) <= most else f"{text[: most - 3]}..."

@@ -197,10 +197,10 @@ def file_of(kind: type) -> Path | None:
 
 def _from_file(path: Path) -> ModuleType:
     held = Copy.holding(path)
-    return _file(path) if held is None else _kept(*held)
+    return _file(path) if held is None else _import_copy(*held)
 
 
-def _kept(copy: Copy, kept: Kept) -> ModuleType:
+def _import_copy(copy: Copy, kept: Kept) -> ModuleType:
     """Import what a run has a copy of: the one place where code that lies in a run folder is executed."""
     place = str(copy.place(kept))
     if place in files:

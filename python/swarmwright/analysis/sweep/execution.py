@@ -131,7 +131,7 @@ def conduct(
     """
     outcome = Outcome(tasks)
     noting = _Noting(outcome, listener)
-    before = [_before(task) for task in tasks]  # report errors before anything is started
+    before = [_finished_run(task) for task in tasks]  # report errors before anything is started
     try:
         record.write(sweep, tasks)
     except InputError as error:  # a folder that may be read alone: finished runs are compared nevertheless
@@ -177,12 +177,12 @@ def _look_again(outcome: Outcome) -> None:
 def finished(task: Task) -> Run | None:
     """Return a run that another process has finished meanwhile; None for one that it has not."""
     with suppress(InputError):  # reported when it is done here, or it remains what it was
-        run = _before(task)
+        run = _finished_run(task)
         return run if isinstance(run, Run) else None
     return None
 
 
-def _before(task: Task) -> Run | UnreadableRunError | None:
+def _finished_run(task: Task) -> Run | UnreadableRunError | None:
     """Return a run that is finished, or why it cannot be read; None for what is left to do."""
     try:
         run = task.found()
@@ -208,7 +208,11 @@ def _one_after_another(
                 continue
             listener.begun(task)
             try:
-                run = executor.run(task, _of(listener.generation, task), _of(listener.evaluating, task))
+                run = executor.run(
+                    task,
+                    _callback_of_task(listener.generation, task),
+                    _callback_of_task(listener.evaluating, task),
+                )
             except BrokenPipeError:  # the listener's output pipe is closed
                 raise
             except BusyRunError:
@@ -224,6 +228,6 @@ def _one_after_another(
     return True
 
 
-def _of(tell: Callable[..., None], task: Task) -> Callable[..., None]:
+def _callback_of_task(tell: Callable[..., None], task: Task) -> Callable[..., None]:
     """Return a callback of `optimize` that says which task it is of."""
     return lambda *values: tell(task, *values)

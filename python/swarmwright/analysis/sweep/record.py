@@ -40,7 +40,7 @@ def write(sweep: Sweep, tasks: Sequence[Task]) -> None:
 
 
 def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
-    experiments = [_kept(one) for one in sweep.variants]
+    experiments = [_recorded_variant(one) for one in sweep.variants]
     first = experiments[0]
     common = {
         key: value
@@ -67,7 +67,7 @@ def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
     }
 
 
-def _kept(variant: Variant) -> dict[str, Any]:
+def _recorded_variant(variant: Variant) -> dict[str, Any]:
     """Return what the record has of a variant: a sweep that is repeated by it keeps the names of code."""
     experiment = variant.experiment
     kept = {key: value for key, value in experiment.to_mapping().items() if key not in _LEFT_OUT}

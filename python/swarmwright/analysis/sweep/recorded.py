@@ -95,7 +95,7 @@ def sweep_of(
             f"{file}: is not a record of a sweep as Swarmwright writes it ({what}); start the sweep with its "
             "sweep file"
         ) from error
-    runs = [_first(file.parent / f"{folder}-{seed}" for seed in seeds) for _, folder, *_ in found]
+    runs = [_first_readable(file.parent / f"{folder}-{seed}" for seed in seeds) for _, folder, *_ in found]
     code = _Code()
     variants: dict[int, Variant] = {}
     for place in sorted(range(len(found)), key=lambda place: runs[place] is None):
@@ -214,7 +214,7 @@ def _of_run(run: Run, recorded: Experiment, code: _Code) -> Experiment:
     return experiment
 
 
-def _first(folders: Iterable[Path]) -> Run | None:
+def _first_readable(folders: Iterable[Path]) -> Run | None:
     """Return the first run that is there and can be read."""
     for folder in folders:
         with suppress(InputError):  # a damaged one is named when it is its turn

@@ -184,7 +184,7 @@ def tasks(sweep: Sweep) -> list[Task]:
     A stopped sweep then has about equally many runs of each variant.
     """
     alike = {_identity(one.experiment): one.alike for one in sweep.variants if one.alike}
-    there = {name: _there(sweep, name, alike) for name in set(alike.values())}
+    there = {name: _existing_folders(sweep, name, alike) for name in set(alike.values())}
     folders = [_folder(variant, there) for variant in sweep.variants]
     return [
         Task(variant, seed, sweep.out / f"{folder}-{seed}")
@@ -199,7 +199,7 @@ def _folder(variant: Variant, there: Mapping[str, Mapping[str, str]]) -> str:
     Where several variants would have one name, that of the folders that hold runs of this one: variants of
     other grids may have come before it, and earlier versions numbered them.
 
-    there: what `_there` returns, for each of these names.
+    there: what `_existing_folders` returns, for each of these names.
     """
     if not variant.alike:
         return variant.folder
@@ -208,7 +208,7 @@ def _folder(variant: Variant, there: Mapping[str, Mapping[str, str]]) -> str:
     return found.get(_identity(variant.experiment), default)
 
 
-def _there(sweep: Sweep, name: str, identities: Collection[str]) -> dict[str, str]:
+def _existing_folders(sweep: Sweep, name: str, identities: Collection[str]) -> dict[str, str]:
     """Return names of folders with runs of variants, the name and name_2, name_3, .., by their identities."""
     found: dict[str, str] = {}
     for numbered in chain([name], (f"{name}_{number}" for number in count(2))):

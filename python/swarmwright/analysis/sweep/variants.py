@@ -117,7 +117,7 @@ def changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
         if section not in merged:
             merged[section] = {}
         if option == "kind" and section in REGISTRIES:
-            merged[section].update(_kept(base, section, value, changes))
+            merged[section].update(_kept_options(base, section, value, changes))
         path = _part_of_option(base, key)
         if path is None:
             merged[section][option] = value
@@ -147,7 +147,7 @@ def _set_part(base: Experiment, merged: dict[str, Any], path: tuple[str, ...], v
     merged[option] = values[section][option]
 
 
-def _kept(base: Experiment, section: str, kind: Any, changes: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401
+def _kept_options(base: Experiment, section: str, kind: Any, changes: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401
     """Return the options of the experiment's file that a variant with another kind keeps, as with --set."""
     options = getattr(base, section)
     if kind == options.kind:
@@ -189,7 +189,7 @@ def _with_folders(found: Iterable[tuple[str, Mapping[str, Any], Experiment]]) ->
         if counts[name] == 1:
             variants.append(Variant(label, name, experiment, keys=tuple(values)))
             continue
-        apart = _apart(name, values, taken)
+        apart = _with_digest(name, values, taken)
         taken.add(apart)
         folder = name if name in first else apart
         variants.append(Variant(label, folder, experiment, name, apart, tuple(values)))
@@ -197,7 +197,7 @@ def _with_folders(found: Iterable[tuple[str, Mapping[str, Any], Experiment]]) ->
     return tuple(variants)
 
 
-def _apart(name: str, values: Mapping[str, Any], taken: Collection[str]) -> str:
+def _with_digest(name: str, values: Mapping[str, Any], taken: Collection[str]) -> str:
     """Return a name with a digest of the values, of six digits unless that is taken."""
     text = json.dumps(values, default=str, ensure_ascii=False)
     digest = hashlib.sha256(text.encode()).hexdigest()

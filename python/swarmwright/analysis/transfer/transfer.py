@@ -99,7 +99,7 @@ def transfer(
         plan.check(broker)
     total = sum(plan.episodes(seeds) for plan in plans)
     work = Work(episodes, broker, servers, on_progress, total, prefix=prefix)
-    found = [one for run, plan in zip(kept, plans, strict=True) for one in _of(run, plan, work)]
+    found = [one for run, plan in zip(kept, plans, strict=True) for one in _transferred(run, plan, work)]
     names = tuple(target.name for target in targets)
     said = (*notes, *_same(plans), *_cautions(groups, found))
     result = Transfer(tuple(episodes), names, tuple(found), tuple(groups), said)
@@ -111,7 +111,7 @@ def _plan(run: Run, targets: Sequence[Target], candidates: int, random: int, see
     return Plan.of(used_for(run, best[0].generation), best, targets, random=random, seeds=seeds)
 
 
-def _of(run: Run, plan: Plan, work: Work) -> Iterator[Transferred]:
+def _transferred(run: Run, plan: Plan, work: Work) -> Iterator[Transferred]:
     """Evaluate the candidates of a run in its own simulation and in all targets."""
     source = work.here(plan)
     ranking = plan.experiment.new_ranking()

@@ -27,7 +27,7 @@ def names(server: Server) -> list[str]:
     fix="choose names that can be used in an expression",
     needs=["S1.2"],
 )
-def their_names(server: Server) -> None:
+def names_are_valid(server: Server) -> None:
     """The announcement."""
     wrong = [name for name in names(server) if metric_names.problem_of(str(name))]
     if wrong:
@@ -41,7 +41,7 @@ def their_names(server: Server) -> None:
     fix='send "metrics": {name: number, ...} in the fitness message; leave out only what is NaN or infinite',
     needs=["S2.3"],
 )
-def they_come(server: Server) -> str:
+def metrics_are_sent(server: Server) -> str:
     """The fitness messages of all episodes so far: one that never came is missing."""
     wanted = names(server)
     trajectory = server.play()

@@ -337,7 +337,7 @@ def in_order(server: Server) -> None:
     "instance, if it is there, with your own",
     needs=["S9.1", "S2.9"],
 )
-def has_it(server: Server) -> None:
+def is_held_for_tool(server: Server) -> None:
     """After an evaluation: discoveries, a request of another tool, one of this tool, then run: false.
 
     Then requests for another instance, and for this one.
@@ -434,7 +434,7 @@ def invalid(server: Server) -> None:
     "swarmwright/v1/tool/",
     needs=["S9.1"],
 )
-def junk(server: Server) -> None:
+def ignores_junk(server: Server) -> None:
     """Junk, an unknown kind, a reply elsewhere; then a request with unknown keys."""
     controllers = announced_controllers(server)
     topic = f"swarmwright/v1/server/{server.id}"
@@ -477,7 +477,7 @@ def junk(server: Server) -> None:
     needs=["S9.8"],
     seconds=60,
 )
-def lease(server: Server) -> None:
+def lease_ends(server: Server) -> None:
     """A request that takes a while, and behind it one whose lease is a millionth of a second.
 
     The larger one grows until the other has to wait for it. The largest, or one that takes long, is sent

@@ -28,7 +28,7 @@ def presence(server: Server) -> Json:
     return found[-1].json
 
 
-def told(server: Server, wanted: str) -> Json:
+def awaited_presence(server: Server, wanted: str) -> Json:
     """Wait until presence has a state."""
     limit = time.monotonic() + CHANGE_TOLD_S + server.settings.timeout
     state: object = None
@@ -82,7 +82,7 @@ def announcement(server: Server) -> str:
 def retained(server: Server) -> None:
     """The message, as the broker keeps it."""
     found = presence(server)
-    found = told(server, "ready")
+    found = awaited_presence(server, "ready")
     text = f"presence {shown(json.dumps(found))}"
     capabilities = found.get("capabilities")
     if found.get("version") != 1 or found.get("server") != server.id:
@@ -138,11 +138,11 @@ def _waited_in(server: Server) -> Episode:
 def busy(server: Server) -> None:
     """An episode with a name, waited in, then ended."""
     episode = _waited_in(server)
-    found = told(server, "busy")
+    found = awaited_presence(server, "busy")
     if found.get("tool") != "conformance/a":
         raise Failure(f'"tool" is {found.get("tool")!r}', "'conformance/a', who has the server")
     episode.stop()
-    told(server, "ready")
+    awaited_presence(server, "ready")
 
 
 @rule(
@@ -173,7 +173,7 @@ def nothing_else(server: Server) -> None:
 def told_again(server: Server) -> None:
     """Control of another tool, in the first step of an episode of a tool with a name."""
     episode = _waited_in(server)
-    told(server, "busy")
+    awaited_presence(server, "busy")
     server.client.drain(server.quiet)
     other = server.episode(tool="conformance/b")
     sent = f"{other.configure()}, then {other.start()}"

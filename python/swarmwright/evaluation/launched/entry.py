@@ -19,37 +19,49 @@ class LaunchedServer:
     """One server that was started."""
 
     since: float
-    """When it was started, or began to run."""
+    """When it was started, or began to run (monotonic seconds)."""
     health: Health = field(default_factory=lambda: Health("waiting"))
     was_ready: bool = False
+    """Whether it has been on the broker."""
 
 
 @dataclass
 class Entry:
-    """A launcher, and the servers that it has started."""
+    """A launcher, and the servers that it has started. Moments are monotonic seconds."""
 
     name: str
     launcher: Launcher
     options: LauncherOptions
     servers: dict[int, LaunchedServer] = field(default_factory=dict)
+    """By their ids, those that have not ended."""
     wanted: int = 0
+    """How many servers it is to have."""
     failures: int = 0
-    again_at: float = 0.0
-    looked: float = 0.0
-    answered: float = field(default_factory=time.monotonic)
+    """Servers in a row that ended without having been on the broker."""
+    replace_at: float = 0.0
+    """When servers that have ended are replaced at the earliest."""
+    asked_at: float = 0.0
+    """When it was last asked for its servers."""
+    answered_at: float = field(default_factory=time.monotonic)
+    """When it last answered, or had a server on the broker while it did not."""
     given_up: str | None = None
+    """Why it is not used any more, None while it is."""
     scaling: Scaling | None = None
+    """Follows the work; None for a fixed number of servers."""
     seconds: float = 0.0
-    """Of servers that ran in this session, all together."""
+    """Duration of all servers of this session together."""
     earlier: ServerUse = field(default_factory=ServerUse)
-    """In earlier sessions of the run."""
-    counted: float = 0.0
-    """Until when they are counted."""
+    """Use of servers in earlier sessions of the run."""
+    counted_at: float = 0.0
+    """Until when `seconds` are counted."""
     is_spent: bool = False
-    told: str = ""
-    is_told_starting: bool = False
-    words: list[str] = field(default_factory=list)
-    """How servers ended, without having been on the broker."""
+    """Whether the budget is spent."""
+    reported_waiting: str = ""
+    """What was last reported of servers that wait in a queue."""
+    reported_starting: bool = False
+    """Whether it was reported that servers run, of which none is on the broker yet."""
+    ended_early: list[str] = field(default_factory=list)
+    """How servers ended without having been on the broker, the last ones."""
 
     @property
     def use(self) -> ServerUse:
@@ -81,8 +93,8 @@ class Entry:
     def count_use(self, now: float) -> None:
         """Count the time of the servers that run; note when the budget is spent."""
         running = sum(one.health.state == "running" for one in self.servers.values())
-        self.seconds += running * (now - self.counted)
-        self.counted = now
+        self.seconds += running * (now - self.counted_at)
+        self.counted_at = now
         self.compare_with_budget()
 
     def compare_with_budget(self) -> None:

@@ -63,7 +63,7 @@ class LaunchedServers:
         self._present: set[int] = set()
         self._changed = threading.Condition()
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._keep, daemon=True, name="launchers")
+        self._thread = threading.Thread(target=self._supervise, daemon=True, name="launchers")
         self._watcher: _engine.Watcher | None = None
         self._supervision: _engine.Supervision | None = None
         self._failure: BaseException | None = None
@@ -85,7 +85,7 @@ class LaunchedServers:
                 )
             for entry in self._entries:
                 options = entry.options
-                entry.wanted, entry.counted = options.fewest, time.monotonic()
+                entry.wanted, entry.counted_at = options.fewest, time.monotonic()
                 entry.compare_with_budget()
                 if entry.is_spent:
                     entry.wanted = 0
@@ -216,19 +216,19 @@ class LaunchedServers:
                 self.check()
                 self._changed.wait(0.2)
 
-    def _keep(self) -> None:
+    def _supervise(self) -> None:
         try:
             while not self._stopping.is_set():
-                self._listen()
+                self._read_presence()
                 now = time.monotonic()
                 for entry in self._entries:
                     entry.count_use(now)
                     if entry.is_spent:
                         entry.wanted = 0
-                    if entry.given_up is None and now - entry.looked >= entry.launcher.interval:
-                        entry.looked = now
-                        self._look(entry, now)
-                self._count()
+                    if entry.given_up is None and now - entry.asked_at >= entry.launcher.interval:
+                        entry.asked_at = now
+                        self._check_servers(entry, now)
+                self._report_coming()
                 with self._changed:
                     self._changed.notify_all()
         except Exception as error:  # noqa: BLE001 - raised by `check`, in the run's own thread
@@ -236,7 +236,7 @@ class LaunchedServers:
             with self._changed:
                 self._changed.notify_all()
 
-    def _listen(self) -> None:
+    def _read_presence(self) -> None:
         """Take what servers say of themselves on the broker."""
         assert self._watcher is not None
         own = {server: entry for entry in self._entries for server in entry.servers}
@@ -252,15 +252,15 @@ class LaunchedServers:
                     continue
                 self._present.add(server)
                 own[server].servers[server].was_ready = True
-                own[server].failures, own[server].words = 0, []
+                own[server].failures, own[server].ended_early = 0, []
 
-    def _look(self, entry: Entry, now: float) -> None:
+    def _check_servers(self, entry: Entry, now: float) -> None:
         """Ask a launcher for its servers, and replace those that have ended."""
         try:
             states = entry.launcher.health()
-            entry.answered = now
+            entry.answered_at = now
         except LauncherError as error:
-            self._unknown(entry, str(error), now)
+            self._note_no_answer(entry, str(error), now)
             return
         for server, one in list(entry.servers.items()):
             health = states.get(server, Health("ended", "it is not known any more"))
@@ -278,7 +278,7 @@ class LaunchedServers:
         self._tell_starting(entry, now)
         self._scale(entry, now)
         missing = entry.wanted - len(entry.servers)
-        if entry.given_up is None and missing > 0 and now >= entry.again_at:
+        if entry.given_up is None and missing > 0 and now >= entry.replace_at:
             self._replace(entry, missing, now)
 
     def _scale(self, entry: Entry, now: float) -> None:
@@ -301,7 +301,7 @@ class LaunchedServers:
         try:
             entry.launcher.stop(leaving)
         except LauncherError as error:
-            self._unknown(entry, str(error), now)
+            self._note_no_answer(entry, str(error), now)
             return
         for server in leaving:
             del entry.servers[server]
@@ -324,11 +324,11 @@ class LaunchedServers:
         pause = 0.0
         if not one.was_ready:
             entry.failures += 1
-            entry.words = [*entry.words, text][-MOST_FAILURES:]
+            entry.ended_early = [*entry.ended_early, text][-MOST_FAILURES:]
             pause = min(FIRST_PAUSE_S * 2.0 ** (entry.failures - 1), LONGEST_PAUSE_S)
             if entry.failures >= min(MOST_FAILURES, max(entry.wanted, 1)) and not self._on_broker(entry):
-                entry.given_up = "no server starts:\n" + "\n".join(dict.fromkeys(entry.words))
-        entry.again_at = max(entry.again_at, time.monotonic() + pause)
+                entry.given_up = "no server starts:\n" + "\n".join(dict.fromkeys(entry.ended_early))
+        entry.replace_at = max(entry.replace_at, time.monotonic() + pause)
 
     def _printed(self, entry: Entry, server: int) -> Sequence[str]:
         """Return the last lines that a server printed; those of servers elsewhere are written to the log."""
@@ -345,15 +345,15 @@ class LaunchedServers:
             self._start(entry, missing)
             self.restarts += missing
         except LauncherError as error:
-            self._unknown(entry, str(error), now)
+            self._note_no_answer(entry, str(error), now)
 
-    def _unknown(self, entry: Entry, words: str, now: float) -> None:
+    def _note_no_answer(self, entry: Entry, words: str, now: float) -> None:
         """Note that a launcher does not answer; give it up when that lasts and no server of it is left."""
         if self._on_broker(entry):
-            entry.answered = now
+            entry.answered_at = now
         self._warn_once(f"{entry.name}: {words}\nTried again meanwhile; servers that are there go on.")
-        entry.again_at = now + FIRST_PAUSE_S
-        if now - entry.answered > LAUNCHER_TIMEOUT_S:
+        entry.replace_at = now + FIRST_PAUSE_S
+        if now - entry.answered_at > LAUNCHER_TIMEOUT_S:
             entry.given_up = words
 
     def _tell_waiting(self, entry: Entry, now: float) -> None:
@@ -363,8 +363,8 @@ class LaunchedServers:
             return
         reasons = ", ".join(sorted({reason for reason in waiting if reason}))
         told = f"{len(waiting)} of {entry.wanted} servers wait: {reasons}"
-        if told != entry.told:
-            entry.told = told
+        if told != entry.reported_waiting:
+            entry.reported_waiting = told
             _log.warning("%s: %s", entry.name, told)
 
     def _tell_starting(self, entry: Entry, now: float) -> None:
@@ -374,9 +374,9 @@ class LaunchedServers:
             for server, one in entry.servers.items()
             if one.health.state == "running" and not one.was_ready and now - one.since >= LATE_S
         ]
-        if self._present or entry.is_told_starting or not late:
+        if self._present or entry.reported_starting or not late:
             return
-        entry.is_told_starting = True
+        entry.reported_starting = True
         lines: list[str] = []
         for server in late[:SHOWN_SERVERS]:
             with suppress(LauncherError):
@@ -419,7 +419,7 @@ class LaunchedServers:
     def _on_broker(self, entry: Entry) -> bool:
         return not self._present.isdisjoint(entry.servers)
 
-    def _count(self) -> None:
+    def _report_coming(self) -> None:
         """Tell the pool how many servers may still come."""
         supervision = self._supervision
         if supervision is not None:

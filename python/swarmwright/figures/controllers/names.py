@@ -30,11 +30,11 @@ class Names:
 
 def _fitting(names: Sequence[str], what: str, count: int) -> tuple[str, ...]:
     if len(names) == count:
-        return tuple(map(_short, names))
+        return tuple(map(_abbreviated, names))
     return tuple(f"{what} {index}" for index in range(count))
 
 
-def _short(name: str) -> str:
+def _abbreviated(name: str) -> str:
     if len(name) <= _NAME_CHARACTERS:
         return name
     last = _NAME_CHARACTERS // 2

@@ -39,7 +39,10 @@ def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure"
         return draw_matrix(specification, names, title)
     recurrent = is_recurrent(specification)
     places = [
-        [(column * _BETWEEN, (size - 1 - 2 * index) / 2 * _apart(size, max(sizes))) for index in range(size)]
+        [
+            (column * _BETWEEN, (size - 1 - 2 * index) / 2 * _node_distance(size, max(sizes)))
+            for index in range(size)
+        ]
         for column, size in enumerate(sizes)
     ]
     rows = max(max(abs(y) for _, y in column) for column in places) * 2
@@ -63,7 +66,7 @@ def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure"
     return figure
 
 
-def _apart(size: int, largest_size: int) -> float:
+def _node_distance(size: int, largest_size: int) -> float:
     """Return the distance between the nodes of a column: few of them spread beside a long column."""
     return max(_APART, min(2.0, _APART * largest_size / (size + 0.5)))
 
@@ -84,7 +87,7 @@ def _lines(axes: "Axes", found: list[Layer], places: list[list[tuple[float, floa
             target = places[layer.column][layer.first + node]
             for (column, index), weight in zip(layer.sources, row, strict=True):
                 source = places[column][index]
-                look = _look(weight / unit)
+                look = _weight_style(weight / unit)
                 if column < layer.column:
                     straight.append((abs(weight), source, target, look))
                     continue
@@ -113,7 +116,7 @@ def _lines(axes: "Axes", found: list[Layer], places: list[list[tuple[float, floa
     )
 
 
-def _look(share: float) -> tuple[str, float, float]:
+def _weight_style(share: float) -> tuple[str, float, float]:
     """Return colour, width and opacity of a weight; share: of the largest one, -1..1."""
     return POSITIVE if share > 0 else NEGATIVE, 0.4 + 3.8 * abs(share), 0.25 + 0.65 * abs(share)
 
@@ -160,7 +163,7 @@ def _legend(figure: "Figure", unit: float, bias_unit: float, recurrent: bool) ->
 
     handles = []
     for share in (-1.0, -0.5, 0.5, 1.0):
-        color, line, alpha = _look(share)
+        color, line, alpha = _weight_style(share)
         handles.append(Line2D([], [], color=color, linewidth=line, alpha=alpha, label=f"{share * unit:.2g}"))
     colors = colormap()
     handles += [

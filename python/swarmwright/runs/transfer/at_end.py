@@ -54,10 +54,10 @@ def allow(experiment: Experiment, run: Run | None = None) -> None:
 
     Raises InputError where it is not.
     """
-    named = [_told(target) for target in ([] if run is None else targets_at_end(run.experiment))]
+    named = [_target_as_json(target) for target in ([] if run is None else targets_at_end(run.experiment))]
     received = run is None and experiment.path is not None and (experiment.path.parent / FILE).exists()
     slow = slow_of(experiment) if run is None else None
-    targets = [target for target in targets_at_end(experiment) if _told(target) not in named]
+    targets = [target for target in targets_at_end(experiment) if _target_as_json(target) not in named]
     for name in _codes(experiment, [*([] if slow is None else [slow]), *targets]):
         if received:
             require_named(name)
@@ -120,7 +120,7 @@ class _Planned:
         known = (
             [one["target"] for one in stored["targets"]] if stored is not None and self.fits(stored) else []
         )
-        return [target for target in self.targets if _told(target) not in known]
+        return [target for target in self.targets if _target_as_json(target) not in known]
 
 
 def is_due(experiment: Experiment, reader: StoreReader) -> bool:
@@ -199,12 +199,12 @@ class _Session:
             _warn(self._run.path, error)
             return
         self._stored["targets"].append(
-            {"target": _told(target), "name": target.name, "episodes": finite(episodes)}
+            {"target": _target_as_json(target), "name": target.name, "episodes": finite(episodes)}
         )
         self._store.note_transfer(self._stored)
 
 
-def _told(target: Target) -> Any:  # noqa: ANN401 - plain values
+def _target_as_json(target: Target) -> Any:  # noqa: ANN401 - plain values
     """Return what a target is, as JSON has it."""
     if isinstance(target, PseudoReality):
         values: Any = {"ranges": [[list(one.path), one.low, one.high] for one in target.ranges]}
@@ -232,7 +232,7 @@ def of_run(run: Run) -> tuple[Transferred, ...]:
     candidates = tuple(Candidate(*one) for one in stored["candidates"])
     source, ranking = numbers(stored["source"]), run.experiment.new_ranking()
     of = {json.dumps(one["target"]): one for one in stored["targets"]}
-    found = (of.get(json.dumps(_told(target))) for target in targets_at_end(run.experiment))
+    found = (of.get(json.dumps(_target_as_json(target))) for target in targets_at_end(run.experiment))
     return tuple(
         Transferred(run, one["name"], candidates, source, numbers(one["episodes"]), ranking)
         for one in found

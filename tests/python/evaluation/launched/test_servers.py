@@ -36,13 +36,13 @@ def test_servers_join_while_there_is_work_and_leave_after_it(
 ) -> None:
     monkeypatch.setattr(scaling, "WORK_S", 1.0)
     numbers: list[int] = []
-    looked = servers.LaunchedServers._look
+    looked = servers.LaunchedServers._check_servers
 
     def look(self: Any, entry: Any, now: float) -> None:
         looked(self, entry, now)
         numbers.append(len(self._present))
 
-    monkeypatch.setattr(servers.LaunchedServers, "_look", look)
+    monkeypatch.setattr(servers.LaunchedServers, "_check_servers", look)
     made = experiment(tmp_path, 30, min=1, max=3, idle=1.0)
     run = optimize(made, out=tmp_path / "elastic", progress=False)
     same_record(run, optimize(made, out=tmp_path / "here", servers="in-process", progress=False))
