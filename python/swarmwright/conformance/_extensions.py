@@ -210,9 +210,9 @@ def _shown_field(request: Mapping[str, Any], path: str) -> str:
     return f"{path}: {shown(text)}"
 
 
-def free_again(server: Server, tool: str = TOOL) -> None:
-    """Give the server back, as its holder."""
-    fields = {"server": server.id, "simulation_hash": tool, "run": False, "tool": tool}
+def free_again(server: Server) -> None:
+    """Give the server back, as `TOOL`, which holds it."""
+    fields = {"server": server.id, "simulation_hash": TOOL, "run": False, "tool": TOOL}
     server.client.send("control", **fields)
 
 

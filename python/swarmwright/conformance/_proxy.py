@@ -22,7 +22,6 @@ class Door:
         self._open = True
         self._lock = threading.Lock()
         self._links: list[tuple[socket.socket, socket.socket]] = []
-        self.visits = 0
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port: int = self._listener.getsockname()[1]
         threading.Thread(target=self._listen, daemon=True).start()
@@ -62,7 +61,6 @@ class Door:
                 if not self._open:
                     near.close()
                     continue
-                self.visits += 1
                 try:
                     far = socket.create_connection(self._broker, 5)
                 except OSError:

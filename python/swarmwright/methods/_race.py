@@ -65,7 +65,6 @@ class Race:
     def __init__(
         self, entrants: Sequence[Entrant], instances: Sequence[int], unseen: int, budget: int, rules: Rules
     ) -> None:
-        self._entrants = list(entrants)
         self._instances = list(instances)
         self._unseen = unseen
         self._budget = budget
