@@ -16,7 +16,8 @@ from swarmwright.core.neat import EXP
 from swarmwright.core.neat import rows as neat_rows
 from swarmwright.core.ranges import shortest_decimal
 from swarmwright.export._base import not_exported
-from swarmwright.export.c_modules import catalogue_of, own_code
+from swarmwright.export.c_modules import own_code
+from swarmwright.export.machine_tables import catalogue_of, machine_tables, machine_weights
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import literals, render, wrapped
 
@@ -328,14 +329,6 @@ def _actuator(low: float, high: float, language: dict[str, str]) -> tuple[str, s
     return f"{first}..{last} becomes -1..1", "\n".join(f"    {line}" for line in lines)
 
 
-def machine_tables(subject: Subject) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return the next state of each row of a state machine, and its outputs, (rows, actuators), limited."""
-    specification = subject.specification
-    rows = subject.weights.reshape(-1, 1 + int(specification["actuators"]))
-    states = np.clip(rows[:, 0], 0, int(specification["states"]) - 1)
-    return np.trunc(states).astype(np.int64), np.clip(rows[:, 1:], np.float32(-1), np.float32(1))
-
-
 def _mealy_fsm(subject: Subject, language: dict[str, str]) -> Code:
     thresholds = [np.array(of_one, np.float32) for of_one in subject.specification["thresholds"]]
     counts = [len(of_one) for of_one in thresholds]
@@ -371,14 +364,6 @@ def _mealy_fsm(subject: Subject, language: dict[str, str]) -> Code:
         },
     )
     return Code(tuple(tables), "", step, f"    {_TYPES[bits]} state;", "the number of the state")
-
-
-def machine_weights(subject: Subject) -> NDArray[np.float32]:
-    """Return the weights of a machine or tree of modules within their limits; those not used are 0."""
-    specification = subject.specification
-    sizes = (int(specification["states"]), int(specification["transitions"]))
-    known = catalogue_of(specification)
-    return np.array(modules.weights_of(modules.states_of(specification), *sizes, known), np.float32)
 
 
 def _modules(subject: Subject, language: dict[str, str]) -> Code:

@@ -5,10 +5,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from textwrap import dedent, indent
-from typing import Any
 
 from swarmwright.core import modules
 from swarmwright.core.errors import InputError
+from swarmwright.export.machine_tables import own_modules
 from swarmwright.export.text import is_reserved, plain, render
 from swarmwright.modules import Behaviour, Condition
 from swarmwright.modules.registered import implementation, place_of
@@ -48,20 +48,6 @@ class OwnCode:
     """Of the struct."""
     calls: Mapping[str, str] = field(default_factory=dict)
     """Replacements in the template of a step: act, probability, forget."""
-
-
-def catalogue_of(specification: Mapping[str, Any]) -> modules.Catalogue:
-    """Return the engine's modules, by whose numbers C knows them, then those of authors in their order."""
-    known = modules.Catalogue.of(specification)
-    return modules.Catalogue(
-        (*modules.BUILT_IN.behaviours, *own_modules(known.behaviours)),
-        (*modules.BUILT_IN.conditions, *own_modules(known.conditions)),
-    )
-
-
-def own_modules(parts: tuple[modules.Module, ...]) -> list[modules.Module]:
-    """Return those that are not the engine's."""
-    return [one for one in parts if not one.built_in]
 
 
 def own_code(

@@ -16,7 +16,7 @@ from swarmwright.export.fmu_library import add_library, library
 from swarmwright.export.fmu_parts import add_range, add_units, named, token, unit_name, xml, zipped
 from swarmwright.export.fmu_random import add_seed, random_sensor, seed_words, source_parts
 from swarmwright.export.programs import run
-from swarmwright.export.python_code import golden_text
+from swarmwright.export.python_arrays import golden_text
 from swarmwright.export.sequences import RANDOM_SENSOR, Sequences
 from swarmwright.export.subject import Channel, Subject
 from swarmwright.export.text import MARK, check_header, render

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import RunError
 from swarmwright.export._base import Exporter, Files, not_exported
 from swarmwright.export.programs import command, run, stepped
-from swarmwright.export.python_code import as_bytes
+from swarmwright.export.python_arrays import as_bytes
 from swarmwright.export.python_family import MICROPYTHON, modules, parts
 from swarmwright.export.python_modules import has_own
 from swarmwright.export.sequences import Sequences

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.export._base import Exporter, Files, NotInstalledError, facts
 from swarmwright.export.programs import run
-from swarmwright.export.python_code import golden_text
+from swarmwright.export.python_arrays import golden_text
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import render

@@ -12,7 +12,7 @@ from onnx import ModelProto, NodeProto, TensorProto, checker, helper, numpy_help
 from swarmwright.core.activations import of_nodes
 from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
 from swarmwright.export._base import not_exported
-from swarmwright.export.c_code import machine_tables
+from swarmwright.export.machine_tables import machine_tables
 from swarmwright.export.subject import Subject
 
 _OPSET = 17

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import RunError
 from swarmwright.export._base import Exporter, Files
 from swarmwright.export.programs import run, stepped, steps
-from swarmwright.export.python_code import as_decimals
+from swarmwright.export.python_arrays import as_decimals
 from swarmwright.export.python_family import module_text, modules
 from swarmwright.export.python_modules import OwnPython, has_own, own_python
 from swarmwright.export.sequences import Sequences

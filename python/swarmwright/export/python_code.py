@@ -10,7 +10,6 @@ from itertools import pairwise
 from textwrap import indent
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmwright.core import machine_texts, modules
 from swarmwright.core.activations import of_nodes
@@ -20,19 +19,11 @@ from swarmwright.core.neat import EXP
 from swarmwright.core.neat import rows as neat_rows
 from swarmwright.core.ranges import shortest_decimal
 from swarmwright.export._base import not_exported
-from swarmwright.export.c_code import machine_tables, machine_weights
-from swarmwright.export.c_modules import catalogue_of
+from swarmwright.export.machine_tables import catalogue_of, machine_tables, machine_weights
+from swarmwright.export.python_arrays import Numbers
 from swarmwright.export.python_modules import has_own
-from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import decimals, render, wrapped
-
-_IN_A_LINE = 5
-"""Numbers."""
-
-Values = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.uint16] | NDArray[np.uint32]
-Numbers = Callable[[Values], str]
-"""An expression that is an array of these numbers."""
+from swarmwright.export.text import render
 
 _TANH = {
     "LIMIT": 9.15, "P1": 0.015736774, "P2": 7.970824e-5, "P3": 4.2581547e-8,
@@ -412,47 +403,3 @@ _KINDS: dict[str, Callable[[Subject, Numbers], PythonCode]] = {
     modules.KIND: _modules,
     modules.PYTHON_KIND: _modules,
 }
-
-
-def as_decimals(values: Values) -> str:
-    """Return an array of shortest decimals, which Python reads as the nearest binary64 and then rounds."""
-    code = _CODES[values.dtype.kind + str(values.itemsize)]
-    whole = values.dtype.kind == "u"
-    exact = whole or values.dtype == np.float64
-    texts = [str(one) for one in values.tolist()] if exact else decimals(values.astype(np.float32))
-    if len(texts) <= _IN_A_LINE:
-        return f'array("{code}", [{", ".join(texts)}])'
-    return f'array(\n    "{code}",\n    [\n{wrapped(texts, " " * 8)}\n    ],\n)'
-
-
-def as_bytes(values: Values) -> str:
-    """Return an array of bytes: MicroPython does not read every decimal as the nearest number."""
-    code = _CODES[values.dtype.kind + str(values.itemsize)]
-    if len(values) <= _IN_A_LINE:
-        return f'array("{code}", unpack("<{len(values)}{code}", {byte_text(values)}))'
-    lines = [f"        {byte_text(values[at : at + 5])}" for at in range(0, len(values), 5)]
-    text = "\n".join(lines)
-    return f'array(\n    "{code}",\n    unpack(\n        "<{len(values)}{code}",\n{text},\n    ),\n)'
-
-
-_CODES = {"f4": "f", "f8": "d", "u2": "H", "u4": "L"}
-"""Of arrays and of `struct`, by kind and bytes."""
-
-
-def golden_text(golden: Sequences) -> str:
-    """Return sequences as elements of a tuple in Python: tuples of (sensors, actuators), both as bytes."""
-    if not len(golden):
-        return ""
-    lines: list[str] = []
-    for index in range(len(golden)):
-        if golden.first[index]:
-            lines += [*(["    ),"] if lines else []), "    ("]
-        row = f"{byte_text(golden.sensors[index])}, {byte_text(golden.actuators[index])}"
-        lines.append(f"        ({row}),")
-    return "\n".join([*lines, "    ),"])
-
-
-def byte_text(values: Values) -> str:
-    """Return the bytes of numbers, the lowest first, as Python writes them."""
-    data = values.astype(values.dtype.newbyteorder("<")).tobytes()
-    return 'b"' + "".join(f"\\x{byte:02x}" for byte in data) + '"'

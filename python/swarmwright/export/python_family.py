@@ -4,7 +4,8 @@ import numpy as np
 
 from swarmwright.core.untrusted import one_line
 from swarmwright.export._base import Files, facts
-from swarmwright.export.python_code import Numbers, golden_text, python_code
+from swarmwright.export.python_arrays import Numbers, golden_text
+from swarmwright.export.python_code import python_code
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
 from swarmwright.export.text import quoted, render

@@ -9,7 +9,7 @@ from pathlib import Path
 from swarmwright.core import modules
 from swarmwright.core.errors import InputError
 from swarmwright.export._base import Files, facts
-from swarmwright.export.c_modules import catalogue_of, own_modules
+from swarmwright.export.machine_tables import catalogue_of, own_modules
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import MARK, plain, render
 from swarmwright.modules.registered import Kind, implementation, place_of

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.export.c_code import machine_tables
+from swarmwright.export.machine_tables import machine_tables
 from swarmwright.export.overflow import before_overflow
 from swarmwright.export.sequences import RANDOM_SENSOR, Sequences, accepted_steps
 from swarmwright.export.subject import Subject
