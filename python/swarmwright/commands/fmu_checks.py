@@ -14,7 +14,8 @@ from swarmwright.fmu.ssp import ENDING, VERSION
 from swarmwright.fmu.values import expected, fits, is_unsigned, takes_seeds
 
 if TYPE_CHECKING:  # which calls what is here
-    from swarmwright.commands.fmu_definition import Channel, FmuOptions
+    from swarmwright.commands.fmu_channels import Channel
+    from swarmwright.commands.fmu_definition import FmuOptions
 
 MOST = 1000
 """Variables of an FMU that are taken without being named."""

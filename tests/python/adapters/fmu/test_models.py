@@ -11,7 +11,8 @@ import pytest
 from fmpy import simulate_fmu
 
 from swarmwright import Experiment, InputError, RunError
-from swarmwright.commands.fmu_definition import Channel, FmuOptions
+from swarmwright.commands.fmu_channels import Channel
+from swarmwright.commands.fmu_definition import FmuOptions
 from swarmwright.fmu.description import described
 from swarmwright.fmu.exchange import ExchangeInstance
 from swarmwright.fmu.instances import unpacked
