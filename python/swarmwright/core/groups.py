@@ -11,14 +11,21 @@ class DeclaredGroup:
     """What a simulation declares of a kind of agents, with the parameters of an experiment."""
 
     name: str
+    """Of the group."""
     agents: int
+    """How many there are."""
     sensors: int
+    """Sensor values of an agent."""
     actuators: int
+    """Actuator values of an agent."""
     sensor_names: tuple[str, ...] = ()
+    """What the sensor values are called, in order; empty where it is not known."""
     actuator_names: tuple[str, ...] = ()
+    """What the actuator values are called, in order; empty where it is not known."""
     own_sensor_names: Names = ()
-    """Where all kinds have the same numbers: what this kind calls those that it has."""
+    """Where all kinds have the same sensor values: what this kind calls those that it has."""
     own_actuator_names: Names = ()
+    """The same of actuator values."""
 
 
 @dataclass(frozen=True)

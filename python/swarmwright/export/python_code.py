@@ -36,11 +36,17 @@ class PythonCode:
     """The parts of a module that depend on the kind of controller."""
 
     numbers: str
+    """Assignments of constants, the weights among them."""
     functions: str
+    """Functions of the module."""
     init: str
+    """Lines of the constructor."""
     reset: str
+    """Lines of the method reset."""
     step: str
+    """Lines of the method step."""
     state_words: str
+    """What is kept from step to step, in words."""
     imports: str = ""
     """Lines, besides those that every module has."""
     refuses: str = ""

@@ -23,7 +23,10 @@ class Line:
 class Mapped:
     """The lines of each section of an experiment, and what was left out of each.
 
-    simulation: as experiments name it. notes: differences from FREVO, for the user.
+    simulation: as experiments name it. parameters, controller, method, ranking: lines of these sections.
+    not_parameters, not_controller, not_method, not_ranking, not_config: entries of FREVO's problem,
+    representation, method, ranking and sessionconfig that were left out, each with the reason. field_file: of
+    the field, where a session names one. notes: differences from FREVO, for the user.
     """
 
     seed: Line

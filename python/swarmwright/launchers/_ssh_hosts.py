@@ -40,16 +40,25 @@ class _Machine:
     """A machine and its connection."""
 
     number: int
+    """Its index among the hosts of the options, from 0."""
     host: "Host"
+    """Options of the machine."""
     name: str
+    """By which messages call it."""
     connection: Any = None
+    """AsyncSSH's connection, None while there is none."""
     slots: int = 0
+    """How many servers it may have at once."""
     home: str = ""
+    """The user's home folder there."""
     archive: str | None = None
     """File with the code there."""
     used: set[int] = field(default_factory=set)
+    """Ids of the servers that have its slots."""
     problem: str | None = None
+    """Why it cannot be used, None where it can."""
     again_at: float = 0.0
+    """When it is connected to again at the earliest, seconds of the event loop's clock."""
 
 
 @dataclass
@@ -58,9 +67,13 @@ class _Remote:
 
     health: Health = field(default_factory=lambda: Health("waiting", "for a free slot"))
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=_KEPT_LINES))
+    """The last lines that it printed."""
     task: "asyncio.Task[None] | None" = None
+    """Runs it on a machine; None while it waits for a slot."""
     process: Any = None
+    """AsyncSSH's process, None before it is started."""
     stopped: bool = False
+    """Whether it was asked to end."""
 
 
 class Hosts:

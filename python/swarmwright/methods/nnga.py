@@ -24,10 +24,15 @@ class Shares:
     """How many members of the next population come about in each way."""
 
     elite: int
+    """The best, which stay."""
     random: int
+    """Others that stay, chosen at random."""
     mutate: int
+    """Mutated copies."""
     crossover: int
+    """Children of two members."""
     renew: int
+    """New random genomes."""
 
     @property
     def survivors(self) -> int:

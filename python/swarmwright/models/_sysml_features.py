@@ -28,15 +28,21 @@ class Feature:
     scope: tuple[str, ...] = ()
     """Path of what it is in the body of."""
     is_definition: bool = False
+    """Whether it is a definition, else a usage."""
     direction: str = ""
+    """in, out or inout; empty without one."""
     name: str = ""
+    """Empty for one without a name."""
     short_name: str = ""
     """In angle brackets in front of the name."""
     types: list[list[str]] = field(default_factory=list)
     """Qualified names of its types, and of what it specializes, word by word."""
     conjugated: bool = False
+    """Whether the type of a port is conjugated, `~Type`."""
     multiplicity: list[Token] | None = None
+    """What is between the brackets; None without them."""
     value: list[Token] | None = None
+    """The expression behind `=`; None without one."""
     about: list[str] = field(default_factory=list)
     """Of metadata: the names of what it is about, where it is not in its body."""
     prefixes: list[str] = field(default_factory=list)

@@ -318,7 +318,7 @@ def post_evaluate(
 
 
 class Where(NamedTuple):
-    """In which episodes, and where, a controller is evaluated; as in `post_evaluate`."""
+    """In which episodes, and where, a controller is evaluated; seed, broker, .. as in `post_evaluate`."""
 
     episodes: int
     seed: int | None

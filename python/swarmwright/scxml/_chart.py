@@ -48,18 +48,25 @@ class State:
     """A state, or a pseudostate."""
 
     name: str
+    """Its `id`, or words for one without; empty for the whole machine."""
     line: int
+    """Of the file, from 1."""
     kind: str
     """`scxml` (the whole machine), `state`, `parallel`, `final` or `history`."""
     parent: "State | None"
+    """The state that it is in; None for the whole machine."""
     order: int
     """In the document."""
     deep: bool = False
     """Of a history: whether it remembers states at every depth."""
     children: list["State"] = field(default_factory=list)
+    """States and histories inside, in the order of the document."""
     entry: list[Action] = field(default_factory=list)
+    """What is executed when it is entered."""
     exit: list[Action] = field(default_factory=list)
+    """What is executed when it is left."""
     transitions: list[Transition] = field(default_factory=list)
+    """Those that leave it, in the order of the document."""
     initial: Transition | None = None
     """What is entered first; of a history, as long as there is nothing to remember."""
 

@@ -48,14 +48,24 @@ class Edge:
 
 @dataclass(frozen=True)
 class _Branch:
+    """Rows for which a step has gone the same way so far. States are named by their `order`."""
+
     rows: Rows
+    """Indices of the rows."""
     active: frozenset[int]
+    """States that are active."""
     remembered: dict[int, tuple[int, ...]]
+    """States that each history remembers."""
     internal: tuple[str, ...] = ()
+    """Internal events that wait, the first one first."""
     external: tuple[str, ...] = ()
+    """External events that wait: those that the machine has sent to itself."""
     done: tuple[Output, ...] = ()
+    """Assignments that were executed, in order."""
     seen: frozenset[Any] = frozenset()
+    """Configurations between microsteps: one that comes again never ends."""
     microsteps: int = 0
+    """How many sets of transitions were taken."""
 
     @property
     def snapshot(self) -> Snapshot:

@@ -32,6 +32,7 @@ class Place:
     """A server's id, and the process that has it now."""
 
     settings: Mapping[str, Any]
+    """Arguments of the server's process."""
     quota: int
     """Evaluations after which its process is replaced; 0 for never."""
     process: Process | None = None
@@ -40,15 +41,19 @@ class Place:
     was_ready: bool = False
     """Whether one of its processes was ready once."""
     failed_starts: int = 0
+    """Starts in a row after which no process was ready."""
     fruitless: int = 0
     """Ends in a row at no evaluation, without any before."""
     ends: int = 0
     """Ends in a row without an evaluation before."""
     sample: Sample = field(default_factory=Sample)
+    """Progress of its process when that was last read."""
     since: float = 0.0
-    """When it was first seen to be there."""
+    """When that sample was first seen to be there (monotonic seconds)."""
     episode_since: float = 0.0
+    """When its present episode was first seen (monotonic seconds)."""
     last: ServerExit | None = None
+    """How its last process ended."""
     given_up: bool = False
     """Whether it will not be started again."""
     left: bool = False

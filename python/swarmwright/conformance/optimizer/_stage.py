@@ -48,16 +48,23 @@ class Record:
 
     messages: list[tuple[str, Json]] = field(default_factory=list)
     wrong: list[Failure] = field(default_factory=list)
+    """Messages that are wrong, as failures of the rules that they break."""
     unasked: list[str] = field(default_factory=list)
+    """Actuators and other messages that nothing had asked for, as text."""
     episodes: list[Played] = field(default_factory=list)
+    """Episodes that it began."""
     notes: dict[str, str] = field(default_factory=dict)
+    """What scenes noted for rules, by the names that these look for."""
     requests: list[Json] = field(default_factory=list)
     sent: list[tuple[str, str | bytes]] = field(default_factory=list)
     evaluated: int = 0
     together: int = 0
     seconds: float = 0.0
+    """Duration of the scene."""
     ended: str = ""
+    """How the process of the tool ended, in words; empty where it did not, or the kit did not start it."""
     status: int | None = None
+    """Exit status of that process, negative for a signal; None as long as it runs."""
 
     def on(self, topic: str) -> list[Json]:
         """The contents on a topic."""

@@ -20,15 +20,22 @@ SILENCE_S = 3.0
 
 @dataclass
 class ToolSettings:
-    """episodes: in how many each candidate is evaluated, if known. lasts: seconds of a run at most."""
+    """What is known of a tool, and what the kit's servers announce."""
 
     title: str | None
+    """Of the simulation that it asks for; None: of any."""
     sensors: int
+    """Sensor values of an agent."""
     actuators: int
+    """Actuator values of an agent."""
     episodes: int | None
+    """In how many each candidate is evaluated, if known."""
     lasts: float
+    """Seconds of a run at most."""
     wait: float
+    """Seconds to wait for its first message."""
     mode: str = "stepwise"
+    """In which episodes are evaluated: stepwise, batched or offloaded."""
 
 
 class Tool:
