@@ -90,7 +90,8 @@ if TYPE_CHECKING:
     from swarmwright.evaluation.evaluate import EvaluatedEpisodes, evaluate, evaluate_episodes, simulate
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.export.bundle import Bundle, export_bundle
-    from swarmwright.export.bundle_verification import BundleVerification, verify_bundle
+    from swarmwright.export.bundle_report import BundleVerification
+    from swarmwright.export.bundle_verification import verify_bundle
     from swarmwright.export.exporting import Exported, export_controller
     from swarmwright.optimization.optimize import Generation, optimize, resume
     from swarmwright.representations.controller import Controller
@@ -167,7 +168,7 @@ __all__ = [
 _LAZY = {
     "BatchSimulation": "simulations.batches",
     "Bundle": "export.bundle",
-    "BundleVerification": "export.bundle_verification",
+    "BundleVerification": "export.bundle_report",
     "CommandSimulation": "adapters.command",
     "Comparison": "analysis.comparison",
     "Controller": "representations.controller",

@@ -5,18 +5,15 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 from swarmwright.core.modules import PYTHON_KIND
 from swarmwright.core.untrusted import one_line
-from swarmwright.experiment.experiment import recorded_experiment
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, NotInstalledError, file_bytes
 from swarmwright.export.bundle import (
@@ -29,113 +26,18 @@ from swarmwright.export.bundle import (
     MAPPING,
     episodes_of,
 )
+from swarmwright.export.bundle_fitness import check_episodes, check_fitness
 from swarmwright.export.bundle_reading import read_files
+from swarmwright.export.bundle_report import BundleVerification
 from swarmwright.export.sequences import Sequences, difference
-from swarmwright.export.subject import Subject, fitness_words
+from swarmwright.export.subject import Subject
 from swarmwright.export.text import check_prefix
-from swarmwright.export.verification import Verification, verify
+from swarmwright.export.verification import verify
 
 _KNOWN = frozenset({MANIFEST, CONTROLLER, EVALUATION, EPISODES, LICENSE, MAPPING})
 """Files beside those in the folders of formats."""
 _FORMAT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 """What a format of a package that is not installed here may be called: it is a folder, also on Windows."""
-
-
-@dataclass(repr=False)
-class BundleVerification:
-    """What the check of a bundle found."""
-
-    file: Path
-    digest: str
-    """SHA-256 of the manifest, in hexadecimal. Compare it with that of the sender."""
-    facts: list[tuple[str, str]]
-    """Where the controller comes from, in lines of a name and a text."""
-    files: int
-    """Files that are as the manifest says."""
-    forms: dict[str, Verification] = field(default_factory=dict)
-    """By export format, how it compares with the engine's controller."""
-    unverified: dict[str, str] = field(default_factory=dict)
-    """By export format, why it was not run; `fitness`: why it could not be compared with its episodes."""
-    formats_not_checked: dict[str, str] = field(default_factory=dict)
-    """By export format, in short, why not even its files could be checked, such as "written by Swarmwright
-    9.9". Others in `unverified` have the files that this version exports."""
-    episodes: int = 0
-    """Episodes in which the controller was evaluated again, with the fitness that is stated."""
-    not_evaluated: str = ""
-    """Why it was not evaluated again, such as a simulation that is not built in; empty where it was."""
-    problems: list[str] = field(default_factory=list)
-    """What is not as stated."""
-
-    def __repr__(self) -> str:
-        """Say what was found."""
-        return f"<BundleVerification of {self.file}: {self}>"
-
-    def __str__(self) -> str:
-        """Say in a line whether the bundle is as stated, the largest difference, and what was not checked."""
-        return _in_words(self)
-
-    @property
-    def ok(self) -> bool:
-        """Whether all that was checked is as stated."""
-        return not self.problems
-
-    @property
-    def fitness_not_checked(self) -> str:
-        """Why the stated fitness was not checked; empty where it was."""
-        return self.not_evaluated or self.unverified.get("fitness", "")
-
-    @property
-    def largest_difference(self) -> float:
-        """Between actuators of all formats that were run, absolute."""
-        return max((one.largest_difference for one in self.forms.values()), default=0.0)
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return the report as plain values."""
-        return {
-            "ok": self.ok,
-            "fitness_checked": not self.fitness_not_checked,
-            "digest": self.digest,
-            "files": self.files,
-            "forms": {name: one.to_mapping() for name, one in self.forms.items()},
-            "unverified": self.unverified,
-            "formats_not_checked": self.formats_not_checked,
-            "largest_difference": self.largest_difference,
-            "episodes": self.episodes,
-            "not_evaluated": self.not_evaluated,
-            "problems": self.problems,
-        }
-
-
-def _in_words(report: BundleVerification) -> str:
-    """Return one line: whether the bundle is as stated, the largest difference, and what was not checked."""
-    if not report.ok:
-        many = len(report.problems)
-        return f"FAILED: {many} problem{'s' if many > 1 else ''}"
-    unchecked = report.fitness_not_checked
-    if report.formats_not_checked:
-        return _in_words_in_part(report, unchecked)
-    if not report.forms:
-        if unchecked:
-            return f"Not verified: no exported code was run, and the fitness was not checked: {unchecked}"
-        return "Fitness verified; no exported code was run"
-    found = f"largest difference {report.largest_difference:.3g} ({', '.join(report.forms)})"
-    if unchecked:
-        return f"Controller code verified: {found}; its fitness was not checked: {unchecked}"
-    return f"Verified: {found}"
-
-
-def _in_words_in_part(report: BundleVerification, fitness: str) -> str:
-    """Return the line where files of formats were not checked; fitness: why that was not, or empty."""
-    by_reason: dict[str, list[str]] = {}
-    for form, reason in report.formats_not_checked.items():
-        by_reason.setdefault(reason, []).append(form)
-    if fitness:
-        by_reason.setdefault(fitness, []).append("the fitness")
-    rest = "not checked: " + ", ".join(f"{', '.join(what)} ({why})" for why, what in by_reason.items())
-    if report.forms:
-        return f"Controller code verified in part: {', '.join(report.forms)}; {rest}"
-    begin = "Not verified" if fitness else "Fitness verified"
-    return f"{begin}; no exported code was run; {rest}"
 
 
 @checked
@@ -187,8 +89,8 @@ def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
     for form in manifest["forms"]:
         _check_form(str(form), prefix, subject, files, report, by=one_line(str(manifest["swarmwright"])))
     evaluation = json.loads(files[EVALUATION])
-    _check_fitness(evaluation, dict(facts), report)
-    _evaluate(evaluation, subject, report)
+    check_fitness(evaluation, dict(facts), report)
+    check_episodes(evaluation, subject, report)
     return report
 
 
@@ -362,74 +264,3 @@ def _run_form(
     report.forms[form] = found
     if not found.ok:
         report.problems.append(f"{form}: {found.words}")
-
-
-def _check_fitness(
-    evaluation: Mapping[str, Any], facts: Mapping[str, str], report: BundleVerification
-) -> None:
-    """Compare the stated fitness with what the stated results make, and with what the formats say."""
-    from swarmwright.runs.instances import fitness_of, meaning  # noqa: PLC0415 - loads the engine
-
-    stated = float(evaluation["fitness"])
-    parts = [one["episodes"] for one in [*evaluation.get("earlier", []), evaluation]]
-    try:
-        experiment = recorded_experiment(evaluation["experiment"])
-    except SwarmwrightError as error:  # a plug-in is not here
-        report.unverified["fitness"] = str(error)
-        return
-    made = None
-    if all(result is not None for part in parts for result in part):
-        made = fitness_of(experiment, parts)
-    if made is None:
-        report.unverified["fitness"] = "its ranking makes it of more than these episodes"
-    elif not math.isclose(made, stated, rel_tol=1e-12, abs_tol=0.0):
-        report.problems.append(f"{EVALUATION}: the fitness is {stated!r}, but its episodes make {made!r}")
-    said = fitness_words(stated, meaning(experiment, len(parts)))
-    if "Fitness" in facts and facts["Fitness"] not in (said, repr(stated + 0.0)):
-        report.problems.append(
-            f"{MANIFEST}: says of the fitness {one_line(facts['Fitness'])!r}, but {EVALUATION} {said!r}"
-        )
-
-
-def _evaluate(evaluation: Mapping[str, Any], subject: Subject, report: BundleVerification) -> None:
-    """Evaluate the controller in the episodes of the run and those with held-out seeds."""
-    from swarmwright.simulations import catalogue  # noqa: PLC0415 - loads the engine
-
-    simulation = evaluation["experiment"].get("simulation")
-    if simulation not in catalogue.titles():
-        report.not_evaluated = f"the simulation {one_line(str(simulation))} is not a built-in one"
-        return
-    earlier = [(one["seeds"], one["episodes"]) for one in evaluation.get("earlier", [])]
-    stated = [*earlier, (evaluation["seeds"], evaluation["episodes"])]
-    if evaluation["held_out"] is not None:
-        stated.append((evaluation["held_out"]["seeds"], evaluation["held_out"]["episodes"]))
-    for seeds, episodes in stated:
-        try:
-            found = _episodes(evaluation["experiment"], subject, [int(seed) for seed in seeds])
-        except SwarmwrightError as error:
-            report.not_evaluated = str(error)
-            return
-        report.episodes += len(seeds)
-        for seed, value, is_now in zip(seeds, episodes, found, strict=True):
-            if not _same(value, is_now):
-                report.problems.append(
-                    f"{EVALUATION}: the fitness in the episode with seed {seed} is {is_now!r}, not {value}"
-                )
-
-
-def _same(stated: float | None, found: float) -> bool:
-    return math.isnan(found) if stated is None else stated == found
-
-
-def _episodes(values: Mapping[str, Any], subject: Subject, seeds: list[int]) -> list[float]:
-    from swarmwright.evaluation.base import Controllers  # noqa: PLC0415 - loads the engine
-    from swarmwright.evaluation.opening import open_backend  # noqa: PLC0415 - loads the engine
-    from swarmwright.experiment.experiment import Experiment  # noqa: PLC0415 - loads the engine
-
-    experiment = Experiment.from_mapping(dict(values))
-    architecture = {**subject.specification, "weights": []}
-    weights = np.array(subject.specification["weights"], dtype=np.float32)[np.newaxis]
-    with open_backend(experiment, servers="in-process") as backend:
-        results = backend.evaluate(Controllers(architecture, weights), seeds, lambda *_: None)
-    found: list[float] = results.fitness[0].tolist()
-    return found
