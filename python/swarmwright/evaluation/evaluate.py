@@ -20,10 +20,11 @@ from swarmwright.core.simulation_names import is_python
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import HERE, Backend, Controllers, Progress, Results, Servers
 from swarmwright.evaluation.code_failures import failed
+from swarmwright.evaluation.here import is_here
 from swarmwright.evaluation.in_process import PythonBackend
 from swarmwright.evaluation.metrics import asked_for
 from swarmwright.evaluation.module_code import is_in_python
-from swarmwright.evaluation.opening import is_here, open_backend
+from swarmwright.evaluation.opening import open_backend
 from swarmwright.evaluation.prepared import check_finite, check_size, prepared
 from swarmwright.evaluation.seeds import seeds_of
 from swarmwright.experiment.derived import has_python_modules, place_of, steers_agents

@@ -7,7 +7,7 @@ from swarmwright import _engine
 from swarmwright.broker.credentials import from_keyring
 from swarmwright.core.errors import InputError, PlugInError
 from swarmwright.core.plug_in_code import reported
-from swarmwright.evaluation import opening
+from swarmwright.evaluation import here
 from swarmwright.evaluation.base import HERE, Servers, chosen
 from swarmwright.experiment.derived import with_environment
 from swarmwright.experiment.experiment import Experiment
@@ -51,14 +51,14 @@ def shares(
     """
     first = experiments[0]
     wanted = chosen(first, servers)
-    if broker is None and wanted == "auto" and opening.in_process_is_better(first):
+    if broker is None and wanted == "auto" and here.in_process_is_better(first):
         wanted = "local"
     if any(one.simulation.startswith("__main__:") for one in experiments):
         jobs = 1  # a class of this session, which no other process finds
     most = max(runs, 1)
     if broker is None and wanted in HERE:
         jobs = min(jobs or processors(), most)
-        if wanted == "in-process" or not all(opening.has_workers(one.simulation) for one in experiments):
+        if wanted == "in-process" or not all(here.has_workers(one.simulation) for one in experiments):
             return [wanted] * jobs
         wanted = max(processors(), jobs)  # all runs together, not each of them
     if isinstance(wanted, tuple):  # one run after the other has all of them

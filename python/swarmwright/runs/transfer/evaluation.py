@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import InputError, RunError, reworded
 from swarmwright.core.random_numbers import Streams
 from swarmwright.evaluation.base import Progress, Servers
-from swarmwright.evaluation.opening import needs_no_servers, open_backend, open_once, require_here
+from swarmwright.evaluation.here import needs_no_servers, require_here
+from swarmwright.evaluation.opening import open_backend, open_once
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import Target, unfit
 from swarmwright.runs.post_evaluation import evaluated
