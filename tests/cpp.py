@@ -65,11 +65,14 @@ def run(command: list[str | Path], *, seconds: float = 500, cwd: Path = ROOT) ->
 
 
 class CppServer(Program):
-    """An example server, `minisim` when not told otherwise, or a program of one's own; ready once made."""
+    """An example server, `minisim` when not told otherwise, or a program of one's own; ready once made.
+
+    url: of the broker; None to leave it to the environment.
+    """
 
     def __init__(
         self,
-        url: str,
+        url: str | None,
         *options: str,
         cwd: Path,
         server: int = 1,
@@ -77,7 +80,8 @@ class CppServer(Program):
         env: Mapping[str, str] | None = None,
     ) -> None:
         program = build() / main
-        super().__init__(program, "--broker", url, "--id", server, *options, cwd=cwd, env=env, program=())
+        where = () if url is None else ("--broker", url)
+        super().__init__(program, *where, "--id", server, *options, cwd=cwd, env=env, program=())
         try:
             self.until_error("ready")
         except BaseException:

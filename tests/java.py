@@ -36,11 +36,14 @@ def jar() -> Path:
 
 
 class JavaServer(Program):
-    """`java -cp CLASSPATH MAIN OPTIONS`, the example server when not told otherwise; ready once made."""
+    """`java -cp CLASSPATH MAIN OPTIONS`, the example server when not told otherwise; ready once made.
+
+    url: of the broker; None to leave it to the environment.
+    """
 
     def __init__(
         self,
-        url: str,
+        url: str | None,
         *options: str,
         cwd: Path,
         server: int = 1,
@@ -51,8 +54,9 @@ class JavaServer(Program):
         java = shutil.which("java")
         assert java, "Java is missing; `make test-peers` installs it"
         library = os.pathsep.join(filter(None, [str(jar()), classpath]))
+        where = () if url is None else ("--broker", url)
         command = [java, "-Xshare:auto", "-cp", library, main or "org.swarmwright.minisim.Main"]
-        super().__init__(*command, "--broker", url, "--id", server, *options, cwd=cwd, env=env, program=())
+        super().__init__(*command, *where, "--id", server, *options, cwd=cwd, env=env, program=())
         try:
             self.until_error("ready")
         except BaseException:

@@ -67,7 +67,7 @@ def serve(tmp_path: Path, cleanup: ExitStack) -> Serve:
 def serve_java(tmp_path: Path, cleanup: ExitStack) -> ServeJava:
     """Starts the example server of the Java wrapper."""
 
-    def start(url: str, *options: str, **more: Any) -> JavaServer:
+    def start(url: str | None, *options: str, **more: Any) -> JavaServer:
         server = JavaServer(url, *options, cwd=tmp_path, **more)
         cleanup.callback(server.stop)
         return server
@@ -79,7 +79,7 @@ def serve_java(tmp_path: Path, cleanup: ExitStack) -> ServeJava:
 def serve_cpp(tmp_path: Path, cleanup: ExitStack) -> ServeCpp:
     """Starts an example server of the C++ wrapper."""
 
-    def start(url: str, *options: str, **more: Any) -> CppServer:
+    def start(url: str | None, *options: str, **more: Any) -> CppServer:
         server = CppServer(url, *options, cwd=tmp_path, **more)
         cleanup.callback(server.stop)
         return server

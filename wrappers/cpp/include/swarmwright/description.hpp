@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <cstdlib>
 #include <exception>
 #include <functional>
 #include <iostream>
@@ -70,6 +71,16 @@ enum class Notice {
   lost = SWARMWRIGHT_NOTICE_LOST,
 };
 
+namespace detail {
+
+/// A variable of the environment; empty if it is not set.
+inline std::string variable(const char* name) {
+  const char* value = std::getenv(name);
+  return value == nullptr ? std::string() : std::string(value);
+}
+
+}  // namespace detail
+
 /// Options of a server. The user name and password come from the environment (SWARMWRIGHT_USERNAME, ...).
 struct Options {
   /// mqtt://, mqtts://, ws://, wss:// or unix:///PATH; empty for the environment's SWARMWRIGHT_BROKER, else
@@ -77,8 +88,8 @@ struct Options {
   std::string broker = {};
   /// The server's id, from 0, unique on the broker.
   std::uint64_t id = 1;
-  /// Prefix of all topics.
-  std::string prefix = {};
+  /// Prefix of all topics: that of the environment, SWARMWRIGHT_PREFIX, unless another one is assigned; empty for none.
+  std::string prefix = detail::variable("SWARMWRIGHT_PREFIX");
   /// How long a step waits for actuators before it is given up.
   std::chrono::duration<double> step_timeout = std::chrono::seconds(60);
   /// Threads of an offloaded evaluation, each with another simulation; 0 for one per processor.

@@ -75,7 +75,7 @@ inline constexpr const char* usage =
     "  --broker        mqtt://HOST:PORT, mqtts://, ws://, wss:// or unix:///PATH;\n"
     "                  SWARMWRIGHT_BROKER, else mqtt://localhost:1883\n"
     "  --id            the server's id, from 0, unique on the broker; 1 by default\n"
-    "  --prefix        prefix of all topics; empty by default\n"
+    "  --prefix        prefix of all topics, \"\" for none; SWARMWRIGHT_PREFIX, else none\n"
     "  --step-timeout  after how long a step that misses actuators is given up; 60 by default\n"
     "  --threads       of an offloaded evaluation, 0 for one per processor; 1 by default\n";
 

@@ -13,21 +13,21 @@ import java.util.function.Supplier;
 public final class CommandLine {
   private static final String USAGE =
       "usage: [--broker URL] [--id NUMBER] [--prefix PREFIX] [--step-timeout SECONDS]\n"
-          + "  --broker        mqtt://HOST:PORT, mqtts://, ws:// or wss://; mqtt://localhost:1883"
-          + " by default\n"
+          + "  --broker        mqtt://HOST:PORT, mqtts://, ws:// or wss://;\n"
+          + "                  SWARMWRIGHT_BROKER, else mqtt://localhost:1883\n"
           + "  --id            the server's ID, from 0, unique on the broker; 1 by default\n"
-          + "  --prefix        prefix of all topics; empty by default\n"
+          + "  --prefix        prefix of all topics, \"\" for none; SWARMWRIGHT_PREFIX, else none\n"
           + "  --step-timeout  how long a step waits for actuators before it is given up; 60 by"
           + " default";
 
-  /** URL of the broker. */
-  public String broker = "mqtt://localhost:1883";
+  /** URL of the broker; that of the environment, SWARMWRIGHT_BROKER, where none is given. */
+  public String broker = Defaults.broker();
 
   /** ID of the server. */
   public long id = 1;
 
-  /** Topic prefix. */
-  public String prefix = "";
+  /** Topic prefix; that of the environment, SWARMWRIGHT_PREFIX, where none is given. */
+  public String prefix = Defaults.prefix();
 
   /** Seconds that a step waits for actuators. */
   public double stepTimeout = 60;

@@ -67,8 +67,8 @@ public final class SimulationServer implements AutoCloseable {
   public static final class Options {
     private final Simulation only;
     private final Supplier<? extends Simulation> maker;
-    private String broker = "mqtt://localhost:1883";
-    private String prefix = "";
+    private String broker = Defaults.broker();
+    private String prefix = Defaults.prefix();
     private long id = 1;
     private double stepTimeout = 60;
     private Consumer<String> notices = text -> System.err.println(text);
@@ -79,7 +79,11 @@ public final class SimulationServer implements AutoCloseable {
       this.maker = maker;
     }
 
-    /** URL of the broker: mqtt://, mqtts://, ws:// or wss://; mqtt://localhost:1883 by default. */
+    /**
+     * URL of the broker: mqtt://, mqtts://, ws:// or wss://. By default that of the system property
+     * {@code swarmwright.broker}, else of the environment, SWARMWRIGHT_BROKER, else
+     * mqtt://localhost:1883.
+     */
     public Options broker(String url) {
       broker = Objects.requireNonNull(url, "url");
       return this;
@@ -91,7 +95,10 @@ public final class SimulationServer implements AutoCloseable {
       return this;
     }
 
-    /** Topic prefix; empty by default. */
+    /**
+     * Topic prefix; empty for none. By default that of the environment, SWARMWRIGHT_PREFIX, else
+     * none.
+     */
     public Options prefix(String text) {
       prefix = Objects.requireNonNull(text, "text");
       return this;

@@ -1,7 +1,6 @@
 package org.swarmwright;
 
 import java.util.HashSet;
-import java.util.Optional;
 import java.util.Set;
 import java.util.UUID;
 import java.util.logging.Level;
@@ -40,7 +39,8 @@ import org.swarmwright.mqtt.BrokerAddress;
  *
  * <p>The broker is the argument of the constructor, else the system property {@code
  * swarmwright.broker}, else the environment variable SWARMWRIGHT_BROKER, else
- * mqtt://localhost:1883. To offer a simulation without handling messages, implement {@link
+ * mqtt://localhost:1883; the prefix of topics is the argument of the constructor, else
+ * SWARMWRIGHT_PREFIX, else none. To offer a simulation without handling messages, implement {@link
  * Simulation}.
  */
 public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
@@ -60,7 +60,7 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
    * @throws BrokerException if it cannot be reached
    */
   protected SimulationWrapper() {
-    this(configuredBroker(), "");
+    this(Defaults.broker());
   }
 
   /**
@@ -68,13 +68,14 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
    *
    * @param broker its URL, mqtt://HOST:PORT
    * @throws BrokerException if it cannot be reached
+   * @throws IllegalArgumentException if the URL or the prefix of the environment cannot be used
    */
   protected SimulationWrapper(String broker) {
-    this(broker, "");
+    this(broker, Defaults.prefix());
   }
 
   /**
-   * Connects to a broker, with a prefix for all topics.
+   * Connects to a broker, with a prefix for all topics, empty for none.
    *
    * @throws BrokerException if it cannot be reached
    * @throws IllegalArgumentException if the URL or the prefix cannot be used
@@ -99,12 +100,6 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
               + BrokerAddress.advice(error.getCause()),
           error);
     }
-  }
-
-  private static String configuredBroker() {
-    String fallback =
-        Optional.ofNullable(System.getenv("SWARMWRIGHT_BROKER")).orElse("mqtt://localhost:1883");
-    return System.getProperty("swarmwright.broker", fallback);
   }
 
   private static MqttConnectOptions options(BrokerAddress address) {
