@@ -39,17 +39,20 @@ class _MissionOption(click.Option):
 def command(template: str, mission: str | None, mission_file: bool) -> None:
     """Print a commented experiment file to start from.
 
-    NAME is the template: arena, emergency_exit or minisim.
+    NAME is the template: arena, emergency_exit or minisim. For missions of the
+    arena in another simulator, whose servers are on a broker: arena-argos,
+    arena-enki, arena-gazebo, arena-gz, arena-mujoco or arena-stage.
     """
     from swarmwright import InputError, templates
 
-    if template != "arena" and (mission is not None or mission_file):
+    of_arena = template == "arena" or template in templates.simulators()
+    if not of_arena and (mission is not None or mission_file):
         raise click.UsageError(f"--mission{'-file' * mission_file} is for arena only, not for {template}")
     try:
         if mission_file:
             document(templates.mission(mission or "aggregation"))
         elif mission is not None:
-            document(templates.arena(mission))
+            document(templates.arena(mission, template))
         else:
             document(templates.text(template))
     except InputError as error:

@@ -20,7 +20,6 @@ from swarmwright.cli._options import json_option, trust_option
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._parameter_types import LARGEST_ID, RealNumber, WholeNumber
 from swarmwright.cli._signals import Terminated
-from swarmwright.core.suggestions import unknown
 from swarmwright.supervision import Ended, Event, News, Restarted, Supervisor
 from swarmwright.supervision import Output as Printed
 
@@ -214,18 +213,17 @@ def _named(simulation: str) -> str:
 def _title(simulation: str) -> str:
     """The title of the offered simulation; errors are reported before any server is started."""
     from swarmwright.core.simulation_names import is_python
-    from swarmwright.simulations import catalogue
+    from swarmwright.simulations import catalogue, titles
 
     if is_python(simulation):
         return catalogue.title(simulation)
-    known = catalogue.titles()
     if simulation.endswith(".py"):
         from swarmwright.simulations.file_names import class_missing
 
         raise click.UsageError(class_missing(simulation))
-    if simulation not in known:
+    if simulation not in catalogue.titles():
         raise click.UsageError(
-            f"{unknown('simulation', simulation, known)}; a class in Python is named like file.py:Class"
+            f"{titles.not_here(simulation)}; a class in Python is named like file.py:Class"
         )
     return simulation
 

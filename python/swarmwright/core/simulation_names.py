@@ -20,6 +20,18 @@ LIBRARIES = {"gymnasium": "Gymnasium", "pettingzoo": "PettingZoo", "vmas": "Vmas
 MISSIONS = "arena-"
 """What the titles of the arena's missions in other simulators begin with."""
 
+SIMULATORS = {
+    "arena-argos": "docs/how-to/attach-argos.md",
+    "arena-enki": "docs/how-to/attach-enki.md",
+    "arena-gazebo": "docs/how-to/attach-gazebo.md",
+    "arena-gz": "docs/how-to/attach-gazebo.md",
+    "arena-mujoco": "docs/how-to/attach-mujoco.md",
+    "arena-stage": "docs/how-to/attach-stage.md",
+    "argos": "docs/how-to/attach-argos.md",
+    "stage": "docs/how-to/attach-stage.md",
+}
+"""Titles that servers of other simulators have, as they come with Swarmwright -> page that describes them."""
+
 _ENVIRONMENT = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]*)(?:\?(\S*))?")
 _DEFINED = re.compile(r"(command|fmu|ros):\{")
 _CLASS = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")

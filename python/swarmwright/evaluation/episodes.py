@@ -14,7 +14,6 @@ from swarmwright.core.arrays import float32_of
 from swarmwright.core.by_value import same
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.processes import use_threads
-from swarmwright.core.suggestions import did_you_mean
 from swarmwright.display import Caption, Recording, Scene
 from swarmwright.display.files import save
 from swarmwright.display.pictures import Pictures
@@ -23,7 +22,7 @@ from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.experiment.fitness import Fault
 from swarmwright.representations.controller import ControlledEpisodes, Controller
-from swarmwright.simulations import catalogue
+from swarmwright.simulations import catalogue, titles
 
 
 class Observation(NamedTuple):  # noqa: PLW1641 - arrays have no hash, nor have tuples of them
@@ -356,6 +355,6 @@ def _experiment(simulation: object, parameters: Mapping[str, Any] | None) -> Exp
             f"of the class {type(simulation).__name__}"
         )
     if not catalogue.is_here(found.simulation):
-        hint = did_you_mean(found.simulation, catalogue.titles())
+        hint = titles.alike(found.simulation)
         raise InputError(f"simulation: {found.simulation!r} is not built in, nor a class in Python{hint}")
     return found

@@ -2,8 +2,8 @@
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.notebook import in_notebook
-from swarmwright.core.simulation_names import LIBRARIES, is_command, is_python
-from swarmwright.core.suggestions import did_you_mean, unknown
+from swarmwright.core.simulation_names import LIBRARIES, SIMULATORS, is_command, is_python
+from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.warn_once import warn_once
 from swarmwright.evaluation.base import (
     HERE,
@@ -12,7 +12,7 @@ from swarmwright.evaluation.base import (
 )
 from swarmwright.experiment.derived import has_python_modules, place_of
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.simulations import catalogue
+from swarmwright.simulations import catalogue, titles
 
 
 def is_here(experiment: Experiment, broker: str | None, servers: Servers | None) -> bool:
@@ -60,10 +60,12 @@ def require_here(experiment: Experiment) -> None:
             folder = None if experiment.path is None else experiment.path.parent
             raise InputError(f"{where}{class_missing(simulation, folder)}")
         library, _, rest = simulation.partition(":")
-        hint = "any other needs a broker on which a server offers it"
+        hint = f"any other needs a broker on which a server offers it, as {', '.join(SIMULATORS)}"
+        if simulation in SIMULATORS:
+            hint = "name the broker on which one does"
         if rest and did_you_mean(library, LIBRARIES):
             hint = f"environments of other libraries are named {', '.join(f'{one}:..' for one in LIBRARIES)}"
-        raise InputError(f"{where}{unknown('simulation', simulation, catalogue.titles())}; {hint}")
+        raise InputError(f"{where}{titles.not_here(simulation)}; {hint}")
     if is_command(simulation):
         from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import SIMULATORS
 from swarmwright.core.suggestions import nearest
 from swarmwright.core.untrusted import one_line
 from swarmwright.core.yaml import dump
@@ -48,8 +49,8 @@ class Draft:
         if self.kind == _SET and self._can_steer:
             self.parameters.fixed.setdefault(_STEERING[0], (_STEERING[1], "agents steer themselves"))
         if self.known.description is None:
-            near = nearest(simulation, catalogue.titles())
-            hint = "" if near is None else f" (did you mean '{near}'?)"
+            near = nearest(simulation, (*catalogue.titles(), *SIMULATORS))
+            hint = "" if near in {None, simulation} else f" (did you mean '{near}'?)"
             self.notes.append(
                 f"no built-in simulation is called {simulation}{hint}. A simulation server has to offer it, "
                 "or name another one with --simulation"

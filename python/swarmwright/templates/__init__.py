@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from swarmwright import _engine
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import MISSIONS, SIMULATORS
 from swarmwright.core.suggestions import unknown
 
 if TYPE_CHECKING:
@@ -22,11 +23,21 @@ def names() -> list[str]:
     )
 
 
+def simulators() -> list[str]:
+    """Return the titles of other simulators that `arena` knows: their servers offer the arena's missions."""
+    return [title for title in SIMULATORS if title.startswith(MISSIONS)]
+
+
 @checked
 def text(name: str) -> str:
-    """Return the experiment file of a template; raise InputError for an unknown one."""
+    """Return the experiment file of a template, or of one of `simulators`.
+
+    Raises InputError for an unknown one.
+    """
+    if name in simulators():
+        return arena(simulation=name)
     if name not in names():
-        raise InputError(unknown("template", name, names()))
+        raise InputError(unknown("template", name, [*names(), *simulators()]))
     return files(__name__).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
 
 
@@ -41,13 +52,34 @@ def emergency_exit() -> str:
 
 
 @checked
-def arena(mission: str = "aggregation") -> str:
-    """Return an experiment with a mission of the arena; raise InputError for an unknown one.
+def arena(mission: str = "aggregation", simulation: str = "arena") -> str:
+    """Return an experiment with a mission of the arena.
 
-    Default: aggregation with ambient cues: e-pucks gather on a black spot.
+    mission: by default aggregation with ambient cues: e-pucks gather on a black spot.
+    simulation: `arena`, or one of `simulators`, whose servers are on a broker.
+    Raises InputError for an unknown one of them.
     """
+    known = ["arena", *simulators()]
+    if simulation not in known:
+        raise InputError(unknown("simulation", simulation, known))
+    file = _with_mission(text("arena"), mission)
+    return file if simulation == "arena" else _on_servers(file, simulation)
+
+
+def _on_servers(file: str, simulation: str) -> str:
+    """Return the experiment with the simulation of servers."""
+    lines = (
+        f"simulation: {simulation:<21} # servers of this simulator offer it: {SIMULATORS[simulation]}\n"
+        "broker: mqtt://localhost:1883     # to which these servers are connected"
+    )
+    file, count = re.subn(r"^simulation: arena .*$", lines, file, count=1, flags=re.MULTILINE)
+    assert count == 1
+    return file
+
+
+def _with_mission(file: str, mission: str) -> str:
+    """Return the experiment with another mission. Raises InputError for an unknown one."""
     chosen = _mission(mission)
-    file = text("arena")
     if chosen["name"] == "aac":
         return file
     title, duration = chosen["title"].lower(), f"{chosen['duration']:g}"

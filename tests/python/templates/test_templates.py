@@ -44,3 +44,20 @@ def test_the_template_is_the_published_example() -> None:
 def test_an_unknown_template() -> None:
     with pytest.raises(InputError, match="unknown template 'minisym'; did you mean 'minisim'"):
         templates.text("minisym")
+    with pytest.raises(InputError, match="unknown template 'gazebo'; did you mean 'arena-gazebo'"):
+        templates.text("gazebo")
+
+
+@pytest.mark.parametrize("title", templates.simulators())
+def test_the_arena_in_another_simulator(title: str) -> None:
+    experiment = Experiment(**check(parse(templates.text(title), title)))
+    assert (experiment.simulation, experiment.broker) == (title, "mqtt://localhost:1883")
+    foraging = Experiment(**check(parse(templates.arena("foraging", title), title)))
+    assert foraging.parameters["mission"] == "foraging"
+    arena = Experiment(**check(parse(templates.arena("foraging"), title)))
+    assert foraging.replace(simulation="arena", broker=None) == arena
+
+
+def test_the_arena_in_an_unknown_simulator() -> None:
+    with pytest.raises(InputError, match="unknown simulation 'gazebo'; did you mean 'arena-gazebo'"):
+        templates.arena(simulation="gazebo")
