@@ -3,6 +3,7 @@
 import dataclasses
 import logging
 import math
+import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -19,6 +20,8 @@ from swarmwright.store.rows import AttemptEntry
 _log = logging.getLogger("swarmwright")
 _UNATTRIBUTED = "an evaluation failed after "
 """How the pool's warning of a failed evaluation begins: engine/pool/src/scheduler/attribution.rs."""
+_QUARANTINED = re.compile(r"an evaluation is quarantined: ([^;]*); last reason: (.*)", re.DOTALL)
+"""The pool's warning of an evaluation that took servers down, with the cause: as above."""
 _MOST_NAMED = 10
 """Failures that are named, of those that are reported together."""
 
@@ -33,16 +36,29 @@ class Failure(NamedTuple):
     """The last attempt that failed."""
     attempts: int
     """That failed, copies on other servers included."""
+    quarantine: str = ""
+    """Why no other server gets it; empty where that is not so."""
 
     @property
     def time(self) -> float:
         """The end of the last attempt, seconds since 1970."""
         return self.last.started + self.last.seconds
 
+    @property
+    def reason(self) -> str:
+        """Why the last attempt failed, as the pool's warnings have it."""
+        return (self.last.error or "").removeprefix(NOT_FINISHED)
+
     def text(self, seeds: Sequence[int]) -> str:
         """Say which episode failed, and how often it was tried."""
         where = f"episode {self.episode} (seed {seeds[self.episode]})"
-        return f"{where} failed after {counted(self.attempts, 'attempt')}"
+        end = " and is quarantined" if self.quarantine else ""
+        return f"{where} failed after {counted(self.attempts, 'attempt')}{end}"
+
+    def entry(self, seeds: Sequence[int]) -> WarningEntry:
+        """Return the warning of the journal."""
+        why = f", since {self.quarantine}" if self.quarantine else ""
+        return WarningEntry(f"{self.text(seeds)}{why}: {self.last.error}", self.candidate, time=self.time)
 
 
 class Failures:
@@ -77,12 +93,10 @@ class Failures:
         failures = list(_failures(results, rows))
         if not failures:
             return results
-        self._hint = self._hint or self._hint_at(failures[0], seeds, generation, first)
         warnings = [one for one in results.journal.warnings if not one.text.startswith(_UNATTRIBUTED)]
-        warnings += [
-            WarningEntry(f"{one.text(seeds)}: {one.last.error}", one.candidate, time=one.time)
-            for one in failures[:_MOST_NAMED]
-        ]
+        warnings = _without_quarantine(warnings, failures)
+        self._hint = self._hint or self._hint_at(failures[0], seeds, generation, first)
+        warnings += [one.entry(seeds) for one in failures[:_MOST_NAMED]]
         if len(failures) > _MOST_NAMED:
             warnings.append(
                 WarningEntry(f"{len(failures) - _MOST_NAMED} more episodes of this generation failed as well")
@@ -122,6 +136,28 @@ def _failures(results: Results, rows: Mapping[int, int] | None) -> Iterator[Fail
         alone = sum(entry.candidates * entry.episodes == 1 for entry in entries)
         attempts = max(alone, *(entry.attempt for entry in entries))
         yield Failure(candidate, episode, entries[-1], attempts)
+
+
+def _without_quarantine(warnings: Sequence[WarningEntry], failures: list[Failure]) -> list[WarningEntry]:
+    """Return the warnings without those of evaluations in quarantine, which `failures` get to know instead.
+
+    A warning has the reason of its evaluation's last attempt, and comes when that ends.
+    """
+    others = []
+    for warning in warnings:
+        found = _QUARANTINED.fullmatch(warning.text)
+        same = [
+            index
+            for index, one in enumerate(failures)
+            if found is not None and not one.quarantine and one.reason == found[2]
+        ]
+        if found is None or not same:
+            others.append(warning)
+            continue
+        at = warning.time
+        index = same[0] if at is None else min(same, key=lambda index: abs(failures[index].time - at))
+        failures[index] = failures[index]._replace(quarantine=found[1])
+    return others
 
 
 def _without_lost(entries: Sequence[AttemptEntry]) -> Iterator[AttemptEntry]:
