@@ -50,7 +50,7 @@ def slow_fitness(genomes: Genomes, first: int, episodes: int) -> NDArray[np.floa
 
 def selected(run: Run, count: int) -> Genomes:
     """Return the genome, of the best ones of a run, that is best in the slow simulation; (1, genome_size)."""
-    leading = [one.genome for one in run.store.leading(count)]
+    leading = [one.genome for one in run._store.leading(count)]
     genomes: Genomes = np.stack(leading)
     best = int(np.argmax(slow_fitness(genomes, SELECTION, RANKING["episodes"])))
     return genomes[best : best + 1]

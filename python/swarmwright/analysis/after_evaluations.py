@@ -21,7 +21,7 @@ def fitness_at(run: Run, evaluations: int | None = None) -> tuple[float, int]:
     if evaluations is not None and done < min(evaluations, run.evaluations) and not by_generation(run):
         # Within a generation, the record has evaluations in the order in which the method asked for them.
         end = min(evaluations, run.evaluations)
-        best, done = float(np.fmax(best, run.store.best_fitness(done, end))), end
+        best, done = float(np.fmax(best, run._store.best_fitness(done, end))), end
     return best if math.isfinite(best) else math.nan, done
 
 

@@ -46,7 +46,7 @@ def _by_generation(run: Run) -> tuple[_Numbers, _Numbers]:
     """Return the evaluations of a race before each generation and at the end, and the episodes of these."""
     if run not in _known:
         counts, taken = np.zeros((2, run.generations), np.int64)
-        for part in run.store.rows():
+        for part in run._store.rows():
             known = part.generation < run.generations  # a run that goes on may have more by now
             np.add.at(counts, part.generation[known], 1)
             np.add.at(taken, part.generation[known], _taken(part.episodes, part.fitness)[known])
@@ -56,7 +56,7 @@ def _by_generation(run: Run) -> tuple[_Numbers, _Numbers]:
 
 def _taken_in(run: Run, generation: int) -> _Numbers:
     """Return how many episodes each evaluation of a generation took; none where there is no such one."""
-    found = [_taken(one.episodes, one.fitness) for one in run.store.one_generation(generation)]
+    found = [_taken(one.episodes, one.fitness) for one in run._store.one_generation(generation)]
     return np.concatenate(found) if found else np.zeros(0, np.int64)
 
 

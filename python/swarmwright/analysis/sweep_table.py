@@ -44,13 +44,13 @@ def _columns(runs: Sequence[Run]) -> list[dict[str, Any]]:
 def _lines(runs: Sequence[Run]) -> Iterator[str]:
     """Yield the lines of a CSV file."""
     leading = _columns(runs)
-    headers = [next(csv_lines(run.store)).rstrip("\n").split(",") for run in runs]
+    headers = [next(csv_lines(run._store)).rstrip("\n").split(",") for run in runs]
     columns = _united(headers)
     _check(leading[0], columns)
     yield _text([*leading[0], *columns])
     for run, values, header in zip(runs, leading, headers, strict=True):
         first = _text([_cell(value) for value in values.values()])[:-1]
-        lines = csv_lines(run.store)
+        lines = csv_lines(run._store)
         next(lines)
         places = [columns.index(name) for name in header]
         for line in lines:
@@ -97,7 +97,7 @@ def _tables(runs: Sequence[Run]) -> Iterator["pa.Table"]:
     """Yield the records as Arrow tables with the same columns."""
     pa = pyarrow("writing Parquet")
     leading = _columns(runs)
-    schemas = [next(tables(run.store)).schema for run in runs]
+    schemas = [next(tables(run._store)).schema for run in runs]
     fields: dict[str, Any] = {}
     for schema in schemas:
         # Runs may have other numbers of genes or episodes, and a column has one type.
@@ -109,7 +109,7 @@ def _tables(runs: Sequence[Run]) -> Iterator["pa.Table"]:
     keys = {name: _array([values[name] for values in leading]) for name in leading[0]}
     schema = pa.schema({**{name: array.type for name, array in keys.items()}, **fields})
     for place, run in enumerate(runs):
-        for part in tables(run.store):
+        for part in tables(run._store):
             size = len(part)
             columns = {
                 name: pa.array([array[place].as_py()] * size, array.type) for name, array in keys.items()

@@ -168,8 +168,8 @@ def describe(output: Output, run: "Run") -> None:
     from swarmwright.runs.elites import has_elites
 
     facts = facts_of(run)
-    servers = [share._asdict() for share in run.store.servers()]
-    failures = [reason._asdict() for reason in run.store.failures()]
+    servers = [share._asdict() for share in run._store.servers()]
+    failures = [reason._asdict() for reason in run._store.failures()]
     code = [{"version": version, "sha256": digest} for version, digest in run.code.items()]
     edited = remarks(run)
     sessions = [vars(session) for session in run.sessions]

@@ -230,7 +230,7 @@ def command(
         f"{', without these settings' if other else ''}."
     )
     _show_settings(output, settings)
-    validation = () if other else (opened.store.validation() or {}).get("seeds", ())
+    validation = () if other else (opened._store.validation() or {}).get("seeds", ())
     _show(output, evaluated, _seeds(evaluated, validation))
     return 0
 

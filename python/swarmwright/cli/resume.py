@@ -90,7 +90,7 @@ def command(
     check_free(opened.path)
     settings = (*settings, *prefix_settings(prefix))
     # Report errors before anything is printed or started.
-    wanted = Resumption.of(opened, opened.store, settings, {"generations": generations})
+    wanted = Resumption.of(opened, opened._store, settings, {"generations": generations})
     experiment = wanted.experiment
     if not wanted.has_all_generations:
         continuation(opened, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
@@ -98,7 +98,7 @@ def command(
     broker = experiment_broker(broker, experiment.broker, chosen)
     if wanted.has_all_generations:
         due = wanted.validation_is_due
-        if not due and at_end.is_due(experiment, opened.store):
+        if not due and at_end.is_due(experiment, opened._store):
             left = "its best candidates are transferred"
         else:
             left = "its best candidates are validated" if due else "there is nothing left to do"

@@ -335,7 +335,7 @@ def _described(run: "Run") -> Mapping[str, Any]:
     What the run has stored, or else, of one that an earlier version made, the description of a simulation
     that is built in, of robots with ROS or of an FMU.
     """
-    stored = run.store.channels()
+    stored = run._store.channels()
     if stored is not None:
         return stored
     simulation = run.experiment.simulation

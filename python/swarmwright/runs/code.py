@@ -123,7 +123,7 @@ def _version(run: "Run", generation: int | None = None) -> int:
     if generation is None:
         return used[-1]
     # Generations from before there were copies are attributed to the first one.
-    return versions.get(run.store.session_of(generation)) or used[0]
+    return versions.get(run._store.session_of(generation)) or used[0]
 
 
 def _is_version(run: "Run", version: int, parts: list[Part]) -> bool:
@@ -132,7 +132,7 @@ def _is_version(run: "Run", version: int, parts: list[Part]) -> bool:
 
 
 def _has_copy(run: "Run", generation: int) -> bool:
-    session = run.store.session_of(generation)
+    session = run._store.session_of(generation)
     return any(one.session == session and one.code is not None for one in run.sessions)
 
 

@@ -17,7 +17,7 @@ def first_difference(one: "Run", other: "Run") -> str | None:
         return f"{empty[0].path} has no finished generation"
     if _begin_alike(one, other):
         return _ends(one, other, min(one.evaluations, other.evaluations))
-    lines = zip_longest(csv_lines(one.store), csv_lines(other.store))
+    lines = zip_longest(csv_lines(one._store), csv_lines(other._store))
     columns: list[str] = []
     for number, (first, second) in enumerate(lines):
         if first == second:
@@ -46,8 +46,8 @@ def _begin_alike(one: "Run", other: "Run") -> bool:
     last = min(one.generations, other.generations) - 1
     return (
         last >= 0
-        and one.store.metrics == other.store.metrics
-        and one.store.digest(last) == other.store.digest(last)
+        and one._store.metrics == other._store.metrics
+        and one._store.digest(last) == other._store.digest(last)
         and not any(verify(run.path).problems for run in (one, other))
     )
 

@@ -49,7 +49,7 @@ def changes(run: "Run") -> tuple[list[Change], Experiment]:
     file = run.path / FILE
     if not file.is_file():
         return [], run.experiment
-    text, opened = file.read_bytes(), run.store.experiment()
+    text, opened = file.read_bytes(), run._store.experiment()
     if text == dump(opened).encode():
         return [], run.experiment
     # The run may have been prolonged since it was opened, and the file with it.

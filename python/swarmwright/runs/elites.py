@@ -189,7 +189,7 @@ def of_run(run: "Run", at: int | None = None) -> Elites:
     """
     collected = _Collected(run)
     left = run.evaluations if at is None else at
-    for evaluated in run.store.generations():
+    for evaluated in run._store.generations():
         if evaluated.generation >= run.generations or left <= 0:
             break
         left -= collected.add(evaluated, left)
@@ -202,7 +202,7 @@ def over_generations(run: "Run", chosen: Container[int]) -> Iterator[tuple[int, 
     Raises InputError for other methods.
     """
     collected = _Collected(run)
-    for evaluated in run.store.generations():
+    for evaluated in run._store.generations():
         if evaluated.generation >= run.generations:
             break
         collected.add(evaluated, len(evaluated.fitness))

@@ -27,11 +27,11 @@ def instances(run: "Run", one: Evaluation) -> list[Evaluation]:
     generations without a gap before this one; otherwise it alone.
     """
     if by_instance(run.experiment):
-        return run.store.evaluations_of(one)
+        return run._store.evaluations_of(one)
     if not run.experiment.ranking.reevaluate:
         return [one]
     found = [one]
-    for earlier in reversed(run.store.evaluations_of(one)[:-1]):
+    for earlier in reversed(run._store.evaluations_of(one)[:-1]):
         if earlier.generation == found[0].generation - 1:
             found.insert(0, earlier)
     return found

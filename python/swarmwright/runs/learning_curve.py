@@ -166,7 +166,7 @@ def learning_curve(
     if not history:
         raise RunError(nothing(run.path))
     places = np.unique(np.linspace(len(history) - 1, 0, points).round().astype(int)).tolist()
-    leaders = {place: run.store.leader(history[place].generation) for place in places}
+    leaders = {place: run._store.leader(history[place].generation) for place in places}
     distinct = list({one.number: one for one in leaders.values()}.values())
     experiment = used_for(run, history[-1].generation) if experiment is None else experiment_of(experiment)
     found = {one.number: one for one in of_candidates(run, distinct, experiment, where)}

@@ -305,7 +305,7 @@ def post_evaluate(
             raise InputError("controller: is evaluated instead of a candidate; leave out one of them")
         if isinstance(run, str | PathLike) and Path(run).is_dir():
             run = run_of(run)
-        used = run.store.used_seeds() if isinstance(run, Run) else set()
+        used = run._store.used_seeds() if isinstance(run, Run) else set()
         if experiment is None:
             experiment = used_for(run, None) if isinstance(run, Run) else experiment_of(run)
         return _of_controller(controller, experiment, where, used)
@@ -366,8 +366,8 @@ def of_candidates(
     run: "Run", candidates: Sequence[Evaluation], experiment: Experiment, where: Where
 ) -> list[PostEvaluation]:
     """Evaluate candidates of a run in the same episodes, by an experiment; raises as `post_evaluate`."""
-    used = run.store.used_seeds()
-    validated = set((run.store.validation() or {}).get("seeds", ()))
+    used = run._store.used_seeds()
+    validated = set((run._store.validation() or {}).get("seeds", ()))
     seeds = where.seeds(run.experiment, used)
     where.check(experiment)
     with open_backend(

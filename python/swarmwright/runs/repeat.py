@@ -149,5 +149,5 @@ def _episodes_run(run: "Run", recorded: Evaluation) -> int:
     ranking = run.experiment.new_ranking()
     if not isinstance(ranking, Race):
         return len(recorded.seeds)
-    evaluated = next(run.store.one_generation(recorded.generation))
+    evaluated = next(run._store.one_generation(recorded.generation))
     return int(ranking.ran(evaluated.episodes)[recorded.candidate])

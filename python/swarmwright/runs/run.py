@@ -82,8 +82,8 @@ class Run:
         if store is None:
             with StoreReader.opened(self.path) as store:
                 pass  # it keeps to this moment
-        self.store = store
-        """What run.sqlite holds, table by table."""
+        self._store = store
+        """What run.sqlite holds, table by table; for this library only."""
 
     @property
     def path(self) -> Path:
@@ -114,22 +114,22 @@ class Run:
     @cached_property
     def experiment(self) -> Experiment:
         """The experiment as it was run."""
-        return stored_experiment(self.store, self._values)
+        return stored_experiment(self._store, self._values)
 
     @property
     def name(self) -> str:
         """What the experiment's file was called, or else its simulation."""
-        return self.store.name
+        return self._store.name
 
     @property
     def created(self) -> str:
         """When it was started, ISO 8601, UTC."""
-        return self.store.created
+        return self._store.created
 
     @cached_property
     def history(self) -> list[Summary]:
         """The figures of each finished generation."""
-        return self.store.history()
+        return self._store.history()
 
     @property
     def best_words(self) -> str:
@@ -139,7 +139,7 @@ class Run:
     @property
     def generations(self) -> int:
         """Finished generations."""
-        return self.store.finished
+        return self._store.finished
 
     @property
     def evaluations(self) -> int:
@@ -149,7 +149,7 @@ class Run:
     @cached_property
     def best(self) -> Best:
         """The best candidate. Raises RunError when no candidate was evaluated."""
-        best = self.store.best()
+        best = self._store.best()
         if best is None:
             raise RunError(nothing(self.path))
         from swarmwright.runs.code import of_generation
@@ -171,12 +171,12 @@ class Run:
     @cached_property
     def episodes_saved(self) -> int:
         """Episodes that candidates did not go through because a race had dropped them: `ranking: race`."""
-        return self.store.episodes_left_out() if isinstance(self.experiment.ranking, RaceOptions) else 0
+        return self._store.episodes_left_out() if isinstance(self.experiment.ranking, RaceOptions) else 0
 
     @cached_property
     def slow_evaluations(self) -> int:
         """Candidates that were evaluated in the ranking's slow simulation as well, but for failed ones."""
-        return self.store.measured(METRIC) if isinstance(self.experiment.ranking, SlowOptions) else 0
+        return self._store.measured(METRIC) if isinstance(self.experiment.ranking, SlowOptions) else 0
 
     @property
     def validation_is_due(self) -> bool:
@@ -188,9 +188,9 @@ class Run:
 
         run = Run(self.path)
         if run.state != "done":
-            stored = run.store.validation()
+            stored = run._store.validation()
             return stored is not None and stored["state"] == "due"
-        return is_due(run.experiment, run.store, changed=False)
+        return is_due(run.experiment, run._store, changed=False)
 
     @cached_property
     def transferred(self) -> "tuple[Transferred, ...]":
@@ -214,7 +214,7 @@ class Run:
         run = Run(self.path)
         if not run.experiment.validate.transfers or run.state not in {"done", "stopped"}:
             return False
-        return is_due(run.experiment, run.store)
+        return is_due(run.experiment, run._store)
 
     @property
     def unseen(self) -> "PostEvaluation | None":
@@ -228,7 +228,7 @@ class Run:
     @cached_property
     def sessions(self) -> list[Session]:
         """Its sessions: the first process, then one for each time that it was resumed."""
-        return self.store.sessions()
+        return self._store.sessions()
 
     @property
     def state(self) -> State:
@@ -243,7 +243,7 @@ class Run:
         if outcome is None:
             # First the lock: an outcome that is written in between is not missed then.
             locked = is_locked(self.path)
-            outcome = self.store.outcome()
+            outcome = self._store.outcome()
             if outcome is None:
                 return "running" if locked else "killed"
         state: State = outcome if outcome in get_args(State) else "failed"
@@ -257,7 +257,7 @@ class Run:
     @property
     def ended(self) -> Ended | None:
         """What ended a run that is done: `generations`, `evaluations`, `seconds` or `target`; else None."""
-        ended: Any = self.store.ended(now=self._outcome is None) if self.state == "done" else ""
+        ended: Any = self._store.ended(now=self._outcome is None) if self.state == "done" else ""
         return ended if ended in get_args(Ended) else None
 
     @property
@@ -273,18 +273,18 @@ class Run:
     @property
     def code(self) -> dict[int, str]:
         """SHA-256 of each version of the source that was copied into the folder, from 1 on; in code/1, .."""
-        return self.store.code()
+        return self._store.code()
 
     def attempts(self) -> Iterator[Attempt]:
         """Yield attempts at evaluations: which server, when, how long, what went wrong.
 
         All of those by servers and worker processes; in this process, of evaluations that failed.
         """
-        return self.store.attempts()
+        return self._store.attempts()
 
     def events(self) -> Iterator[Event]:
         """Yield the warnings, in order."""
-        return self.store.events()
+        return self._store.events()
 
     @cached_property
     def record(self) -> RecordTable:
@@ -292,7 +292,7 @@ class Run:
 
         `pandas.DataFrame(run.record)` has the columns that `export` writes.
         """
-        return RecordTable(self.store.record(), self.metrics)
+        return RecordTable(self._store.record(), self.metrics)
 
     @checked
     def evaluation(
@@ -307,17 +307,17 @@ class Run:
 
         Raises InputError when there is no such evaluation, RunError when there is nothing at all.
         """
-        return self.store.evaluation(candidate, generation)
+        return self._store.evaluation(candidate, generation)
 
     @checked
     def seeds(self, generation: int) -> list[int]:
         """Return the simulation seed of each episode of a generation. Raises InputError without that one."""
-        return self.store.seeds(generation)
+        return self._store.seeds(generation)
 
     @property
     def metrics(self) -> list[str]:
         """Names of the metrics in the record."""
-        return self.store.metrics
+        return self._store.metrics
 
     @cached_property
     def digest(self) -> str:
@@ -325,7 +325,7 @@ class Run:
 
         It is that of the last generation in the store, which goes on from those of all generations before.
         """
-        return self.store.digest()
+        return self._store.digest()
 
     @cached_property
     def elites(self) -> "Elites":
@@ -344,7 +344,7 @@ class Run:
         episodes and genome and in those of the metrics; this needs `pip install 'swarmwright[parquet]'`.
         Raises InputError when the file cannot be written.
         """
-        write_table(self.store, Path(path))
+        write_table(self._store, Path(path))
 
     @checked
     def plot(self, path: str | PathLike[str] | None = None, *, x: str = "evaluations") -> "Figure":

@@ -188,7 +188,7 @@ def stored_validation(
 
 def of_run(run: "Run") -> Validation | None:
     """Return a run's validation; None where there is none of its best."""
-    values = run.store.validation()
+    values = run._store.validation()
     if values is None or values["state"] not in {"done", "same"}:
         return None
     if values["candidates"][0]["number"] != run.evaluation().number:

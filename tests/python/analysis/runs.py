@@ -35,7 +35,7 @@ class KnownRun(Run):
         return self._experiment
 
     @property
-    def store(self) -> Any:  # type: ignore[override] # no store
+    def _store(self) -> Any:  # type: ignore[override] # no store
         """Return what reads the fitness of some evaluations, and the best one, the same in two episodes."""
         fitness = np.concatenate(self._fitness)
         best = SimpleNamespace(episodes=np.full(2, np.fmax.reduce(fitness)), generation=0)

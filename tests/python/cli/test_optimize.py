@@ -177,7 +177,7 @@ def test_a_reader_that_leaves_ends_the_run_with_its_results_kept(tmp_path: Path)
     assert result.returncode == 130
     assert (tmp_path / "result" / "best.json").exists()
     run = Run.open(tmp_path / "result")
-    assert (run.state, run.store.validation()) == ("interrupted", None)
+    assert (run.state, run._store.validation()) == ("interrupted", None)
 
 
 @pytest.mark.parametrize("option", [[], ["--json"]])

@@ -52,7 +52,7 @@ def test_two_commands_beside_two_built_in_servers_have_one_record(
         experiment.replace(mode="stepwise"), out=tmp_path / "together", broker=embedded_broker
     )
     same_record(together, alone)
-    assert len(together.store.servers()) == 4
+    assert len(together._store.servers()) == 4
 
 
 def test_the_same_as_built_in() -> None:

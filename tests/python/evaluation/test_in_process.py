@@ -138,8 +138,8 @@ def test_attempts_and_incidents_are_counted_as_on_servers(tmp_path: Path) -> Non
     assert any(
         ": Shaky.step: ValueError: shaken" in text and "failed after 3 attempts" in text for text in texts
     )
-    assert run.store.servers() == [], "this process is no server"
-    assert [one.servers for one in run.store.failures()] == [{-1: 3 * failed}]
+    assert run._store.servers() == [], "this process is no server"
+    assert [one.servers for one in run._store.failures()] == [{-1: 3 * failed}]
 
 
 def test_the_number_of_attempts_is_that_of_the_experiment() -> None:

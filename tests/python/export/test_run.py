@@ -378,7 +378,7 @@ def test_a_description_that_cannot_be_had_is_no_reason_to_go_without(
         raise InputError("not to be had")
 
     monkeypatch.setattr(catalogue, "channels", refused)
-    monkeypatch.setattr(type(minisim.store), "channels", lambda _: None)  # of an earlier version
+    monkeypatch.setattr(type(minisim._store), "channels", lambda _: None)  # of an earlier version
     with pytest.raises(InputError, match="not to be had"):
         subject_of(minisim)
 

@@ -62,7 +62,7 @@ def test_a_run_begins_where_its_simulation_cannot_be_described(
     monkeypatch.setattr(catalogue, "channels", fails)
     run = optimize(small(), servers="local", out=tmp_path / "run")
     assert run.state == "done"
-    assert run.store.channels() is None
+    assert run._store.channels() is None
 
 
 @pytest.fixture(scope="module")

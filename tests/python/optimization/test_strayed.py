@@ -43,4 +43,4 @@ def test_another_commit_is_named_where_a_run_cannot_continue(
         ("a" * 40, "an earlier state of this version;"),
     ):
         monkeypatch.setattr("swarmwright.optimization.strayed.revision", lambda here=here: here)
-        assert said in str(strayed(run.store, 0, []))
+        assert said in str(strayed(run._store, 0, []))

@@ -29,7 +29,7 @@ def test_a_run_that_goes_on_after_another(
 ) -> None:
     shorter = optimize(EXPERIMENT, lambda now: now.generation < 1, out=tmp_path / "shorter")
     words = f"{shorter.path} ends after {shorter.evaluations} evaluations, {finished.path} goes on"
-    read = list(csv_lines(finished.store))
+    read = list(csv_lines(finished._store))
     assert len(read) > shorter.evaluations + 1
     monkeypatch.setattr(differences, "csv_lines", refused)
     for one, other in ((shorter, finished), (finished, shorter)):
@@ -55,6 +55,6 @@ def test_other_runs_differ_in_a_value(finished: Run, tmp_path: Path) -> None:
 def test_a_run_without_a_generation(finished: Run, copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that was killed in its first."""
     empty = Run.open(copy)
-    monkeypatch.setattr(Run, "generations", property(lambda run: 0 if run is empty else run.store.finished))
+    monkeypatch.setattr(Run, "generations", property(lambda run: 0 if run is empty else run._store.finished))
     for one, other in ((empty, finished), (finished, empty)):
         assert first_difference(one, other) == f"{empty.path} has no finished generation"

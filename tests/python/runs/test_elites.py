@@ -260,7 +260,7 @@ def test_the_best_of_equal_fitness_is_one_of_the_front(unsteady: Run) -> None:
     best = json.loads((unsteady.path / "best.json").read_text())
     assert (best["generation"], best["candidate"]) == place
     assert (unsteady.best.generation, unsteady.best.candidate) == place
-    for one in (unsteady.evaluation(), unsteady.store.leading(3)[0]):
+    for one in (unsteady.evaluation(), unsteady._store.leading(3)[0]):
         assert (one.generation, one.candidate) == place
     assert unsteady.validation is not None
     assert (unsteady.validation.best.generation, unsteady.validation.best.candidate) == place
@@ -293,7 +293,7 @@ def test_in_stores_of_earlier_versions_the_best_stays_the_first(
     connection.close()
     earlier = Run.open(run.path)
     assert (earlier.best.generation, earlier.best.candidate) == (0, 0)
-    assert earlier.evaluation().number == earlier.store.leading(3)[0].number == 0
+    assert earlier.evaluation().number == earlier._store.leading(3)[0].number == 0
     assert earlier.validation is not None
     assert (earlier.validation.best.generation, earlier.validation.best.candidate) == (0, 0)
     assert not earlier.validation_is_due

@@ -88,13 +88,13 @@ def test_all_of_a_run_is_of_the_moment_when_it_was_opened(
 
 def _all(run: Run) -> list[object]:
     record, best = run.record, run.best
-    leading = [one.number for one in run.store.leading(5)]
-    by_instance = [one.number for one in run.store.leading(5, by_instance=True)]
+    leading = [one.number for one in run._store.leading(5)]
+    by_instance = [one.number for one in run._store.leading(5, by_instance=True)]
     return [
         *(run.generations, run.evaluations, run.history, run.digest, best, run.seconds, run.sessions),
         *(record.fitness.tobytes(), record.genomes.tobytes(), run.evaluation().number),
-        *(leading, by_instance, run.store.used_seeds(), run.store.session_of(run.generations - 1)),
-        *(list(run.attempts()), list(run.events()), run.store.servers(), run.store.failures()),
+        *(leading, by_instance, run._store.used_seeds(), run._store.session_of(run.generations - 1)),
+        *(list(run.attempts()), list(run.events()), run._store.servers(), run._store.failures()),
     ]
 
 
@@ -105,7 +105,7 @@ def test_attempts_and_events_are_of_the_moment_too(tmp_path: Path) -> None:
     new = resume(run, generations=6, servers=1)
     assert list(run.attempts()) == attempts == list(new.attempts())[: len(attempts)]
     assert len(list(new.attempts())) > len(attempts)
-    assert sum(one.evaluations for one in run.store.servers()) == 2 * run.evaluations
+    assert sum(one.evaluations for one in run._store.servers()) == 2 * run.evaluations
     with StoreWriter.resume(run.path) as store:
         store.begin("here")
         store.incidents({"retries": 1})
@@ -119,7 +119,7 @@ def test_iterators_that_are_not_used_up_keep_no_process_from_going_on(
     monkeypatch.setattr("swarmwright.store.journal._LINES", 2)
     monkeypatch.setattr(database, "_PATIENCE", 0.0)
     run = optimize(EXPERIMENT, out=tmp_path / "run", servers=1)
-    attempts, rows = run.attempts(), run.store.rows()
+    attempts, rows = run.attempts(), run._store.rows()
     begun = [next(attempts), next(attempts), next(attempts)]
     part = next(rows)
     assert resume(run, generations=6).generations == 6

@@ -244,11 +244,11 @@ def test_a_run_in_a_relative_folder_outlives_another_working_folder(
 ) -> None:
     monkeypatch.chdir(copy.parent)
     run = Run.open("copy")
-    assert (run.path, run.store.file) == (Path("copy"), Path("copy/run.sqlite"))
+    assert (run.path, run._store.file) == (Path("copy"), Path("copy/run.sqlite"))
     with pytest.raises(InputError, match=r"^copy: holds the generations 0 to \d+, not 99$"):
         run.seeds(99)
     monkeypatch.chdir("/")
-    assert (run.path, run.store.file) == (copy, copy / "run.sqlite")
+    assert (run.path, run._store.file) == (copy, copy / "run.sqlite")
     assert len(run.record.fitness) == run.evaluations
     assert run.best.controller.sensors == 4
     assert repeat(run).same
@@ -313,3 +313,12 @@ def test_quantiles() -> None:
     assert quantile([1, 2], 0.25) == 1.25
     assert quantile([7], 0.75) == 7
     assert np.isnan(quantile([], 0.5))
+
+
+def test_what_a_run_has_is_on_its_reference_page(finished: Run, root: Path) -> None:
+    """All else is internal, and begins with _."""
+    text = (root / "docs" / "reference" / "python.md").read_text(encoding="utf-8")
+    page = text.partition("\n## Run\n")[2].partition("\n## ")[0]
+    names = [name for name in dir(finished) if not name.startswith("_")]
+    assert {"best", "export", "record"} <= set(names)
+    assert [name for name in names if not re.search(rf"`(Run\.)?{name}\b", page)] == []

@@ -46,7 +46,7 @@ def again(run: Run, number: int, seeds: list[int]) -> list[float]:
 
 
 def stored(run: Run) -> dict[str, Any]:
-    values = run.store.validation()
+    values = run._store.validation()
     assert values is not None
     return values
 
@@ -59,7 +59,7 @@ def test_a_noisy_run_ends_with_it(tmp_path: Path) -> None:
     assert best is validation.best
     assert len(best.episodes) == 30  # a twentieth of 15 x 20 x 2
     assert len(validation.candidates) == 1, "for others there are no episodes left"
-    assert not run.store.used_seeds() & set(best.seeds)
+    assert not run._store.used_seeds() & set(best.seeds)
     assert best.episodes.tolist()[:5] == again(run, best.number, best.seeds[:5])
     assert best.recorded == run.best.fitness
     assert best.fitness.mean == pytest.approx(np.mean(best.episodes))
@@ -131,9 +131,9 @@ def test_it_changes_nothing_of_the_record_and_does_not_depend_on_servers(tmp_pat
 def test_its_seeds_are_none_of_the_run(seed: int | None, tmp_path: Path) -> None:
     run = run_of(tmp_path, validate={"episodes": 40, "candidates": 1, "seed": seed})
     assert run.validation is not None
-    assert run.store.used_seeds() == set(range(30))
+    assert run._store.used_seeds() == set(range(30))
     seeds = run.validation.seeds
-    assert not run.store.used_seeds() & set(seeds)
+    assert not run._store.used_seeds() & set(seeds)
     assert len(set(seeds)) == 40
     assert min(seeds) == {None: 1_000_000_000, 0: 30, 5: 30}.get(seed, seed)
 

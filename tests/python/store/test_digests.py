@@ -142,8 +142,8 @@ READERS: list[Callable[[Run], object]] = [
     lambda run: run.evaluation(None, 1),
     lambda run: run.evaluation(13),
     lambda run: run.plot(),
-    lambda run: list(run.store.generations()),
-    lambda run: list(run.store.one_generation(1)),
+    lambda run: list(run._store.generations()),
+    lambda run: list(run._store.one_generation(1)),
     lambda run: resume(run, generations=9),
 ]
 

@@ -89,7 +89,7 @@ def test_a_store_that_cannot_be_read_while_the_disk_is_full(finished: Run, tmp_p
         with StoreWriter.create(tmp_path / "run", finished.experiment, finished.metrics) as store:
             store.begin("here")
             store.keep()
-            store.commit(next(iter(finished.store.generations())), Journal())
+            store.commit(next(iter(finished._store.generations())), Journal())
             store.keep()
             (place / "run").mkdir()
             for name in ("run.sqlite", "run.sqlite-wal"):
@@ -138,7 +138,7 @@ def test_the_longest_path_holds_a_run(finished: Run, tmp_path: Path) -> None:
     with StoreWriter.create(folder, finished.experiment, finished.metrics) as store:
         store.begin("here")
         store.keep()
-        store.commit(next(iter(finished.store.generations())), Journal())
+        store.commit(next(iter(finished._store.generations())), Journal())
     assert Run.open(folder).generations == 1
 
 

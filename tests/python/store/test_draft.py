@@ -89,7 +89,7 @@ def test_generations_are_written_while_others_are_waited_for(
     written = []
     with StoreWriter.create(tmp_path / "again", run.experiment, run.metrics) as store:
         store.begin("here")
-        for evaluated in run.store.generations():
+        for evaluated in run._store.generations():
             store.commit(evaluated, Journal())
             store.has_time()
             written.append(len(StoreReader(tmp_path / "again", NEW).history()))
@@ -118,7 +118,7 @@ def test_facts_are_written_with_what_comes_next(tmp_path: Path, monkeypatch: pyt
 def test_an_opened_reader_has_one_connection_until_it_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    store = optimize(EXPERIMENT, out=tmp_path / "run").store
+    store = optimize(EXPERIMENT, out=tmp_path / "run")._store
     opened: list[Path] = []
     reading = database.reading
 

@@ -55,7 +55,7 @@ def test_a_run_that_takes_the_name_of_a_moved_one_is_left_alone(finished: Run, t
         with StoreWriter.create(folder, finished.experiment, finished.metrics) as store:
             store.begin("here")
             store.keep()
-            store.commit(next(iter(finished.store.generations())), Journal())
+            store.commit(next(iter(finished._store.generations())), Journal())
             store.keep()
             before = sorted(path.name for path in folder.iterdir())
             assert f"{FILE}-wal" in before
@@ -91,7 +91,7 @@ def test_a_run_that_is_moved_in_its_first_second_can_be_resumed(
     folder, moved = tmp_path / "run", tmp_path / "moved"
     store = StoreWriter.create(folder, whole.experiment, whole.metrics)
     store.begin("here")
-    for evaluated in list(whole.store.generations())[:2]:
+    for evaluated in list(whole._store.generations())[:2]:
         store.commit(evaluated, Journal())
     if written:
         store.reader()

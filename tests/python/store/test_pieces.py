@@ -33,7 +33,7 @@ def test_memory_does_not_grow_with_the_run(
     del run.__dict__["record"]
     tracemalloc.start()
     try:
-        assert sum(len(part.fitness) for part in run.store.rows()) == run.evaluations
+        assert sum(len(part.fitness) for part in run._store.rows()) == run.evaluations
         assert tracemalloc.get_traced_memory()[1] < 6 << 20
     finally:
         tracemalloc.stop()
@@ -47,14 +47,14 @@ def test_the_pieces_are_the_record(
     monkeypatch.setattr(blocks, "_BLOCK", 500)
     monkeypatch.setattr(pieces, "_PIECE_BYTES", held)
     run = _run(tmp_path / "run", kind)
-    parts = list(run.store.rows())
+    parts = list(run._store.rows())
     for name in ("generation", "candidate", "fitness", "episodes", "genomes"):
         together = np.concatenate([getattr(part, name) for part in parts])
         assert together.tobytes() == getattr(run.record, name).tobytes(), name
     change_numbers(run.path, "fitness", slice(1), 5.0, generation=2)
     read: list[int] = []
     with pytest.raises(InputError, match="generation 2: the table"):
-        read.extend(int(part.generation[-1]) for part in Run.open(run.path).store.rows())
+        read.extend(int(part.generation[-1]) for part in Run.open(run.path)._store.rows())
     assert set(read) <= {0, 1}
 
 
@@ -66,7 +66,7 @@ def test_a_large_generation_that_is_read_keeps_no_process_from_going_on(
     monkeypatch.setattr(pieces, "_PIECE_BYTES", 0)
     monkeypatch.setattr(database, "_PATIENCE", 0.0)
     run = _run(tmp_path / "run", kind)
-    rows = run.store.rows()
+    rows = run._store.rows()
     parts = [next(rows), next(rows)]
     assert len(parts[0].fitness) < run.history[0].evaluations
     resume(run, generations=6)
@@ -75,8 +75,8 @@ def test_a_large_generation_that_is_read_keeps_no_process_from_going_on(
 
 
 READERS: dict[str, Callable[[Run], int]] = {
-    "rows": lambda run: len(list(run.store.rows())),
-    "generations": lambda run: len(list(run.store.generations())),
+    "rows": lambda run: len(list(run._store.rows())),
+    "generations": lambda run: len(list(run._store.generations())),
     "attempts": lambda run: len(list(run.attempts())),
 }
 
@@ -103,7 +103,7 @@ def test_the_log_of_a_killed_process_is_read_once(
 
 def test_an_iterator_can_be_used_up_in_another_thread(finished: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pieces, "_PIECE_BYTES", 0)
-    rows = finished.store.rows()
+    rows = finished._store.rows()
     count = [len(next(rows).fitness)]
     thread = threading.Thread(target=lambda: count.extend(len(part.fitness) for part in rows))
     thread.start()

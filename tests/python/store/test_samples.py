@@ -136,7 +136,7 @@ def test_one_evaluation_is_that_of_the_record(sampled: Run) -> None:
         assert (one.generation, one.candidate) == divmod(number, 40)
     best = sampled.evaluation()
     assert best.genome.tobytes() == record.genomes[best.number].tobytes()
-    for generation in sampled.store.generations():
+    for generation in sampled._store.generations():
         begin = generation.generation * 40
         assert generation.made().tobytes() == record.genomes[begin : begin + 40].tobytes()
 

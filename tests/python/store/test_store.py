@@ -292,12 +292,12 @@ def test_metrics_are_kept_for_each_episode(tmp_path: Path) -> None:
     experiment = EXPERIMENT.replace(fitness="arrived - 0.01 * steps")
     run = optimize(experiment, out=tmp_path / "run")
     metrics = run.record.metrics
-    assert metrics.shape == (len(run.record.fitness), 2, len(run.store.metrics))
+    assert metrics.shape == (len(run.record.fitness), 2, len(run._store.metrics))
     best = run.evaluation()
     assert run.best.fitness == best.fitness
     assert (run.best.generation, run.best.candidate) == (best.generation, best.candidate)
     assert best.metrics.tolist() == metrics[best.number].tolist()
-    arrived, steps = (run.store.metrics.index(name) for name in ("arrived", "steps"))
+    arrived, steps = (run._store.metrics.index(name) for name in ("arrived", "steps"))
     expected = best.metrics[:, arrived] - 0.01 * best.metrics[:, steps]
     assert best.episodes.tolist() == expected.tolist()
 

@@ -74,9 +74,9 @@ def test_a_crash_costs_the_candidate_and_nothing_else(
     assert f"quarantined: {len(poisoned(run))}" in incidents[0]
     assert "restarts: " in incidents[0]
     named = [(event.generation, event.text) for event in run.events() if "is quarantined" in event.text]
-    bad = [divmod(number, 20) for number in poisoned(run)]
-    assert [generation for generation, _ in named] == [generation for generation, _ in bad]
-    for (_, candidate), (_, text) in zip(bad, named, strict=True):
+    places = [divmod(number, 20) for number in poisoned(run)]
+    assert [generation for generation, _ in named] == [generation for generation, _ in places]
+    for (_, candidate), (_, text) in zip(places, named, strict=True):
         assert text.startswith(f"candidate {candidate}, episode 0 (seed 0) failed after ")
         assert " and is quarantined, since servers failed 3 times " in text
 

@@ -138,8 +138,8 @@ class Task:
             more = _asks_for_more(wanted, run)
             wanted = _no_smaller(wanted, run)
             asked = dataclasses.replace(run.experiment, validate=wanted)
-            transfers = wanted.transfers and at_end.is_due(asked, run.store)
-            if not transfers and not (more and is_due(asked, run.store, changed=True)):
+            transfers = wanted.transfers and at_end.is_due(asked, run._store)
+            if not transfers and not (more and is_due(asked, run._store, changed=True)):
                 return []
         experiment = dataclasses.replace(self.experiment, validate=wanted)
         return [f"validate={json.dumps(experiment.to_mapping()['validate'])}"]

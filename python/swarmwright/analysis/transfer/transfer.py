@@ -91,7 +91,7 @@ def transfer(
             require_e_pucks(run.experiment)
         ranges = [*E_PUCKS, *ranges]
     targets = targets_of(to, ranges)
-    used = set[int]().union(*(run.store.used_seeds() for run in kept))
+    used = set[int]().union(*(run._store.used_seeds() for run in kept))
     first = min(run.experiment.first_seed for run in kept)
     episodes = unseen_seeds(first, used if seed is None else set(), seeds, seed)
     plans = [_plan(run, targets, candidates, random, seeds) for run in kept]
@@ -107,7 +107,7 @@ def transfer(
 
 
 def _plan(run: Run, targets: Sequence[Target], candidates: int, random: int, seeds: int) -> Plan:
-    best = leading(run.experiment, run.store, candidates)
+    best = leading(run.experiment, run._store, candidates)
     return Plan.of(used_for(run, best[0].generation), best, targets, random=random, seeds=seeds)
 
 

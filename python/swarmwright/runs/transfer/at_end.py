@@ -161,10 +161,10 @@ class _Session:
     """Evaluates what is missing of the transfer of a run, target by target."""
 
     def __init__(self, run: Run, store: StoreWriter, broker: str | None) -> None:
-        planned = _Planned.of(run.experiment, run.store)
+        planned = _Planned.of(run.experiment, run._store)
         assert planned is not None
         self._run, self._store, self._broker, self._planned = run, store, broker, planned
-        stored = run.store.transfer()
+        stored = run._store.transfer()
         self._stored = stored if stored is not None and planned.fits(stored) else planned.begun()
 
     def evaluate(self, servers: Servers | None, on_progress: Progress | None) -> None:
@@ -226,7 +226,7 @@ def of_run(run: Run) -> tuple[Transferred, ...]:
 
     None where the run went on, and another candidate is the best.
     """
-    stored = run.store.transfer()
+    stored = run._store.transfer()
     if stored is None or stored["source"] is None or stored["numbers"][0] != run.evaluation().number:
         return ()
     candidates = tuple(Candidate(*one) for one in stored["candidates"])
@@ -242,5 +242,5 @@ def of_run(run: Run) -> tuple[Transferred, ...]:
 
 def seeds_of(run: Run) -> list[int]:
     """Return the seed of each episode of a run's transfer; none where there is none."""
-    stored = run.store.transfer()
+    stored = run._store.transfer()
     return [] if stored is None else list(stored["seeds"])

@@ -268,7 +268,7 @@ def test_simulations_of_one_title_are_computed_by_their_own_code(
     base = {**BASE_OF_LINE, "simulation": f"{tmp_path}/a/line.py:Line"}
     made = swarmwright.sweep({"experiment": base, "grid": grid, "seeds": 2}, out="results", jobs=jobs)
     for again in (made, swarmwright.sweep("results/sweep.json", out="again", jobs=jobs)):
-        fitness = [{bool((one.fitness < -500).any()) for one in run.store.rows()} for run in again.runs]
+        fitness = [{bool((one.fitness < -500).any()) for one in run._store.rows()} for run in again.runs]
         assert fitness == [{False}, {True}] * 2
 
 

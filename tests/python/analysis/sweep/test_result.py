@@ -88,7 +88,7 @@ def test_a_validation_that_was_interrupted_is_finished(tmp_path: Path) -> None:
     first, other = result.runs
     assert first.unseen is not None
     assert result.table()[0]["held_out"] == first.unseen.fitness.mean
-    whole = first.store.validation()
+    whole = first._store.validation()
     assert whole is not None
     part = [
         {**one, "episodes": one["episodes"][:10], "values": one["values"][:10]} for one in whole["candidates"]
@@ -97,7 +97,7 @@ def test_a_validation_that_was_interrupted_is_finished(tmp_path: Path) -> None:
         store.note_validation({**whole, "state": "due", "candidates": part})
     assert Run.open(first.path).validation_is_due
     again = sweep(source, out=tmp_path / "out", jobs=1).runs
-    assert again[0].store.validation() == whole
+    assert again[0]._store.validation() == whole
     assert [len(run.sessions) for run in again] == [len(first.sessions) + 1, len(other.sessions)]
 
 

@@ -95,7 +95,7 @@ def test_it_changes_nothing_of_the_record_and_does_not_depend_on_servers(tmp_pat
     plain = optimize(one.experiment.replace(validate=None), out=tmp_path / "plain")
     assert one.digest == other.digest == plain.digest
     assert one.validation is None
-    assert one.store.transfer() == other.store.transfer()
+    assert one._store.transfer() == other._store.transfer()
     assert plain.transferred == ()
 
 
@@ -140,9 +140,9 @@ def test_a_run_that_is_killed_meanwhile_goes_on(after: str, tmp_path: Path) -> N
     assert len(run.transferred) == (after == "a target")
     evaluated: list[int] = []
     run = resume(run, on_progress=lambda done, *_: evaluated.append(done))
-    assert run.store.transfer() == whole.store.transfer()
+    assert run._store.transfer() == whole._store.transfer()
     assert not run.transfer_is_due
-    assert resume(run).store.transfer() == whole.store.transfer()
+    assert resume(run)._store.transfer() == whole._store.transfer()
     assert len(run.sessions) == 1, "nothing was added to the run itself"
 
 
