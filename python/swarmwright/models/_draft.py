@@ -9,6 +9,7 @@ from swarmwright.core.simulation_names import SIMULATORS
 from swarmwright.core.suggestions import nearest
 from swarmwright.core.untrusted import one_line
 from swarmwright.core.yaml import dump
+from swarmwright.models._groups import Groups, groups_of
 from swarmwright.models._model import Model
 from swarmwright.models._names import Known
 from swarmwright.models._parameters import Parameters
@@ -17,7 +18,7 @@ from swarmwright.simulations.names import relative_name
 
 _STEERING = ("steering", "rule")
 """The parameter of Minisim, and its value with which agents steer themselves."""
-_SET, _MACHINE = "parameter_set", "mealy_fsm"
+_SET, _MACHINE, _TEAM = "parameter_set", "mealy_fsm", "team"
 
 
 class Draft:
@@ -46,6 +47,7 @@ class Draft:
             model, self.known, evolved=self.kind == _SET and bool(model.optimised)
         )
         self.notes += self.parameters.notes
+        self.groups = self._groups()
         if self.kind == _SET and self._can_steer:
             self.parameters.fixed.setdefault(_STEERING[0], (_STEERING[1], "agents steer themselves"))
         if self.known.description is None:
@@ -60,6 +62,14 @@ class Draft:
                 f"{model.behaviour.path}: the behaviour is not used, since the controller is {self.kind}; "
                 f"--controller {_MACHINE} evolves it"
             )
+
+    def _groups(self) -> Groups:
+        """Return the groups of a team; empty where all agents have the same controller."""
+        if not self.model.differ or self.kind == _SET:
+            return {}
+        kind = "layered" if self.kind == _TEAM else self.kind
+        fixed = {name: value for name, (value, _) in self.parameters.fixed.items()}
+        return groups_of(self.model, self.known, fixed, kind)
 
     @property
     def _can_steer(self) -> bool:
@@ -79,6 +89,12 @@ class Draft:
                 f"{self.model.file_of('optimised parameters')}: parameters are evolved where agents steer "
                 f"themselves, but {self.simulation} is steered by a controller; name another one with "
                 "--controller layered, or another simulation"
+            )
+        if self.kind == _MACHINE and self.model.behaviour is not None and self.model.differ:
+            raise InputError(
+                f"{self.model.behaviour.path}: the behaviour is that of one kind of agents, but there are "
+                f"several with different sensors or actuators; leave it out, or name another controller with "
+                "--controller layered"
             )
 
     @cached_property
@@ -112,7 +128,13 @@ class Draft:
         ]
         lines += [_line(name, value, where) for name, (value, where) in self.parameters.fixed.items()]
         lines += [f"  # not taken over: {reason}" for reason in self.parameters.left_out]
-        lines += ["", "controller:", f"  kind: {self.kind}"]
+        lines += ["", "controller:", f"  kind: {_TEAM if self.groups else self.kind}"]
+        if self.groups:
+            lines.append("  groups:")
+            lines += [
+                _line(name, options, f"{place.what}, {place.file.name}:{place.line}", "    ")
+                for name, (options, place) in self.groups.items()
+            ]
         if self.parameters.evolved:
             lines.append("  parameters:")
             lines += [

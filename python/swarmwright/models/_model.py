@@ -73,6 +73,11 @@ class Model:
         return self._all("members")
 
     @property
+    def differ(self) -> bool:
+        """Whether the kinds of agents have different sensors or actuators."""
+        return any(part.differ for part in self.parts)
+
+    @property
     def sensors(self) -> int | None:
         """Numbers that an agent senses."""
         number: int | None = self._only("sensors")

@@ -57,6 +57,10 @@ class Known:
             None if self.parameters is None else next((one for one in AGENTS if one in self.parameters), None)
         )
 
+    def number_of(self, kind: str) -> str | None:
+        """Return the parameter with the number of agents of a kind, numScouts or scouts; None without one."""
+        return kind if self.parameters is None else self.name(f"num {kind}") or self.name(kind)
+
     def missing(self, name: str) -> str:
         """Say that there is no such parameter, or more than one."""
         if self.is_ambiguous(name):

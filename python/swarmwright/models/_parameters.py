@@ -33,7 +33,10 @@ class Parameters:
         """
         found = cls()
         found._take_properties(model, known)
-        found._take_members(model, known)
+        if model.differ and known.parameters is not None:
+            found._take_groups(model, known, evolved=evolved)
+        else:
+            found._take_members(model, known)
         if evolved:
             found._take_optimised(model, known)
         elif model.optimised:
@@ -90,6 +93,26 @@ class Parameters:
                     f"{member.launch_file or name}, {place.file.name}:{member.place.line}",
                 )
 
+    def _take_groups(self, model: Model, known: Known, *, evolved: bool) -> None:
+        """Take the numbers of agents of each kind; in a team, groups state those without a parameter.
+
+        Raises InputError when agents that steer themselves are of a kind that the simulation does not have.
+        """
+        problems = Problems()
+        self.agents = sum(member.number for member in model.members)
+        for member in model.members:
+            own = known.number_of(member.name)
+            if own is not None:
+                where = f"{member.name}, {member.place.file.name}:{member.place.line}"
+                self.fixed[own] = member.number, where
+            elif evolved:
+                problems.add(
+                    member.place,
+                    f"senses or does other things than other agents, but {known.simulation} has no parameter "
+                    "with the number of agents of this kind",
+                )
+        problems.stop()
+
     def _take_optimised(self, model: Model, known: Known) -> None:
         problems = Problems()
         names = [member.name for member in model.members]
@@ -103,6 +126,8 @@ class Parameters:
             name = known.name(one.name)
             if member is not None and len(model.members) == 1:
                 name = known.agents or name  # the number of agents is what is optimised
+            elif member is not None and model.differ:
+                name = known.number_of(member.name)
             if name is None:
                 problems.add(one.place, known.missing(one.name))
                 continue

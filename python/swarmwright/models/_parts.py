@@ -71,6 +71,9 @@ class Member:
     launch_file: str
     number: int
     place: Place
+    sensors: tuple[str, ...] = ()
+    """Names of what they sense; empty where the file does not say."""
+    actuators: tuple[str, ...] = ()
 
 
 @dataclass
@@ -96,13 +99,18 @@ class Part:
     notes: list[str] = field(default_factory=list)
     """What was not taken over, a sentence each."""
 
+    @property
+    def differ(self) -> bool:
+        """Whether its agents have different sensors or actuators."""
+        return len({(member.sensors, member.actuators) for member in self.members}) > 1
+
     def contents(self) -> list[str]:
         """Return what it holds, in words; two files must not hold the same."""
         held: Mapping[str, Any] = {
             "the problem": self.titles,
             "the swarm": self.members,
             "optimised parameters": self.optimised,
-            "sensors and actuators": self.sensor_names or self.actuator_names,
+            "sensors and actuators": self.sensor_names or self.actuator_names or self.differ,
             "a behaviour": self.behaviour,
             "a fitness function": self.fitness,
         }

@@ -40,6 +40,8 @@ _DECLARED = re.compile(rb"<\?xml[^>]*?\sencoding\s*=\s*[\"']([A-Za-z][\w.-]*)")
 
 Values = dict[str, Any]
 """What the simulation gets, by the name that it has for each."""
+Counts = dict[str, str | None]
+"""Kind of agents -> parameter with their number; None where it has none of its own."""
 
 
 def write_back(
@@ -70,18 +72,18 @@ def write_back(
     parts = [load_part(path) for path in files_of(map(Path, paths))]
     values = dict(subject.values)
     files: dict[str, str | bytes] = {}
-    alone = _only_member(parts)
+    counts = _counts(parts, known)
     for part in parts:
-        written = _written(part, subject, values, known, alone)
+        written = _written(part, subject, values, known, counts)
         if written is not None:
             if part.path.name in files:
                 raise InputError(f"{part.path}: another file has the same name; rename one of them")
             files[part.path.name] = written
     optimised = [one for part in parts for one in part.optimised]
     found = [
-        {"name": one.name, "meta": one.meta, "value": _value(values, known, one.name, alone)}
+        {"name": one.name, "meta": one.meta, "value": _value(values, known, one.name, counts)}
         for one in optimised
-        if _value(values, known, one.name, alone) is not None
+        if _value(values, known, one.name, counts) is not None
     ]
     if found:
         files[CANDIDATE] = json.dumps(found, indent=2) + "\n"
@@ -94,28 +96,31 @@ def write_back(
     return subject, write(files, Path(output), force=force)
 
 
-def _only_member(parts: list[Part]) -> str | None:
+def _counts(parts: list[Part], known: Known) -> Counts:
+    """Return the parameters with the numbers of agents, as `Parameters` takes them."""
     members = [member.name for part in parts for member in part.members]
-    return members[0] if len(members) == 1 else None
+    if len(members) == 1:
+        return {members[0]: known.agents}
+    return {name: known.number_of(name) for name in members} if any(part.differ for part in parts) else {}
 
 
-def _value(values: Values, known: Known, name: str, alone: str | None) -> Any:  # noqa: ANN401 - a number or text
+def _value(values: Values, known: Known, name: str, counts: Counts) -> Any:  # noqa: ANN401 - a number or text
     """Return the value of a parameter, or of the number of members; None where it was not evolved."""
-    own = known.name(name)
-    if alone is not None and alike(name, [alone]):
-        own = known.agents or own
+    kinds = list(counts)
+    found = [counts[kinds[index]] for index in alike(name, kinds)]
+    own = next(filter(None, found), None) or known.name(name)
     return values.get(own) if own is not None else None
 
 
 def _written(
-    part: Part, subject: Subject, values: Values, known: Known, alone: str | None
+    part: Part, subject: Subject, values: Values, known: Known, counts: Counts
 ) -> str | bytes | None:
     """Return a file with its values; None where nothing of it was evolved."""
     if part.behaviour is not None:
         return _machine(part.behaviour, subject) if subject.kind == "mealy_fsm" else None
 
     def value(name: str) -> Any:  # noqa: ANN401 - a number or text
-        return _value(values, known, name, alone)
+        return _value(values, known, name, counts)
 
     if part.kind == sysml.WORDS:
         return sysml.with_values(part.path, value)

@@ -81,7 +81,8 @@ class _Reader:
         self.result = Part(path, WORDS)
         self.optimised: list[Feature] = []
         self.names = Names(self.roots)
-        self.usages: list[Feature] = []
+        self.usages: list[tuple[Feature, tuple[Feature, ...]]] = []
+        """Of parts, each with the parts around it."""
         self.about: dict[str, Feature] = {}
         self._left_out: list[str] = []
 
@@ -95,7 +96,7 @@ class _Reader:
             self._note_metadata(feature)
         self.result.name = next((one.name for one in self.roots if one.keyword == "package"), "")
         for feature in self.roots:
-            self._take(feature, in_port=False)
+            self._take(feature, in_port=False, around=())
         self._agents()
         self.problems.stop()
         if not self.result.members:
@@ -121,7 +122,7 @@ class _Reader:
             for one in feature.inside:
                 self._note_metadata(one)
 
-    def _take(self, feature: Feature, *, in_port: bool) -> None:
+    def _take(self, feature: Feature, *, in_port: bool, around: tuple[Feature, ...]) -> None:
         """Collect usages of parts, and attributes with values."""
         if feature.keyword in SILENT or feature.keyword == "@":
             return
@@ -131,12 +132,13 @@ class _Reader:
         if feature.is_definition and feature.keyword != "part":
             return
         if feature.keyword == "part" and not feature.is_definition:
-            self.usages.append(feature)
+            self.usages.append((feature, around))
         if feature.keyword in {"attribute", ""} and not feature.direction and not in_port:
             self._attribute(feature)
         if feature.keyword in {"package", "part"}:
+            within = (*around, feature) if feature.keyword == "part" else around
             for one in feature.inside:
-                self._take(one, in_port=in_port)
+                self._take(one, in_port=in_port, around=within)
 
     def _attribute(self, feature: Feature) -> None:
         settings = self._optimize(feature)
@@ -208,32 +210,48 @@ class _Reader:
 
     def _agents(self) -> None:
         """Take the usages of parts that sense or act; where none does, those with a multiplicity."""
-        interfaces = [self._interface(usage) for usage in self.usages]
+        interfaces = [self._interface(usage) for usage, _ in self.usages]
         acting = any(any(interface) for interface in interfaces)
-        first: tuple[list[str], list[str]] | None = None
-        for usage, interface in zip(self.usages, interfaces, strict=True):
-            if acting and not any(interface):
+        for (usage, around), (sensors, actuators) in zip(self.usages, interfaces, strict=True):
+            if acting and not sensors and not actuators:
                 continue
             if not acting and usage.multiplicity is None:
                 continue
             number = self._count(usage, _MOST_AGENTS)
             if number is None:
                 continue
-            if first is not None and first != interface:
+            agent = next((one for one in around if any(self._interface(one))), None)
+            if agent is not None:
                 self.problems.add(
                     self.place(usage),
-                    "has other sensors or actuators than the agents before; models of one kind of agents can "
-                    "be imported, several kinds are written into the experiment (controller: {kind: team})",
+                    f"senses or acts, and is inside of {self.place(agent).what} (line {agent.line}), which "
+                    "does so too; write what agents sense and do as ports or directed features of their own",
                 )
-            first = first or interface
-            self.result.members.append(Member(usage.name, "", number, self.place(usage)))
+            self.result.members.append(
+                Member(usage.name, "", number, self.place(usage), tuple(sensors), tuple(actuators))
+            )
             settings = self._optimize(usage)
             if settings is not None:
                 self._optimise(usage, settings)
                 if usage.multiplicity is None:
                     self.problems.add(self.place(usage), "is optimised, but has no multiplicity; write [1]")
-        if first is not None:
-            self.result.sensor_names, self.result.actuator_names = first
+        if self.result.differ:
+            self._name_groups()
+        elif self.result.members:
+            first = self.result.members[0]
+            self.result.sensor_names, self.result.actuator_names = list(first.sensors), list(first.actuators)
+
+    def _name_groups(self) -> None:
+        """Note agents without a name, or with the same one: each kind is a group with its name."""
+        lines: dict[str, int] = {}
+        for member in self.result.members:
+            if not member.name:
+                self.problems.add(member.place, "has no name; groups of agents with other sensors need one")
+            elif member.name in lines:
+                self.problems.add(
+                    member.place, f"is the name of other agents, too (line {lines[member.name]}); rename one"
+                )
+            lines.setdefault(member.name, member.place.line)
 
     def _interface(self, usage: Feature) -> tuple[list[str], list[str]]:
         """Return the names of the sensors and of the actuators of a part."""

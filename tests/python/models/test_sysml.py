@@ -227,7 +227,7 @@ def test_metadata_about_something_else(tmp_path: Path) -> None:
         ),
         (
             ("part agents", "part def Other { out z; } part others : Other[2]; part agents"),
-            "part agents: has other sensors or actuators than the agents before; models of one kind",
+            "24: part others: senses or does other things than other agents, but minisim has no parameter",
         ),
         (("min = 0; ", ""), "sysml:22: attribute avoidance: @Optimize: min is missing or no number"),
         (("max = 5", "max = -5"), "sysml:22: .* max is -5, expected a number above min, 0"),
