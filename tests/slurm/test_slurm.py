@@ -74,6 +74,27 @@ def test_a_cancelled_job_and_a_drained_node_change_nothing(slurm: Cluster, tmp_p
     assert not list((tmp_path / "shared" / "run").iterdir())
 
 
+@pytest.mark.timeout(400)
+def test_time_limits_end_in_the_middle_of_evaluations(slurm: Cluster, tmp_path: Path) -> None:
+    """Slurm asks the servers to end 30 s to 90 s before the limit: each time in an episode of 8 s."""
+    from swarmwright.evaluation.launched.access import own_address
+
+    name = written(tmp_path / "simulation")
+    file = tmp_path / "simulation" / "paced.py"
+    pause = "time.sleep(float(__import__('os').environ.get('PAUSE_S', 0)))"
+    file.write_text(file.read_text().replace("time.sleep(0.002)", pause))
+    made = experiment(
+        tmp_path / "shared", name, broker_host=own_address(), time=2, environment={"PAUSE_S": "0.4"}
+    ).replace(method={"population": 16, "generations": 2})
+    here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
+    there = optimize(made, out=tmp_path / "there", progress=False)
+    same_record(there, here)
+    errors = [attempt.error for attempt in there.attempts() if attempt.error]
+    assert [error for error in errors if error.startswith("server ") and error.endswith(" left")], errors
+    assert not [event.text for event in there.events() if "fail" in event.text]
+    assert slurm.queue() == []
+
+
 @pytest.mark.timeout(120)
 def test_waiting_in_the_queue_is_reported_with_its_reason(
     slurm: Cluster, tmp_path: Path, caplog: pytest.LogCaptureFixture

@@ -56,11 +56,14 @@ def _take_standard_input() -> int:
     return pipe
 
 
-def _end_with_parent(pipe: int) -> None:
+def _end_with_parent(pipe: int, preemption: Callable[[], "_Preemption | None"]) -> None:
     try:
         while os.read(pipe, 1):
             pass
     finally:
+        leaving = preemption()
+        if leaving is not None:
+            leaving.leave_stepped_episodes()
         os.kill(os.getpid(), signal.SIGINT)
         threading.Event().wait(DISCONNECT_S)
         os._exit(0)
@@ -89,20 +92,28 @@ class _Preemption:
         while self._sample().goes_on_with(before) and time.monotonic() <= deadline:
             time.sleep(_POLL_S)
         if before.is_stepped or self._sample().is_stepped:
-            self._leave_at_once()
+            self._leave()  # the next episode has begun already
+            self.finish()
         os.kill(os.getpid(), signal.SIGINT)
         threading.Event().wait(DISCONNECT_S)
         self.finish()
 
-    def _leave_at_once(self) -> None:
-        """Leave the broker and end: the next episode has begun already.
+    def leave_stepped_episodes(self) -> None:
+        """Leave the broker where episodes are stepped, before an interrupt; a broker may be gone."""
+        if self._sample().is_stepped:
+            leaving = threading.Thread(target=self._leave, daemon=True)
+            leaving.start()
+            leaving.join(DISCONNECT_S)
 
-        An interrupt would be raised in the simulation's code and count as a failure of that episode, and a
-        server that is lost counts against it, too. The episodes of one that has left are given to others.
+    def _leave(self) -> None:
+        """Remove the server's presence.
+
+        An interrupt is raised in the simulation's code and counts as a failure of the episode that is
+        stepped, and a server that is lost counts against it, too. The episodes of one that has left are given
+        to others.
         """
         with suppress(SwarmwrightError), engine_errors():
             _engine.forget(self._broker, [self._server], prefix=self._prefix)
-        self.finish()
 
     def _sample(self) -> Sample:
         return Sample() if self._progress is None else Sample.read(self._progress)
@@ -153,10 +164,11 @@ def main() -> int:
     """Serve until the parent ends; return 0, or the exit status of what went wrong."""
     # The parent may have been started with SIGINT ignored, as shells do in the background.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    preemption = None
+    preemption: _Preemption | None = None
     try:
         # It may end at any time, also before this process serves.
-        threading.Thread(target=_end_with_parent, args=(_take_standard_input(),), daemon=True).start()
+        arguments = (_take_standard_input(), lambda: preemption)
+        threading.Thread(target=_end_with_parent, args=arguments, daemon=True).start()
         settings = json.loads(sys.argv[2])
         preemption = _Preemption(settings)
         settings.pop("grace", None)
