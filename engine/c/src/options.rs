@@ -62,14 +62,7 @@ pub(crate) unsafe fn read(pointer: *const RawOptions) -> Result<(Options, Listen
         let prefix = input::optional("swarmwright_options.prefix", raw.prefix)?;
         (raw, broker, prefix)
     };
-    let broker = broker
-        .map(str::to_owned)
-        .or_else(|| {
-            env::var("SWARMWRIGHT_BROKER")
-                .ok()
-                .filter(|url| !url.is_empty())
-        })
-        .unwrap_or_else(|| BROKER.to_owned());
+    let broker = given_or_of_environment(broker, "SWARMWRIGHT_BROKER", BROKER);
     if i64::try_from(raw.id).is_err() {
         return Err(Trouble::Invalid(format!(
             "the id is {}, expected a number from 0 to 2^63 - 1",
@@ -92,13 +85,21 @@ pub(crate) unsafe fn read(pointer: *const RawOptions) -> Result<(Options, Listen
         id: raw.id,
         settings: Settings::from_environment(&broker)
             .map_err(|error| Trouble::Invalid(error.to_string()))?,
-        prefix: prefix.unwrap_or_default().to_owned(),
+        prefix: given_or_of_environment(prefix, "SWARMWRIGHT_PREFIX", ""),
         step_timeout,
         threads: raw.threads as usize,
         alone: false,
         on_frame: None,
     };
     Ok((options, listener))
+}
+
+/// What is given, else the value of a variable of the environment, else, also where that is empty, the default.
+fn given_or_of_environment(given: Option<&str>, variable: &str, default: &str) -> String {
+    given
+        .map(str::to_owned)
+        .or_else(|| env::var(variable).ok().filter(|value| !value.is_empty()))
+        .unwrap_or_else(|| default.to_owned())
 }
 
 /// A time in seconds.

@@ -1,9 +1,12 @@
 /* The C interface as C uses it. */
 
+#define _POSIX_C_SOURCE 200112L  // setenv
+
 #include <swarmwright/swarmwright.h>
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 static int failures = 0;
@@ -99,6 +102,13 @@ static void what_is_wrong_is_refused(void) {
   CHECK(swarmwright_plugin_open(&options, &description, &plugin) == SWARMWRIGHT_FAILED);
   CHECK(swarmwright_server_open(NULL, &description, &simulation, &server) == SWARMWRIGHT_INVALID);
   CHECK_SAYS("swarmwright_options: a null pointer");
+  // Where no prefix is named it is that of the environment; an empty one is none.
+  CHECK(setenv("SWARMWRIGHT_PREFIX", "swarm/#", 1) == 0);
+  CHECK(swarmwright_server_open(&options, &description, &simulation, &server) == SWARMWRIGHT_INVALID);
+  CHECK_SAYS("topic prefix \"swarm/#\"");
+  options.prefix = "";
+  CHECK(swarmwright_server_open(&options, &description, &simulation, &server) == SWARMWRIGHT_FAILED);
+  CHECK(unsetenv("SWARMWRIGHT_PREFIX") == 0);
   options.step_timeout = NAN;
   CHECK(swarmwright_server_open(&options, &description, &simulation, &server) == SWARMWRIGHT_INVALID);
   CHECK_SAYS("the step time-out is NaN s");

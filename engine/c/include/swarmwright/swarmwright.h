@@ -185,7 +185,7 @@ typedef struct swarmwright_options {
   const char* broker;
   /** The server's id, from 0, which no other server on the broker has. */
   uint64_t id;
-  /** What stands before all topics; null for nothing. */
+  /** What stands before all topics, "" for nothing; null for the environment's SWARMWRIGHT_PREFIX, else nothing. */
   const char* prefix;
   /** Seconds after which a step that misses actuators is given up. */
   double step_timeout;
