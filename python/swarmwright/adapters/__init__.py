@@ -7,6 +7,7 @@ its constructor gets: `pettingzoo:mpe2.simple_spread_v3?N=5&local_ratio=0.2`.
 
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.errors import InputError
@@ -47,6 +48,12 @@ def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
     library, environment, options = parsed.library, parsed.place, parsed.options()
     if not environment:
         raise InputError(f"{name} names no environment; expected {library}:ENVIRONMENT, {_EXAMPLES[library]}")
+    file, colon, member = environment.partition(":")
+    if library != "vmas" and file.endswith(".py"):
+        raise InputError(
+            f"{name}: {file} is a file where a module is expected, which has no .py and is found in the working "
+            f"folder or where it is installed; write {library}:{Path(file).stem}{colon}{member}"
+        )
     try:
         module = import_module(f"swarmwright.adapters.{library}")
     except ModuleNotFoundError as error:

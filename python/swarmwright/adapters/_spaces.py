@@ -173,9 +173,12 @@ def _flat(seen: Any, size: int, space: Any, where: str) -> Numbers:  # noqa: ANN
 
 def _refuse(seen: Any, space: Any, where: str) -> NoReturn:  # noqa: ANN401 - whatever an environment returns
     shape = getattr(seen, "shape", ())
-    of_shape = f" of the shape {shape}" if shape else ""
+    found = f"{short(seen)} of the shape {shape}" if shape else short(seen)
+    if shape and shape != getattr(space, "shape", None):
+        # The numbers differ from episode to episode, what is wrong does not.
+        found = f"of the shape {shape}"
     expected = f"Box{space.shape}" if isinstance(space, spaces.Box) else short(space)
-    raise SimulationError(f"{where}: the observation {short(seen)}{of_shape} is not in {expected}")
+    raise SimulationError(f"{where}: the observation {found} is not in {expected}")
 
 
 def actuators(space: Any, where: str) -> Actuators:  # noqa: ANN401 - whatever an environment says

@@ -75,12 +75,20 @@ class Gymnasium(Environment):
         """Go to the start of an episode."""
         self._prepare_episode(parameters)
         self._reward, self._steps, self._terminated, self._over = 0.0, 0, False, False
-        begun = self.env.reset(seed=environment_seed(seed))
+        try:
+            begun = self.env.reset(seed=environment_seed(seed))
+        except TypeError as error:
+            if "unexpected keyword argument 'seed'" not in str(error):
+                raise
+            raise SimulationError(
+                f"{self.environment}: {error}; expected reset(self, *, seed=None, options=None), which {_OLD} "
+                "did not have"
+            ) from error
         # An observation of two numbers would be unpacked as well.
         if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[1], Mapping)):
             raise SimulationError(
                 f"{self.environment}: reset returned {short(begun)}, expected (observation, info), info a "
-                "dict; environments of Gym before 0.26 return the observation alone: return (observation, {})"
+                f"dict; environments of {_OLD} return the observation alone: return (observation, {{}})"
             )
         return self._seen(begun[0])
 

@@ -8,6 +8,9 @@ from pathlib import Path
 
 from swarmwright.core.untrusted import one_line
 
+_CYTHON = frozenset({".pyx", ".pxd", ".pxi"})
+"""Suffixes of source files of Cython."""
+
 
 def shown(file: str) -> str:
     """A file's path, relative where it lies below the working folder."""
@@ -22,6 +25,9 @@ def is_installed(file: str) -> bool:
     """Whether a file belongs to Swarmwright, to Python, or to a package that was installed."""
     path = Path(file)
     if {"site-packages", "dist-packages"} & set(path.parts):
+        return True
+    # Compiled packages, such as NumPy's random numbers, have paths of the machine that compiled them.
+    if path.suffix in _CYTHON and not path.is_file():
         return True
     return file.startswith("<") or any(path.is_relative_to(place) for place in _places())
 

@@ -6,6 +6,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.simulations.calls import OBSERVATIONS_ALONE, is_of_gymnasium, short
+
 Many = tuple[NDArray[np.bool_], NDArray[np.float32], NDArray[np.bool_]]
 """Who acts next, (episodes, agents); (episodes, agents, sensors); which episodes have ended, (episodes,)."""
 Call = Callable[..., Any]
@@ -62,6 +64,8 @@ class BatchChecks:
     def _rows(self, method: str, returned: Any) -> NDArray[np.float32]:  # noqa: ANN401
         agents = "agents" if self._agents is None else self._agents
         expected = f"({self._episodes}, {agents}, {self._sensors})"
+        if is_of_gymnasium(returned):
+            self._fail(f"{method}: {short(returned)} returned, {OBSERVATIONS_ALONE}")
         given = _array(returned)
         fits = given.ndim == 3 and (given.shape[0], given.shape[2]) == (self._episodes, self._sensors)
         if given.dtype.kind not in "biuf" or not fits or given.shape[1] != (self._agents or given.shape[1]):

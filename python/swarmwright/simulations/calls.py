@@ -5,9 +5,11 @@ import inspect
 import os
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
+
+import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.errors import EpisodeError, InputError, SimulationError, reworded
@@ -24,6 +26,13 @@ _WORDS = 1000
 """Characters of what an exception says in a reason: the line that raised it follows."""
 
 _ADAPTERS = Path(__file__).parents[1] / "adapters"
+
+OBSERVATIONS_ALONE = (
+    "expected the observations alone, not a tuple as of an environment of Gymnasium: done() says whether the "
+    "episode has ended, fitness() how good it was; such an environment itself needs no class, "
+    "see docs/how-to/use-environments.md"
+)
+"""What is said of the result of `reset` or `step` of a simulation that was written like an environment."""
 
 _REMEMBERED = 100
 """Different failures that are reported, so that each is reported once."""
@@ -109,9 +118,10 @@ class Calls(Generic[Made]):
             self._fail(self._cause("__init__", error), error)
 
     def _cause(self, method: str, error: BaseException) -> str:
-        """What was raised, and the last line of the user's file that led there, or else the last of all.
+        """What was raised, and where: the last line of the class's file that led there.
 
-        What came from an environment of another library is reported with the last line of user code.
+        Where there is none, such as in a method of a base class, it is the last line of code that is not
+        installed, and else the last of all.
         """
         frames = traceback.extract_tb(error.__traceback__)[1:]
         if isinstance(error, TypeError) and all(frame.filename == __file__ for frame in frames):
@@ -121,10 +131,8 @@ class Calls(Generic[Made]):
         if of_adapter and isinstance(error, SimulationError):  # the adapter says what is wrong
             return f"{method}: {_message_of(error)}"
         file = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
-        if self._kind.__module__.startswith("swarmwright.adapters."):
-            mine = [frame for frame in frames if not is_installed(frame.filename)] or frames
-        else:
-            mine = [frame for frame in frames if frame.filename == file] or frames
+        mine = [frame for frame in frames if frame.filename == file and not is_installed(frame.filename)]
+        mine = mine or [frame for frame in frames if not is_installed(frame.filename)] or frames
         where = f" ({shown_path(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
         words = _message_of(error)
         return f"{method}: {type(error).__name__}{': ' if words else ''}{words}{where}"
@@ -200,11 +208,26 @@ def _as_engine_keeps(text: str, most: int) -> str:
 
 
 def short(value: Any) -> str:  # noqa: ANN401 - any object
-    """Return what an object is, in at most 60 characters."""
+    """Return what an object is, in at most 60 characters.
+
+    Of arrays that are not shown wholly the type and the shape, and of tuples with such items those of the items:
+    the same in each episode, so that failures of the same kind are counted together.
+    """
     with contextlib.suppress(Exception):
+        if isinstance(value, tuple) and len(repr(value)) > 60 and len(value) > 1:
+            return f"a tuple of {len(value)} ({', '.join(type(one).__name__ for one in value)})"
         text = " ".join(repr(value).split())
+        if len(text) > 60 and isinstance(value, np.ndarray):
+            return f"an array of {value.dtype} of the shape {value.shape}"
         return text if len(text) <= 60 else f"{text[:57]}..."
     return f"a {type(value).__name__}"
+
+
+def is_of_gymnasium(returned: Any) -> bool:  # noqa: ANN401 - whatever `reset` or `step` returns
+    """Whether observations come with infos, or with rewards and flags, as from environments of Gymnasium."""
+    if not isinstance(returned, tuple) or len(returned) not in {2, 4, 5}:
+        return False
+    return isinstance(returned[-1], Mapping)
 
 
 def _traceback(error: BaseException) -> str:

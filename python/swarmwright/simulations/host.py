@@ -13,7 +13,7 @@ from swarmwright.core.groups import DeclaredGroup
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.batch_checks import BatchChecks, Many
 from swarmwright.simulations.batches import BatchSimulation
-from swarmwright.simulations.calls import Calls, short
+from swarmwright.simulations.calls import OBSERVATIONS_ALONE, Calls, is_of_gymnasium, short
 from swarmwright.simulations.description import Description, describe
 from swarmwright.simulations.groups import counted
 from swarmwright.simulations.parameters import filled_in
@@ -267,6 +267,8 @@ class Host(Calls[Simulation | BatchSimulation]):
         if not self._steered:
             self._agents = 1
             return np.zeros((1, 1), np.float32)
+        if is_of_gymnasium(returned):
+            self._fail(f"{method}: {short(returned)} returned, {OBSERVATIONS_ALONE}")
         if self.has_groups:
             returned = self._filled_up(method, returned)
         expected = f"({'agents' if first else self._agents}, {self.sensors})"

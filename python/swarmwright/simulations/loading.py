@@ -17,6 +17,7 @@ from swarmwright.core.tracebacks import words_of
 from swarmwright.simulations import isolation
 from swarmwright.simulations.base import Described, Simulation
 from swarmwright.simulations.batches import BatchSimulation
+from swarmwright.simulations.environment_classes import as_environment
 from swarmwright.simulations.hosts import Kind
 from swarmwright.simulations.names import FROM_FILE, environment_held, files
 from swarmwright.simulations.physics import Physics
@@ -88,7 +89,8 @@ def load(name: str, folder: Path | None = None) -> Kind:
     classes = _classes(module)
     where = getattr(module, "__file__", None) or parsed.place
     if found is not None:
-        raise InputError(f"{where}: {wanted} is not a subclass of swarmwright.Simulation")
+        other = as_environment(found, name) or "is not a subclass of swarmwright.Simulation"
+        raise InputError(f"{where}: {wanted} {other}")
     there = f"available: {', '.join(classes)}" if classes else "it has no subclass of swarmwright.Simulation"
     raise InputError(f"{where}: has no class {wanted!r}{did_you_mean(wanted, classes) or ';'} {there}")
 

@@ -360,6 +360,8 @@ def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
             "gymnasium:ALF/Pong-v5",
             "NamespaceNotFound: .* gymnasium:MODULE:ALF/Pong-v5, as in gymnasium:ale_py:ALE/Pong-v5",
         ),
+        ("gymnasium:my/broken.py:Odd-v0", "broken.py is a file where a module .* gymnasium:broken:Odd-v0$"),
+        ("pettingzoo:broken.py", "broken.py is a file where a module is expected, .* pettingzoo:broken$"),
         (
             "gymnasium:broken:Several-v0",
             r"Gymnasium broken:Several-v0: its reward has 3 numbers, .* mo_gymnasium.wrappers.LinearReward",
@@ -443,6 +445,22 @@ def test_a_reset_that_returns_the_observation_alone() -> None:
 
     with pytest.raises(
         RunError, match=r"old: reset returned array\(.*expected \(observation, info\), info a"
+    ):
+        Old().reset({}, 1)
+
+
+def test_a_reset_of_the_time_before_seeds() -> None:
+    class Old(Gymnasium):
+        environment = "old"
+
+        def make(self, options: dict[str, Any]) -> Any:  # noqa: ARG002
+            env: Any = gymnasium.make("MountainCarContinuous-v0").unwrapped
+            begin = env.reset
+            env.reset = lambda: begin()[0]
+            return env
+
+    with pytest.raises(
+        RunError, match=r"old: .*argument 'seed'; expected reset\(self, \*, seed=None, options"
     ):
         Old().reset({}, 1)
 

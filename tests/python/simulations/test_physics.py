@@ -86,7 +86,10 @@ def test_mistakes_are_told_before_anything_runs(kind: str, more: dict[str, Any],
             "Short",
             r"Short.poses: float64 of the shape \(3, 3\) returned, expected numbers of the shape \(4, 3\)",
         ),
-        ("Alone", "Alone.poses: array.* returned, expected those of robots and those of objects"),
+        (
+            "Alone",
+            "Alone.poses: an array of float64 of the shape .* returned, expected those of robots and those of objects",
+        ),
         ("Broken", r"Broken.step: ZeroDivisionError: division by zero \(.*floating.py:\d+\)"),
     ],
 )

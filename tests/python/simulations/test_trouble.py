@@ -26,6 +26,7 @@ TROUBLE = [
     ("reset", rf"Walk.reset: LookupError: no start \(.*troubled.py:{line('no start')}\)"),
     ("raise", rf"Walk.step: IndexError: list index out of range \(.*troubled.py:{line('[0, 1]')}\)"),
     ("numpy", rf"Walk.step: ValueError: all the input array.*troubled.py:{line('np.concatenate')}\)"),
+    ("compiled", rf"Walk.step: ValueError: scale < 0 \(.*troubled.py:{line('scale=-1')}\)"),
     (
         "shape",
         r"Walk.step: observations of the shape \(2, 1\) returned, expected \(2, 2\): a row of 2",
@@ -37,6 +38,8 @@ TROUBLE = [
     ("text", r"Walk.step: 'left, right' returned, expected numbers of the shape \(2, 2\)"),
     ("nothing", r"Walk.step: None returned, expected numbers of the shape \(2, 2\)"),
     ("ragged", r"Walk.step: \[\[1.0\], \[1.0, 2.0\]\] returned, expected numbers"),
+    ("gymnasium", r"Walk.step: a tuple of 5 \(ndarray, float, bool, bool, dict\) returned, expected the obs"),
+    ("array", r"Walk.step: an array of <U4 of the shape \(20, 20\) returned, expected numbers of the shape"),
     ("not done", r"Walk.done: None returned, expected True or False"),
     ("fitness", r"Walk.fitness: nan returned, expected a finite number"),
     ("abort", rf"Walk.fitness: Abort \(.*troubled.py:{line('raise Abort')}\)"),
@@ -262,6 +265,16 @@ def test_a_type_error_within_a_method_has_its_line(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(Walk, "step", step)
     with pytest.raises(RunError, match=r"Walk.step: TypeError: .*has no len\(\) \(.*test_trouble.py:\d+\)$"):
         simulate(experiment(""), servers="in-process")
+
+
+class Inherits(Walk):
+    """All of its code is in another file, that of its base class."""
+
+
+@pytest.mark.parametrize(("trouble", "code"), [("compiled", "scale=-1"), ("numpy", "np.concatenate")])
+def test_code_of_a_base_class_has_its_line(trouble: str, code: str) -> None:
+    with pytest.raises(RunError, match=rf"Inherits.step: .*troubled.py:{line(code)}\)$"):
+        simulate(experiment(trouble, simulation=Inherits), servers="in-process")
 
 
 def test_ctrl_c_in_a_users_code_ends_the_work(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,6 +52,8 @@ class Walk(Simulation):
             "text": "left, right",
             "nothing": None,
             "ragged": [[1.0], [1.0, 2.0]],
+            "gymnasium": (rows, 0.0, False, False, {}),
+            "array": np.full((20, 20), "left"),
         }
         return wrong.get(self.trouble, rows) if self.left < 4 else rows
 
@@ -60,6 +62,8 @@ class Walk(Simulation):
             _ = [0, 1][int(2 + actions[0, 0] * 0)]
         if self.trouble == "numpy":
             np.concatenate([actions, np.zeros(3)])
+        if self.trouble == "compiled":
+            np.random.default_rng(0).normal(scale=-1)
         if self.trouble in {"fork", "fork and raise", "fork and exit"}:
             self.fork()
         self.sum += float(actions.sum())
