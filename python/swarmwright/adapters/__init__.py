@@ -51,8 +51,8 @@ def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
     file, colon, member = environment.partition(":")
     if library != "vmas" and file.endswith(".py"):
         raise InputError(
-            f"{name}: {file} is a file where a module is expected, which has no .py and is found in the working "
-            f"folder or where it is installed; write {library}:{Path(file).stem}{colon}{member}"
+            f"{name}: {file} is a file where a module is expected, which has no .py and is found in the "
+            f"working folder or where it is installed; write {library}:{Path(file).stem}{colon}{member}"
         )
     try:
         module = import_module(f"swarmwright.adapters.{library}")

@@ -81,8 +81,8 @@ class Gymnasium(Environment):
             if "unexpected keyword argument 'seed'" not in str(error):
                 raise
             raise SimulationError(
-                f"{self.environment}: {error}; expected reset(self, *, seed=None, options=None), which {_OLD} "
-                "did not have"
+                f"{self.environment}: {error}; expected reset(self, *, seed=None, options=None), which "
+                f"{_OLD} did not have"
             ) from error
         # An observation of two numbers would be unpacked as well.
         if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[1], Mapping)):

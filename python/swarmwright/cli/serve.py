@@ -213,7 +213,7 @@ def _named(simulation: str) -> str:
 def _title(simulation: str) -> str:
     """The title of the offered simulation; errors are reported before any server is started."""
     from swarmwright.core.simulation_names import is_python
-    from swarmwright.simulations import catalogue, titles
+    from swarmwright.simulations import catalogue
 
     if is_python(simulation):
         return catalogue.title(simulation)
@@ -222,8 +222,10 @@ def _title(simulation: str) -> str:
 
         raise click.UsageError(class_missing(simulation))
     if simulation not in catalogue.titles():
+        from swarmwright.simulations.near_names import unknown_simulation
+
         raise click.UsageError(
-            f"{titles.not_here(simulation)}; a class in Python is named like file.py:Class"
+            f"{unknown_simulation(simulation)}; a class in Python is named like file.py:Class"
         )
     return simulation
 

@@ -31,6 +31,14 @@ _NO_TEXT = frozenset({"null", "true", "false", "yes", "no", "on", "off", "y", "n
 _CONTROL = re.compile(r"[^\t\n -~\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
 _SEVERAL = "expected a single document in the stream"
 """The parser's words."""
+_HINTS = {
+    "'\\t'": "; YAML is indented with spaces, not with tabs",
+    "mapping values are not allowed here": "; a colon with a space after it begins the value of a key: "
+    "leave the space out, as in gymnasium:CartPole-v1, put text with a colon into quotes, or correct the "
+    "indentation",
+    "expected <block end>": "; keys of the same mapping, and items of a list, begin in the same column",
+}
+"""Words of the parser -> what is to be done about it."""
 _LINE_CHARACTERS = 110
 """Characters of a line."""
 
@@ -139,7 +147,7 @@ def parse(text: str, name: str) -> Source:
         problem = str(error.problem or error.context)
         if isinstance(error, ComposerError) and error.context == _SEVERAL:
             raise InputError(f"{place}one document is expected, and another begins here") from error
-        hint = "; YAML is indented with spaces, not with tabs" if "'\\t'" in problem else ""
+        hint = next((hint for words, hint in _HINTS.items() if words in problem), "")
         raise InputError(f"{place}is not valid YAML: {problem}{hint}") from error
     except ReaderError as error:
         line, character = text.count("\n", 0, error.position) + 1, ord(text[error.position])

@@ -2,8 +2,7 @@
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.notebook import in_notebook
-from swarmwright.core.simulation_names import LIBRARIES, SIMULATORS, is_command, is_python
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.simulation_names import SIMULATORS, is_command, is_python
 from swarmwright.core.warn_once import warn_once
 from swarmwright.evaluation.base import (
     HERE,
@@ -12,7 +11,7 @@ from swarmwright.evaluation.base import (
 )
 from swarmwright.experiment.derived import has_python_modules, place_of
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.simulations import catalogue, titles
+from swarmwright.simulations import catalogue
 
 
 def is_here(experiment: Experiment, broker: str | None, servers: Servers | None) -> bool:
@@ -54,18 +53,17 @@ def require_here(experiment: Experiment) -> None:
     simulation = experiment.simulation
     if not catalogue.is_here(simulation):
         where = place_of(experiment, "simulation")
+        folder = None if experiment.path is None else experiment.path.parent
         if simulation.endswith(".py"):
             from swarmwright.simulations.file_names import class_missing  # noqa: PLC0415 - only for this message
 
-            folder = None if experiment.path is None else experiment.path.parent
             raise InputError(f"{where}{class_missing(simulation, folder)}")
-        library, _, rest = simulation.partition(":")
+        from swarmwright.simulations.near_names import unknown_simulation  # noqa: PLC0415 - as above
+
         hint = f"any other needs a broker on which a server offers it, as {', '.join(SIMULATORS)}"
         if simulation in SIMULATORS:
             hint = "name the broker on which one does"
-        if rest and did_you_mean(library, LIBRARIES):
-            hint = f"environments of other libraries are named {', '.join(f'{one}:..' for one in LIBRARIES)}"
-        raise InputError(f"{where}{titles.not_here(simulation)}; {hint}")
+        raise InputError(f"{where}{unknown_simulation(simulation, folder)}; {hint}")
     if is_command(simulation):
         from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
 

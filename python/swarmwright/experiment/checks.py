@@ -28,7 +28,13 @@ from swarmwright.simulations import catalogue
 
 
 def check_values(
-    values: dict[str, Any], here: bool, report: Report, *, ask: bool, new: bool = False
+    values: dict[str, Any],
+    here: bool,
+    report: Report,
+    *,
+    ask: bool,
+    new: bool = False,
+    unread: bool = False,
 ) -> Checked:
     """Check the values of an experiment.
 
@@ -38,6 +44,8 @@ def check_values(
         report: takes each problem.
         ask: whether code that files name may be imported.
         new: whether a run is to begin with it, and not only one of an earlier version to be read.
+        unread: whether the file of a parameter could not be read, so that it is not known what the simulation
+            announces with it.
 
     Returns what was checked: a section that could not be, is missing or None.
     """
@@ -60,8 +68,11 @@ def check_values(
         check_parameters(values["simulation"] if here else None, dict(parameters), report)
     if "simulation" in checked:
         _check_measured(checked["simulation"] if here and new else None, report)
-        _fill_in(checked, here, report)
-        _check_groups(checked, here, report)
+        if unread:
+            checked["controller"] = None
+        else:
+            _fill_in(checked, here, report)
+            _check_groups(checked, here, report)
         reads_code = not ask and getattr(checked.get("controller"), "in_files", False)
         representation = None if reads_code else _check_representation(checked, report)
         _check_method(checked, representation, report)

@@ -29,6 +29,7 @@ from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
 from swarmwright.rankings.slow_simulation import SlowOptions
 from swarmwright.representations import REPRESENTATIONS, Representation, RepresentationOptions
 from swarmwright.simulations.names import name_of
+from swarmwright.simulations.near_names import no_experiment
 from swarmwright.store import StoreReader
 
 LARGEST_GENOME = 1_000_000
@@ -107,6 +108,8 @@ class Experiment:
         """
         file = path_of("path", path, "an experiment file")
         listed("settings", settings, "settings such as method.generations=50")
+        if file.suffix == ".py" and file.is_file():
+            raise InputError(no_experiment(file))
         return cls._checked(apply(read(file), parse_settings(settings)), file, new=True)
 
     def with_settings(

@@ -27,7 +27,8 @@ def resolve(
 ) -> tuple[dict[str, Any], dict[yaml.Path_, yaml.Source]]:
     """Return the parameters with files read: text in the place of an object is the path of a file with it.
 
-    Also returns the files by the place of what they stand for, from the parameter's name on.
+    Also returns the files by the place of what they stand for, from the parameter's name on. Parameters whose
+    files cannot be read are left out.
 
     Where a parameter may be a name, too, only text that ends in .yaml, .yml or .json is a path; so do files
     of robots in missions and in lists of kinds, whose paths are relative to the file that names them.
@@ -51,6 +52,8 @@ def resolve(
             continue
         try:
             files[(name,)] = _read(folder((name,)) / value)
+            if name == "mission":
+                _require_mission(files[(name,)])
             result[name] = dict(files[(name,)].values)
         except InputError as error:
             report((name,), str(error))
@@ -68,6 +71,20 @@ def resolve(
         if wrong:
             del result[name]
     return result, files
+
+
+def _require_mission(source: yaml.Source) -> None:
+    """Raise InputError for an experiment or a sweep in the place of the mission that it may name."""
+    if not is_mission(source.values) and {"simulation", "experiment"} & set(source.values):
+        raise InputError(
+            f"{source.name}: is an experiment, not a mission, which has walls, start, metrics and fitness; "
+            "'swarmwright new arena --mission foraging --mission-file' prints one"
+        )
+
+
+def is_mission(values: Mapping[str, Any]) -> bool:
+    """Whether a file's keys are those of a mission of the arena, and not of an experiment."""
+    return "walls" in values and not {"simulation", "experiment"} & set(values)
 
 
 def _beside(source: yaml.Source, _place: yaml.Path_) -> Path:

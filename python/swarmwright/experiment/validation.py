@@ -9,11 +9,11 @@ from typing import Any
 from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.core.modules import is_in_file
 from swarmwright.core.problems import Report, shown
-from swarmwright.core.simulation_names import is_python
+from swarmwright.core.simulation_names import LIBRARIES, is_python
 from swarmwright.core.yaml import Path_, Source
 from swarmwright.experiment.checks import check_values
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked
-from swarmwright.experiment.parameter_files import resolve
+from swarmwright.experiment.parameter_files import is_mission, resolve
 from swarmwright.experiment.start_from import entries
 from swarmwright.experiment.unavailable import UnavailableMethod
 from swarmwright.launchers.entries import entries_of, names_launchers
@@ -55,16 +55,20 @@ def check(
         report((), f"{found}; {begins}{_importable(source)}")
     elif "experiment" in source.values and "simulation" not in source.values:
         report((), "is a sweep file, which 'swarmwright sweep' runs; an experiment names its simulation")
+    elif is_mission(source.values):
+        report((), _NO_EXPERIMENT.format(source.name or "FILE.yaml"))
     else:
         # A section left empty ("method:") means its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
         here = _with_simulation(values, folder or source.folder(("simulation",)), report, ask=ask)
+        before = values
         values, files = _with_files(source, values, report, ask=here)
+        unread = len(values.get("parameters") or ()) < len(before.get("parameters") or ())
         values = _with_controllers(source, values, report)
         values = _with_modules(source, values, folder, report)
         values = _with_launchers(source, values, folder, report)
         with REGISTRIES["method"].lenient(UnavailableMethod) if lenient or not ask else nullcontext():
-            checked = check_values(values, here, _in_files(files, report), ask=ask, new=new)
+            checked = check_values(values, here, _in_files(files, report), ask=ask, new=new, unread=unread)
         if ask and not lenient and checked.get("method") is not None:  # a run can be read without
             missing = REGISTRIES["method"].get(checked["method"].kind).missing()
             if missing is not None:
@@ -81,6 +85,10 @@ def check(
     return checked
 
 
+_NO_EXPERIMENT = (
+    "is a mission, not an experiment, which names it: simulation: arena, and parameters: {{mission: {}}}; "
+    "'swarmwright new arena' prints an experiment"
+)
 _EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "validate", "timeouts", "faults"})
 
 
@@ -102,6 +110,12 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
     simulation = values.get("simulation")
     if isinstance(simulation, str) and simulation.endswith((".fmu", ".ssp")):
         simulation = {"fmu": simulation}
+    if isinstance(simulation, Mapping) and not {*LIBRARIES}.isdisjoint(simulation):
+        library, name = next((one, simulation[one]) for one in LIBRARIES if one in simulation)
+        written = f"{library}:{name or 'NAME'}"
+        report(("simulation",), f"an environment is named in one word, without a space; write {written}")
+        values["simulation"] = written
+        return False
     if isinstance(simulation, Mapping):
         from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
 

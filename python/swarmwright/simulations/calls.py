@@ -210,8 +210,8 @@ def _as_engine_keeps(text: str, most: int) -> str:
 def short(value: Any) -> str:  # noqa: ANN401 - any object
     """Return what an object is, in at most 60 characters.
 
-    Of arrays that are not shown wholly the type and the shape, and of tuples with such items those of the items:
-    the same in each episode, so that failures of the same kind are counted together.
+    Of arrays and tuples that are longer it is their type and size: the same in each episode, so that failures
+    of the same kind are counted together.
     """
     with contextlib.suppress(Exception):
         if isinstance(value, tuple) and len(repr(value)) > 60 and len(value) > 1:

@@ -24,8 +24,8 @@ def as_environment(found: object, name: str) -> str:
             return _of_gymnasium(found, module, parsed.member)
         if library == "pettingzoo" and base.__name__ in {"ParallelEnv", "AECEnv"}:
             return (
-                f"is an environment of PettingZoo, which needs no class of a simulation: let parallel_env() of "
-                f"the module return one, and write pettingzoo:{module}; {_GUIDE}"
+                f"is an environment of PettingZoo, which needs no class of a simulation: let parallel_env() "
+                f"of the module return one, and write pettingzoo:{module}; {_GUIDE}"
             )
     return ""
 

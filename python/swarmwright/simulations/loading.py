@@ -241,7 +241,8 @@ def _explained(name: str) -> Iterator[None]:
 
 def _file(path: Path) -> ModuleType:
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file")
+        near = did_you_mean(path.name, sorted(one.name for one in path.parent.glob("*.py")))
+        raise InputError(f"{path}: there is no such file{near}")
     key = str(path)
     if key in files and _stamps.get(key, {}) != _stamped(_stamps.get(key, {})):
         _forget(key)

@@ -200,9 +200,7 @@ def test_a_mask_is_no_sensor_and_allows_choices(mask: Any) -> None:
         assert choose(np.array(row), allowed(observation)) == choice
     # As that of an agent whose turn it is not.
     assert allowed({"observation": 1, "action_mask": np.zeros(3)}) is None
-    with pytest.raises(
-        SimulationError, match=r"x\['action_mask'\]: the observation of the shape .* is not in"
-    ):
+    with pytest.raises(SimulationError, match=r"x\['action_mask'\]: .* of the shape .* is not in"):
         allowed({"observation": 1, "action_mask": np.ones(4)})
     for without in ({"observation": 1}, {"observation": 1, "action_mask": None}, np.ones(3)):
         with pytest.raises(SimulationError, match=r"^x: an observation without 'action_mask', which its"):

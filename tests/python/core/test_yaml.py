@@ -105,6 +105,24 @@ def test_a_tab_is_answered_with_how_to_indent() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        (
+            "simulation: gymnasium: CartPole-v1\n",
+            "leave the space out, as in gymnasium:CartPole-v1, put text",
+        ),
+        (
+            "method:\n  kind: nnga\n population: 5\n",
+            "keys of the same mapping, .* begin in the same column$",
+        ),
+    ],
+)
+def test_what_a_person_can_do_about_it_is_said(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        parse(text, "x.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
         ("a: &a [*a]\n", "alias"),
         ("a: !!python/object/apply:os.system [ls]\n", "tag"),
         ("a: !foo bar\n", "tag"),

@@ -261,6 +261,8 @@ def test_all_mistakes_come_at_once_in_the_order_of_the_file(tmp_path: Path) -> N
         ("- 1\n", "holds [1]"),
         ("minisim\n", "holds 'minisim'"),
         ("seed: 1\n", "simulation: is missing"),
+        ("simulation: {gymnasium: Acrobot-v1}\n", "in one word, without a space; write gymnasium:Acrobot-v1"),
+        ("simulation: {pettingzoo: }\n", "in one word, without a space; write pettingzoo:NAME"),
     ],
 )
 def test_what_is_no_experiment(text: str, words: str, tmp_path: Path) -> None:

@@ -382,3 +382,34 @@ def test_a_mistake_in_a_mission_is_not_blamed_on_the_robot(tmp_path: Path) -> No
     mission = tmp_path / "mission.yaml"
     mission.write_text(mission.read_text().replace("lamps: 3\n", ""))
     assert Experiment.load(tmp_path / "mine.yaml").simulation == "arena"
+
+
+@pytest.mark.parametrize("controller", ["{kind: evostick}", "{kind: team, groups: {a: {kind: layered}}}"])
+def test_what_follows_from_a_mission_that_is_missing_is_not_told(controller: str, tmp_path: Path) -> None:
+    """Its metrics, and its kinds of robots."""
+    (tmp_path / "one.yaml").write_text(
+        f"simulation: arena\nparameters: {{mission: mine.yaml}}\nfitness: in_west\ncontroller: {controller}\n"
+        "method: {populaton: 5}\n"
+    )
+    for text, words in (
+        (None, "there is no such file"),
+        ("", "holds nothing; expected keys and values"),
+        (
+            "simulation: arena\n",
+            "is an experiment, not a mission, which has walls, start, metrics and fitness",
+        ),
+    ):
+        if text is not None:
+            (tmp_path / "mine.yaml").write_text(text)
+        with pytest.raises(InputError) as raised:
+            Experiment.load(tmp_path / "one.yaml")
+        mission, method = str(raised.value).splitlines()
+        assert mission.startswith(f"{tmp_path}/one.yaml:2: parameters.mission: {tmp_path}/mine.yaml: {words}")
+        assert "method.populaton: unknown key" in method
+
+
+def test_a_mission_in_the_place_of_an_experiment(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(MISSION)
+    words = rf"is a mission, not an experiment, which names it: .*{{mission: {tmp_path}/mine.yaml}}; 'swarmwr"
+    with pytest.raises(InputError, match=words):
+        Experiment.load(tmp_path / "mine.yaml")

@@ -1,0 +1,81 @@
+"""What was probably meant by the name of a simulation that is not known here."""
+
+import ast
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+
+from swarmwright.core.simulation_names import LIBRARIES
+from swarmwright.core.suggestions import nearest
+from swarmwright.simulations import catalogue
+from swarmwright.simulations.titles import not_here
+
+_MOST_FILES = 200
+"""Files of a folder in which classes are looked for."""
+_LARGEST_FILE = 1 << 20
+"""Bytes."""
+
+
+def unknown_simulation(name: str, folder: Path | None = None) -> str:
+    """Say that no simulation has this title here, with the name that was probably meant, and all titles.
+
+    folder: in which classes are looked for, without importing them; default: the working folder.
+    """
+    meant = _meant(name, folder or Path())
+    if meant is None:
+        return not_here(name)
+    return f"unknown simulation {name!r}; did you mean {meant!r}? available: {', '.join(catalogue.titles())}"
+
+
+def no_experiment(path: Path) -> str:
+    """Say that a file of Python is not an experiment, and how one names the class in it."""
+    found = next((f"{path.name}:{one}" for one, _ in _classes(path)), f"{path.name}:CLASS")
+    return (
+        f"{path}: is a program in Python, not an experiment; write an experiment file with the line "
+        f"'simulation: {found}'"
+    )
+
+
+def _meant(name: str, folder: Path) -> str | None:
+    """Return the whole name of a class or an environment of which a name is a part; None without one."""
+    library, _, rest = name.partition(":")
+    near = nearest(library, LIBRARIES)
+    if rest and near is not None:
+        return f"{near}:{rest}"
+    for path in sorted(folder.glob("*.py"))[:_MOST_FILES]:
+        for kind, title in _classes(path):
+            if name in {kind, title}:
+                return f"{path.name}:{kind}"
+    return f"gymnasium:{name}" if _in_gymnasium(name) else None
+
+
+def _in_gymnasium(name: str) -> bool:
+    """Whether Gymnasium has an environment of this name."""
+    if find_spec("gymnasium") is None:
+        return False
+    with suppress(Exception):  # a damaged installation is no reason for another message
+        from gymnasium import registry  # noqa: PLC0415 - only for this message
+
+        return name in registry
+    return False
+
+
+def _classes(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield name and `title` of the derived classes of a file; none of one that cannot be read."""
+    with suppress(OSError, SyntaxError, ValueError):
+        if path.stat().st_size > _LARGEST_FILE:
+            return
+        for one in ast.parse(path.read_bytes()).body:
+            if isinstance(one, ast.ClassDef) and one.bases:
+                yield one.name, _title(one)
+
+
+def _title(kind: ast.ClassDef) -> str:
+    """Return what a class assigns to `title`, empty where that is no text."""
+    for one in kind.body:
+        if isinstance(one, ast.Assign) and isinstance(one.value, ast.Constant):
+            named = any(isinstance(target, ast.Name) and target.id == "title" for target in one.targets)
+            if named and isinstance(one.value.value, str):
+                return one.value.value
+    return ""
