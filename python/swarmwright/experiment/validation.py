@@ -61,9 +61,7 @@ def check(
         # A section left empty ("method:") means its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
         here = _with_simulation(values, folder or source.folder(("simulation",)), report, ask=ask)
-        before = values
-        values, files = _with_files(source, values, report, ask=here)
-        unread = len(values.get("parameters") or ()) < len(before.get("parameters") or ())
+        values, files, unread = _with_files(source, values, report, ask=here)
         values = _with_controllers(source, values, report)
         values = _with_modules(source, values, folder, report)
         values = _with_launchers(source, values, folder, report)
@@ -158,11 +156,12 @@ def _in_files(files: Mapping[Path_, Source], report: Report) -> Report:
 
 def _with_files(
     source: Source, values: dict[str, Any], report: Report, *, ask: bool
-) -> tuple[dict[str, Any], dict[Path_, Source]]:
-    """Return the values with files in the place of parameters that name them, and the files."""
+) -> tuple[dict[str, Any], dict[Path_, Source], bool]:
+    """Return the values with files in the place of parameters that name them, the files, and whether one of
+    them cannot be read."""
     simulation, parameters = values.get("simulation"), values.get("parameters")
     if not isinstance(simulation, str) or not isinstance(parameters, Mapping):
-        return values, {}
+        return values, {}, False
     resolved, files = resolve(
         simulation,
         parameters,
@@ -170,7 +169,7 @@ def _with_files(
         lambda path, message: report(("parameters", *path), message),
         ask=ask,
     )
-    return {**values, "parameters": resolved}, files
+    return {**values, "parameters": resolved}, files, len(resolved) < len(parameters)
 
 
 def _with_controllers(source: Source, values: dict[str, Any], report: Report) -> dict[str, Any]:
