@@ -4,10 +4,12 @@ import re
 import tomllib
 from pathlib import Path
 
+import click
 from ruamel.yaml import YAML
 
 import swarmwright
 from swarmwright import _engine
+from swarmwright.cli._commands import program
 from swarmwright.core.modules import BEHAVIOUR_PARAMETERS, BEHAVIOURS, CONDITION_PARAMETERS, CONDITIONS
 from swarmwright.monitoring.prometheus import COUNTS
 
@@ -21,6 +23,31 @@ def test_the_page_on_libraries_lists_all_extras(root: Path) -> None:
         extra: ", ".join(re.split(r"[<>=\[]", package)[0] for package in packages)
         for extra, packages in project["optional-dependencies"].items()
     }
+
+
+def test_commands_in_sentences_have_the_options_that_they_name(root: Path) -> None:
+    """Snippets are executed; what pages say in between is not."""
+    pages = [*root.glob("docs/**/*.md"), *root.glob("*.md")]
+    wrong = [
+        f"{page.relative_to(root)}: {code}"
+        for page in pages
+        for code in re.findall(r"`swarmwright ([a-z][^`\"]*)`", page.read_text(encoding="utf-8"))
+        for option in re.findall(r"(?<=\s)--[a-z][a-z0-9-]*", code)
+        if option not in _options(code.split())
+    ]
+    assert not wrong
+
+
+def _options(words: list[str]) -> set[str]:
+    """Return the options of the command that the words begin with."""
+    command: click.Command = program
+    context = click.Context(program)
+    for word in words:
+        below = command.get_command(context, word) if isinstance(command, click.Group) else None
+        if below is None:
+            break
+        command = below
+    return {"--help", *(name for one in command.params for name in (*one.opts, *one.secondary_opts))}
 
 
 def test_the_citation_names_this_version_and_licence(root: Path) -> None:

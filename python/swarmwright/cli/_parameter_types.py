@@ -107,9 +107,13 @@ class ExistingPath(click.ParamType[Path]):
         return path
 
     def _instead(self, file: Path) -> str:
-        """Return what to do with an experiment file, empty for another one."""
-        if not self.for_experiment or file.suffix.lower() not in {".yaml", ".yml"}:
+        """Return what to do with a file of a run or with an experiment file, empty for another one."""
+        if (file.parent / "run.sqlite").is_file():
+            return f": name the folder of the run, {shlex.quote(str(file.parent))}"
+        if file.suffix.lower() not in {".yaml", ".yml"}:
             return ""
+        if not self.for_experiment:
+            return f": name the folder of a run; 'swarmwright optimize {shlex.quote(str(file))}' makes one"
         page = shlex.quote(f"{file.stem}.html")
         return f", {self.for_experiment.replace('FILE', shlex.quote(str(file))).replace('PAGE', page)}"
 

@@ -11,7 +11,7 @@ from swarmwright.cli._broker_options import (
     prefix_settings,
     wait_option,
 )
-from swarmwright.cli._commands import Command
+from swarmwright.cli._commands import SETTINGS, Command
 from swarmwright.cli._evolving import evolve, watch_options
 from swarmwright.cli._observing import Observing, observe_options
 from swarmwright.cli._options import json_option, servers_option, set_option, simulation_option, trust_option
@@ -23,6 +23,7 @@ from swarmwright.cli._server_output import server_output_option
 @click.command(
     "resume",
     cls=Command,
+    instead={"--evaluations": SETTINGS["--evaluations"]},
     example="swarmwright resume runs/minisim-1\nswarmwright resume runs/minisim-1 --generations 500",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")

@@ -157,8 +157,10 @@ def _in_files(files: Mapping[Path_, Source], report: Report) -> Report:
 def _with_files(
     source: Source, values: dict[str, Any], report: Report, *, ask: bool
 ) -> tuple[dict[str, Any], dict[Path_, Source], bool]:
-    """Return the values with files in the place of parameters that name them, the files, and whether one of
-    them cannot be read."""
+    """Return the values with files in the place of parameters that name them, the files, and their state.
+
+    The last one is whether a file could not be read.
+    """
     simulation, parameters = values.get("simulation"), values.get("parameters")
     if not isinstance(simulation, str) or not isinstance(parameters, Mapping):
         return values, {}, False
