@@ -11,6 +11,7 @@ from os import PathLike
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.suggestions import did_you_mean
 
 _CHUNK_BYTES = 1 << 20
 """Read at a time."""
@@ -18,12 +19,28 @@ _LARGEST_FILE_BYTES = 1 << 28
 """Of files that are read as text."""
 IS_UTF16 = "is UTF-16 text; save it as UTF-8"
 """What is said of a file in UTF-16 where that cannot be read."""
+_YAML = frozenset({".yaml", ".yml"})
 _KINDS = (
     (stat.S_ISFIFO, "a pipe"),
     (stat.S_ISSOCK, "a socket"),
     (stat.S_ISCHR, "a device"),
     (stat.S_ISBLK, "a device"),
 )
+
+
+def near_file(path: Path) -> str:
+    """Return "; did you mean 'x.yaml'?" for a file of the same kind beside one that is not there, or ""."""
+    try:
+        names = sorted(one.name for one in path.parent.iterdir() if one.suffix.lower() in _alike(path))
+    except OSError:  # no such folder, or one that may not be read
+        return ""
+    return did_you_mean(path.name, names)
+
+
+def _alike(path: Path) -> frozenset[str]:
+    """Return the suffixes of files that hold the same as one of this name."""
+    suffix = path.suffix.lower()
+    return _YAML if suffix in _YAML else frozenset({suffix})
 
 
 def read_bytes(path: Path, largest: int) -> bytes:

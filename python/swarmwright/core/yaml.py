@@ -15,7 +15,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.files import IS_UTF16, is_utf16, read_bytes
+from swarmwright.core.files import IS_UTF16, is_utf16, near_file, read_bytes
 
 Path_ = tuple[str | int, ...]
 """The place of a value: keys and list indices from the top."""
@@ -122,7 +122,7 @@ def read(path: Path) -> Source:
             raise InputError(f"{path}: {IS_UTF16}")
         text = data.decode("utf-8-sig")
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
+        raise InputError(f"{path}: there is no such file{near_file(path)}") from None
     except IsADirectoryError:
         raise InputError(f"{path}: is a folder, not a file") from None
     except OSError as error:

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 from swarmwright.core.errors import InputError, SwarmwrightError
+from swarmwright.core.files import near_file
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.tracebacks import words_of
@@ -241,8 +242,7 @@ def _explained(name: str) -> Iterator[None]:
 
 def _file(path: Path) -> ModuleType:
     if not path.is_file():
-        near = did_you_mean(path.name, sorted(one.name for one in path.parent.glob("*.py")))
-        raise InputError(f"{path}: there is no such file{near}")
+        raise InputError(f"{path}: there is no such file{near_file(path)}")
     key = str(path)
     if key in files and _stamps.get(key, {}) != _stamped(_stamps.get(key, {})):
         _forget(key)

@@ -44,11 +44,26 @@ def check_folder(folder: Path) -> None:
         parent = next(above for above in (folder, *folder.absolute().parents) if above.exists())
     except OSError as error:
         raise InputError(f"{folder}: cannot be used for results: {error.strerror}") from error
-    if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
+    if not parent.is_dir():
+        raise InputError(f"{folder}: cannot be created: {parent} is a file")
+    if not os.access(parent, os.W_OK | os.X_OK):
         raise InputError(
             f"{folder}: cannot be created: {parent} may not be written by this user, or is on a read-only "
             "file system"
         )
+
+
+def check_sweep_folder(folder: Path, where: str) -> None:
+    """Raise InputError where the runs of a sweep cannot be in a folder: it is a file, or a run itself.
+
+    where: what precedes the folder in the message.
+    """
+    if (folder / FILE).is_file():
+        raise InputError(
+            f"{where}{folder}: is the folder of a run; name another one for the runs of the sweep"
+        )
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{where}{folder}: is a file; name a folder for the runs of the sweep")
 
 
 def _broken_off(folder: Path) -> bool:

@@ -11,7 +11,7 @@ import pytest
 from swarmwright import Controller, Experiment, InputError, frevo, sweep
 from swarmwright.broker.passwords import set_password
 from swarmwright.core import yaml
-from swarmwright.core.files import read_bytes, write_whole
+from swarmwright.core.files import near_file, read_bytes, write_whole
 
 Read = Callable[[Path], object]
 Named = Callable[[Path, Path], Path]
@@ -132,3 +132,18 @@ def test_a_file_that_cannot_be_written_as_a_whole_stays_as_it_was(
     link.symlink_to(file)
     write_whole(link, b"third")
     assert (file.read_bytes(), link.is_symlink()) == (b"third", True)
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("mision.yaml", "; did you mean 'mission.yml'?"),
+        ("robto.json", "; did you mean 'robot.json'?"),
+        ("mission.json", ""),
+        ("nowhere/mission.yml", ""),
+    ],
+)
+def test_the_nearest_file_of_the_same_kind(name: str, found: str, tmp_path: Path) -> None:
+    for one in ("mission.yml", "robot.json", "mision"):
+        (tmp_path / one).touch()
+    assert near_file(tmp_path / name) == found

@@ -10,12 +10,14 @@ from typing import Any, Self, TypeGuard
 from swarmwright.analysis.sweep.effect import require_effect
 from swarmwright.analysis.sweep.variants import MOST_RUNS, Variant, variants_of
 from swarmwright.core.errors import InputError
+from swarmwright.core.files import near_file
 from swarmwright.core.problems import shown
 from swarmwright.core.suggestions import unknown_key
 from swarmwright.core.yaml import Source, read
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.settings import parse_settings
 from swarmwright.runs.folders import RUNS
+from swarmwright.store.folder import check_sweep_folder
 
 _KEYS = ("experiment", "grid", "seeds", "out")
 _SEEDS = 5
@@ -112,7 +114,9 @@ class Sweep:
                 f"at most {MOST_RUNS} are possible"
             )
         stem = f"{experiment.label}-sweep" if file is None else file.stem
-        return cls(variants, seeds, out or _out(source, stem), file, settings)
+        folder = out or _out(source, stem)
+        check_sweep_folder(folder, "" if out is not None else source.place(("out",)))
+        return cls(variants, seeds, folder, file, settings)
 
 
 def _listed(value: Any) -> Any:  # noqa: ANN401 - any value
@@ -140,7 +144,7 @@ def _experiment(source: Source, file: Path | None, settings: Iterable[str]) -> E
         raise InputError(f"{source.place(('experiment',))}must be the path of an experiment file")
     path = file.parent / name
     if not path.is_file():
-        raise InputError(f"{source.place(('experiment',))}{path}: there is no such file")
+        raise InputError(f"{source.place(('experiment',))}{path}: there is no such file{near_file(path)}")
     return Experiment.load(path, settings)
 
 

@@ -158,6 +158,10 @@ def test_several_grids_may_overlap(tmp_path: Path) -> None:
         ("- 1", "is not a sweep file"),
         ("a: [", "methods.yaml:"),
         ("grid: {method.severity: [0.1]}", "experiment: must be the path of an experiment file"),
+        (
+            "experiment: base.yml\ngrid: {method.severity: [0.1]}",
+            "base.yml: there is no such file; did you mean 'base.yaml'?",
+        ),
         ("experiment: nothing.yaml\ngrid: {method.severity: [0.1]}", "nothing.yaml: there is no such file"),
         ("experiment: base.yaml\ngrid:", "grid: must be a mapping"),
         ("experiment: base.yaml\ngrid: []", "grid: must be a mapping"),
@@ -200,6 +204,26 @@ def test_mistakes_are_named(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(InputError) as error:
         sweep(tmp_path, text)
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("there", "words"),
+    [
+        ("a run", "is the folder of a run; name another one"),
+        ("a file", "is a file; name a folder for the runs"),
+    ],
+)
+def test_runs_go_neither_into_a_run_nor_into_a_file(there: str, words: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    if there == "a file":
+        out.touch()
+    else:
+        out.mkdir()
+        (out / "run.sqlite").touch()
+    with pytest.raises(InputError, match=f"methods.yaml:2: out: {out}: {words}"):
+        sweep(tmp_path, f"experiment: base.yaml\nout: {out}\n")
+    with pytest.raises(InputError, match=f"^{out}: {words}"):
+        Sweep.load(tmp_path / "methods.yaml", out=out)
 
 
 def test_parts_of_options_are_set_as_on_the_command_line(tmp_path: Path) -> None:
