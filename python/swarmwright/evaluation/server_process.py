@@ -9,8 +9,9 @@ for which it may go on with a request when SIGTERM arrives, and `marked`, whethe
 which candidate.
 
 Events are what `_engine.serve` reports, {"event": "waiting", "server", "message"} while no broker answers,
-{"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails, and
-{"event": "error", "message"} when the server does. Standard input is a pipe from the parent: when it closes
+{"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails,
+{"event": "warning", "server", "message"} for what the library warns of, and {"event": "error", "message"}
+when the server fails. Standard input is a pipe from the parent: when it closes
 the parent is done or gone, however it ended, and so is this process; for simulations it is empty. On
 SIGTERM, which schedulers send to all processes of a job that they preempt, the request under way, or the
 episode that is stepped, is finished; then the process leaves the broker and ends by this signal. A second
@@ -19,6 +20,7 @@ SIGTERM ends it at once.
 
 import faulthandler
 import json
+import logging
 import os
 import signal
 import sys
@@ -179,6 +181,19 @@ def main() -> int:
         return 0
 
 
+class _Warnings(logging.Handler):
+    """Reports what the library warns of, beside printing it."""
+
+    def __init__(self, server: int, report: Callable[[Mapping[str, Any]], None]) -> None:
+        super().__init__(logging.WARNING)
+        self._server, self._report = server, report
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Report and print a warning."""
+        self._report({"event": "warning", "server": self._server, "message": record.getMessage()})
+        sys.stderr.write(f"{record.getMessage()}\n")
+
+
 def _serve(events: int, settings: dict[str, Any]) -> int:
     """Serve; events go to the file descriptor `events`; return the exit status of what went wrong."""
 
@@ -187,6 +202,7 @@ def _serve(events: int, settings: dict[str, Any]) -> int:
         with suppress(OSError):
             os.write(events, f"{json.dumps(event)}\n".encode())
 
+    logging.getLogger("swarmwright").addHandler(_Warnings(settings["id"], report))
     _prepare(settings)
 
     def failed(reason: str, traceback: str) -> None:

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.core.errors import InputError
 from swarmwright.core.groups import DeclaredGroup
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.warn_once import warn_once
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.batch_checks import BatchChecks, Many
 from swarmwright.simulations.batches import BatchSimulation
@@ -235,6 +237,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         try:
             seed = _seed(given.pop("seed", 0))
             values = filled_in(self.description.parameters, given)
+            self._notice_unknown(given)
             if self.has_groups:
                 self._groups = counted(self.description.groups, values)
             if self._object is None:
@@ -242,6 +245,21 @@ class Host(Calls[Simulation | BatchSimulation]):
         except InputError as error:
             raise _engine.InputError(str(error)) from None
         return values, seed
+
+    def _notice_unknown(self, given: Mapping[str, Any]) -> None:
+        """Warn of parameters that the class does not declare, once for each.
+
+        Tools that have the class refuse them; those that know its title alone cannot. By the protocol servers
+        ignore what they do not know, so that they are no reason to refuse the work.
+        """
+        known = self.description.parameters
+        if not known:  # any are possible
+            return
+        for name in sorted(given.keys() - known.keys()):
+            warn_once(
+                f"{self.description.title}: a tool has set the parameter {name!r}, which "
+                f"{self._kind.__name__} does not declare{did_you_mean(name, known)}"
+            )
 
     def _seen(self, method: str, returned: Any, *, first: bool) -> Seen:  # noqa: ANN401 - whatever it returns
         """Check observations; ask who acts."""

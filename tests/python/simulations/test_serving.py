@@ -57,6 +57,18 @@ def test_the_traceback_is_in_the_servers_log_and_the_server_goes_on(start: Any, 
     assert np.isfinite(evaluate(sound, genomes(), broker=embedded_broker)).all()
 
 
+def test_a_server_says_which_parameters_are_not_declared(start: Any, embedded_broker: str) -> None:
+    """A tool that knows the title alone cannot check them."""
+    serving = start("serve", f"{FILE}:Walk", "--broker", embedded_broker, "--count", "1", "--json")
+    events(serving, "ready")
+    one = experiment(requirements={"dimensions": 1}, parameters={"step": 3, "zeal": 1})
+    assert np.isfinite(evaluate(one, genomes(), broker=embedded_broker)).all()
+    assert [event["message"] for event in events(serving, "warning", 2)] == [
+        "walk: a tool has set the parameter 'step', which Walk does not declare; did you mean 'steps'?",
+        "walk: a tool has set the parameter 'zeal', which Walk does not declare",
+    ]
+
+
 def test_a_person_sees_the_traceback(start: Any, embedded_broker: str) -> None:
     serving = start("serve", f"{FILE}:Walk", "--broker", embedded_broker)
     assert "is ready: walk on" in serving.stdout.readline()
