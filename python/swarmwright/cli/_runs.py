@@ -3,6 +3,7 @@
 import re
 import shlex
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
 from swarmwright.cli._validation import transfer_of, unseen_facts, validation_facts, validation_lines
+from swarmwright.core.attempts import TURN
 from swarmwright.core.formatting import counted, duration
 from swarmwright.core.machine_texts import controller_text
 from swarmwright.core.modules import is_modules
@@ -208,8 +210,8 @@ def describe(output: Output, run: "Run") -> None:
     for remark in edited:
         output.block(remark, indent="  ")
     _list_sessions(output, run)
-    _list_servers(output, servers)
-    _list_failures(output, failures)
+    _list_servers(output, servers, failures)
+    _list_failures(output, [one for one in failures if not one["reason"].startswith(TURN)])
     if warnings:
         output.text()
     for event in warnings[:_WARNINGS]:
@@ -234,17 +236,25 @@ def _list_sessions(output: Output, run: "Run") -> None:
         output.text("  " + ", ".join(f"{name} {version}" for name, version in session.versions.items()))
 
 
-def _list_servers(output: Output, servers: list[dict[str, Any]]) -> None:
+def _list_servers(output: Output, servers: list[dict[str, Any]], failures: list[dict[str, Any]]) -> None:
+    turns: Counter[int] = Counter()
+    for one in failures:
+        if one["reason"].startswith(TURN):
+            turns.update(one["servers"])
     if servers:
         output.text()
     for server in servers:
+        handed_back = turns[server["server"]]
         said = f"server {server['server']}: {counted(server['evaluations'], 'episode')}"
-        said += " (failed ones included)" * server["with_failed"]
+        others = server["failed"] + server["lost"] > handed_back
+        said += " (failed ones included)" * (server["with_failed"] and others)
         said += f", busy for {duration(server['seconds'])}"
-        if server["failed"]:
-            said += f", {counted(server['failed'], 'attempt')} failed"
+        if server["failed"] > handed_back:
+            said += f", {counted(server['failed'] - handed_back, 'attempt')} failed"
         if server["lost"]:
             said += f", {server['lost']:,} more lost with it"
+        if handed_back:
+            said += f", {counted(handed_back, 'attempt')} handed back at the turn of another tool"
         if server["slower"]:
             said += f", {counted(server['slower'], 'attempt')} ended as another server was faster (backup)"
         output.text(said)

@@ -5,6 +5,9 @@ import re
 OVERTAKEN = "server % was faster"
 """What the pool says of the other attempts of work that is done, engine/pool/src/scheduler/settle.rs; a
 pattern of SQL's LIKE."""
+TURN = "it is the turn of "
+"""What servers say of requests that they hand back, since another tool has waited for them,
+engine/wrapper/src/machine/turns.rs."""
 NOT_FINISHED = "not finished: "
 """Before the reason, where a server ended at one evaluation of a batch: the attempt at the whole batch,
 engine/pool/src/scheduler/supervised.rs."""

@@ -368,6 +368,21 @@ def test_attempts_that_failed_are_counted_by_reason_and_server(copy: Path) -> No
     assert "  1 attempt (server 2: 1): sim: ended with exit status 3\n" in said
 
 
+def test_attempts_that_servers_hand_back_to_share_them_did_not_fail(copy: Path) -> None:
+    row = "(1, 0, 'offloaded', 0, 9, 0, 1, {server}, 1, NULL, 0, 1, '{error}', NULL)"
+    turn = "it is the turn of swarmwright@lab/{}/ab"
+    errors = [(7, turn.format(1)), (7, turn.format(2)), (7, "no licence"), (8, turn.format(1))]
+    rows = [row.format(server=server, error=error) for server, error in errors]
+    change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
+    said = CliRunner().invoke(program, ["runs", "show", str(copy)]).output
+    assert (
+        "server 7: 0 episodes (failed ones included), busy for 1.0 s, 1 attempt failed, 2 attempts " in said
+    )
+    assert "server 8: 0 episodes, busy for 1.0 s, 1 attempt handed back at the turn of another tool\n" in said
+    assert "failed attempts by reason:\n  1 attempt (server 7: 1): no licence\n" in said
+    assert "it is the turn" not in said
+
+
 def test_attempts_that_are_lost_with_a_server_are_listed_apart(copy: Path) -> None:
     """A server that ends takes all its attempts with it; one of them counts as failed."""
     row = "(1, 0, 'offloaded', {first}, {count}, 0, 1, {server}, 1, NULL, {at}, {took}, '{error}', NULL)"
