@@ -61,7 +61,8 @@ def check_environment(*, credentials: bool = True) -> None:
 
     Raises:
         InputError: SWARMWRIGHT_KEEP_ALIVE is not a number of seconds; a password without a user; a password
-            file that cannot be read; one of SWARMWRIGHT_CERTIFICATE_FILE and SWARMWRIGHT_KEY_FILE only.
+            file that cannot be read, or without a password; one of SWARMWRIGHT_CERTIFICATE_FILE and
+            SWARMWRIGHT_KEY_FILE only.
     """
     seconds = os.environ.get(_KEEP_ALIVE)
     is_number = seconds and re.fullmatch("[+]?0*[0-9]{1,4}", seconds)
@@ -74,9 +75,9 @@ def check_environment(*, credentials: bool = True) -> None:
         return
     file = os.environ.get("SWARMWRIGHT_PASSWORD_FILE")
     if file and not os.environ.get("SWARMWRIGHT_PASSWORD"):
-        reason = _unreadable(Path(file))
+        reason = _no_password(Path(file))
         if reason is not None:
-            raise InputError(f"SWARMWRIGHT_PASSWORD_FILE (environment): {file} cannot be read: {reason}")
+            raise InputError(f"SWARMWRIGHT_PASSWORD_FILE (environment): {file} {reason}")
     if has_password() and not os.environ.get("SWARMWRIGHT_USERNAME"):
         raise InputError(
             "a password is set but SWARMWRIGHT_USERNAME is not (environment); set both or neither"
@@ -90,22 +91,24 @@ def check_environment(*, credentials: bool = True) -> None:
         )
 
 
-def _unreadable(file: Path) -> str | None:
-    """Return why a text file cannot be read, None if it can; a pipe keeps its content for the connection."""
+def _no_password(file: Path) -> str | None:
+    """Return why a file has no password, None if it has; a pipe keeps its content for the connection."""
+    reason: str | None = None
     try:
         if file.is_file():
-            file.read_text(encoding="utf-8")
+            if not file.read_text(encoding="utf-8").partition("\n")[0].rstrip("\r"):
+                return "has no password in its first line"
         elif not file.exists():
-            return os.strerror(errno.ENOENT)
+            reason = os.strerror(errno.ENOENT)
         elif file.is_dir():
-            return os.strerror(errno.EISDIR)
+            reason = os.strerror(errno.EISDIR)
         elif not os.access(file, os.R_OK):
-            return os.strerror(errno.EACCES)
+            reason = os.strerror(errno.EACCES)
     except OSError as error:
-        return error.strerror
+        reason = error.strerror
     except ValueError:
-        return "is not UTF-8 text"
-    return None
+        reason = "is not UTF-8 text"
+    return None if reason is None else f"cannot be read: {reason}"
 
 
 def has_password() -> bool:

@@ -97,7 +97,10 @@ class Replay(ShownEpisode):
             simulation_seed("seed", seed)
         if number is not None and not 0 <= number < len(seeds):
             has = "one episode, 0" if len(seeds) == 1 else f"{len(seeds)} episodes, 0 to {len(seeds) - 1}"
-            raise InputError(f"episode {number}: the run evaluated {has}; name the seed of another one")
+            raise InputError(
+                f"episode {number}: the run evaluated {has}; name the seed of another one, --seed S (in Python, "
+                "seed=S)"
+            )
         played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
         check_shown_on(broker, played)
         return cls(

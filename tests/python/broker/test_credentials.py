@@ -200,6 +200,17 @@ def test_a_password_is_left_in_a_pipe(monkeypatch: pytest.MonkeyPatch, tmp_path:
         os.close(reading)
 
 
+@pytest.mark.parametrize("text", ["", "\n", "\r\nhorse\n"])
+def test_a_password_file_without_a_password(
+    text: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "word").write_text(text, newline="")
+    monkeypatch.setenv("SWARMWRIGHT_USERNAME", "ada")
+    monkeypatch.setenv("SWARMWRIGHT_PASSWORD_FILE", str(tmp_path / "word"))
+    with pytest.raises(InputError, match=r"word has no password in its first line$"):
+        check_environment()
+
+
 def test_a_folder_is_no_password_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("SWARMWRIGHT_USERNAME", "ada")
     monkeypatch.setenv("SWARMWRIGHT_PASSWORD_FILE", str(tmp_path))
