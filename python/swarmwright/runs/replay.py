@@ -98,8 +98,8 @@ class Replay(ShownEpisode):
         if number is not None and not 0 <= number < len(seeds):
             has = "one episode, 0" if len(seeds) == 1 else f"{len(seeds)} episodes, 0 to {len(seeds) - 1}"
             raise InputError(
-                f"episode {number}: the run evaluated {has}; name the seed of another one, --seed S (in Python, "
-                "seed=S)"
+                f"episode {number}: the run evaluated {has}; name the seed of another one, --seed S "
+                "(in Python, seed=S)"
             )
         played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
         check_shown_on(broker, played)
