@@ -313,6 +313,23 @@ def test_the_last_numbers_of_the_axes_are_not_cut(browser: Chrome, tmp_path: Pat
         assert behind >= 1, canvas
 
 
+def test_bodies_at_the_border_are_seen_whole(browser: Chrome, tmp_path: Path) -> None:
+    bodies = {
+        "middle": [Body("agent", 2, 2, "free")],
+        "border": [Body("agent", 0, 2, "free")],
+        "corner": [Body("agent", 4, 4, "free")],
+    }
+    counts = {}
+    for name, there in bodies.items():
+        file = tmp_path / f"{name}.html"
+        scene = Scene(4, 4, 0, "", tuple(there))
+        save(Recording((scene,), (0.0,), 0.1), file)
+        browser.get(file.as_uri())
+        counts[name] = pixels(browser, "world", "free")[0]
+    assert counts["middle"] > 50
+    assert min(counts.values()) > 0.9 * counts["middle"], counts
+
+
 def test_numbers_are_in_the_coordinates_of_the_simulation(browser: Chrome, tmp_path: Path) -> None:
     scene = Scene(3.1, 2.1, 0, "", (Body("agent", 1.55, 1.05),), origin=(-1.55, -1.05))
     save(Recording((scene,), (0.0,), 0.1), tmp_path / "moved.html")

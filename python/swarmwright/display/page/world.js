@@ -1,6 +1,7 @@
 // The map with everything on it, at a time in steps.
 
 const MARGIN = { left: 30, right: 10, top: 8, bottom: 24 }; // pixels, for the numbers, at least
+const EDGE = 8; // pixels beside the map in which bodies at its border are drawn: the least margin
 const MANY = 400; // bodies from which on they are drawn as sprites
 const MOST_TRAILS = 1500; // moving bodies up to which all have trails
 const MOST_PIECES = 60000; // of trails that fade
@@ -50,24 +51,34 @@ class World {
       if (at) camera.center(...at);
     }
     const c = this.context;
-    c.save();
-    c.beginPath();
-    c.rect(this.box.left, this.box.top, this.box.width, this.box.height);
-    c.clip();
-    const bare = new Ground(this).draw(episode.groundAt(this.scene));
-    this.places();
-    this.trails();
-    new Signals(this).draw();
-    this.bodies();
-    this.labels();
-    this.mark();
-    c.restore();
+    let bare = false;
+    this.within(0, () => (bare = new Ground(this).draw(episode.groundAt(this.scene))));
     if (bare) {
       c.strokeStyle = this.color("soft");
       c.lineWidth = 1.5;
       c.strokeRect(this.box.left, this.box.top, this.box.width, this.box.height);
     }
+    // Bodies at the border are seen whole, except where it is that of a part of the map.
+    this.within(camera.zoom === 1 ? EDGE : 0, () => {
+      this.places();
+      this.trails();
+      new Signals(this).draw();
+      this.bodies();
+      this.labels();
+      this.mark();
+    });
     new Ground(this).numbers();
+  }
+
+  // Draws what is on the map and up to so many pixels beside it.
+  within(beside, draw) {
+    const { context: c, box } = this;
+    c.save();
+    c.beginPath();
+    c.rect(box.left - beside, box.top - beside, box.width + 2 * beside, box.height + 2 * beside);
+    c.clip();
+    draw();
+    c.restore();
   }
 
   // Room for the longest numbers, which stand beside the map and half beside its last column.
