@@ -54,7 +54,11 @@ def list_(folder: Path | None, as_json: bool) -> None:
     for reason in broken:
         output.json({"error": reason})
     if not runs and not broken:
-        output.text(f"No runs in {place}. `swarmwright optimize FILE` makes one.")
+        beside = folder is None and any(Path().glob(f"*/{FILE}"))  # of `--out`
+        cure = (
+            "`swarmwright runs list .` lists those in" if beside else "`swarmwright optimize FILE` makes one"
+        )
+        output.text(f"No runs in {place}. {cure}{' the working folder' * beside}.")
     elif not as_json:
         list_table(output, runs)
         for reason in broken:

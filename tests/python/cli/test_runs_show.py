@@ -36,3 +36,14 @@ def test_sessions_say_where_evaluations_were(
     with StoreWriter.resume(tmp_path / "local") as store:
         store.begin(NOTHING_LEFT)
     assert "\n  nothing was left to evaluate, on host " in program("runs", "show", "local").stdout
+
+
+def test_runs_that_are_listed_nowhere_are_hinted_at(
+    program: Callable[..., "CompletedProcess[str]"], tmp_path: Path
+) -> None:
+    assert program("runs", "list").stdout == "No runs in runs. `swarmwright optimize FILE` makes one.\n"
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "run.sqlite").touch()
+    hint = "No runs in runs. `swarmwright runs list .` lists those in the working folder.\n"
+    assert program("runs", "list").stdout == hint
+    assert program("runs", "list", "mine").stdout != hint
