@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.suggestions import nearest
 
 _CHUNK_BYTES = 1 << 20
 """Read at a time."""
@@ -31,10 +31,13 @@ _KINDS = (
 def near_file(path: Path) -> str:
     """Return "; did you mean 'x.yaml'?" for a file of the same kind beside one that is not there, or ""."""
     try:
-        names = sorted(one.name for one in path.parent.iterdir() if one.suffix.lower() in _alike(path))
-    except OSError:  # no such folder, or one that may not be read
+        beside = sorted(one for one in path.parent.iterdir() if one.suffix.lower() in _alike(path))
+    except (OSError, ValueError):  # no such folder, or one that may not be read; no path
         return ""
-    return did_you_mean(path.name, names)
+    # Without suffixes, which make names of the same kind alike.
+    names = {one.stem: one.name for one in beside}
+    near = nearest(path.stem, names)
+    return "" if near is None else f"; did you mean '{names[near]}'?"
 
 
 def _alike(path: Path) -> frozenset[str]:

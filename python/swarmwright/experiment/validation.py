@@ -13,6 +13,7 @@ from swarmwright.core.simulation_names import LIBRARIES, is_python
 from swarmwright.core.yaml import Path_, Source
 from swarmwright.experiment.checks import check_values
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked
+from swarmwright.experiment.misplaced import with_right_place
 from swarmwright.experiment.parameter_files import is_mission, resolve
 from swarmwright.experiment.start_from import entries
 from swarmwright.experiment.unavailable import UnavailableMethod
@@ -65,8 +66,9 @@ def check(
         values = _with_controllers(source, values, report)
         values = _with_modules(source, values, folder, report)
         values = _with_launchers(source, values, folder, report)
+        placed = _in_right_place(values, here, _in_files(files, report))
         with REGISTRIES["method"].lenient(UnavailableMethod) if lenient or not ask else nullcontext():
-            checked = check_values(values, here, _in_files(files, report), ask=ask, new=new, unread=unread)
+            checked = check_values(values, here, placed, ask=ask, new=new, unread=unread)
         if ask and not lenient and checked.get("method") is not None:  # a run can be read without
             missing = REGISTRIES["method"].get(checked["method"].kind).missing()
             if missing is not None:
@@ -150,6 +152,19 @@ def _in_files(files: Mapping[Path_, Source], report: Report) -> Report:
                 message = files[place[:length]].place(place[length:]) + message
                 place = place[:length]
         report((*path[:1], *place) if place else path, message)
+
+    return told
+
+
+def _in_right_place(values: Mapping[str, Any], here: bool, report: Report) -> Report:
+    """Return a report that says of keys in a wrong section in which one they belong."""
+
+    def told(path: Path_, message: str) -> None:
+        if path and len(path) <= 2 and isinstance(path[-1], str):
+            known = catalogue.parameter_names(values["simulation"]) if here else ()
+            section = str(path[0]) if len(path) == 2 else ""
+            message = with_right_place(message, path[-1], section, values, known)
+        report(path, message)
 
     return told
 

@@ -140,6 +140,8 @@ def test_a_file_that_cannot_be_written_as_a_whole_stays_as_it_was(
         ("mision.yaml", "; did you mean 'mission.yml'?"),
         ("robto.json", "; did you mean 'robot.json'?"),
         ("mission.json", ""),
+        ("motion.yaml", "; did you mean 'mission.yml'?"),
+        ("none.json", ""),
         ("nowhere/mission.yml", ""),
     ],
 )

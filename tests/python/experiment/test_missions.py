@@ -276,7 +276,7 @@ def test_missions_and_kinds_name_files_of_robots(tmp_path: Path, monkeypatch: py
     assert listed[0]["robot"]["radius"] == 0.05
     with pytest.raises(InputError) as caught:
         Experiment.load(swarm, [missing := kinds.replace("here", "there")])
-    words = "parameters.robots[0].robot: there.yaml: there is no such file"
+    words = "parameters.robots[0].robot: there.yaml: there is no such file; did you mean 'here.yaml'?"
     assert str(caught.value) == f"--set {missing}: {words}"
     (tmp_path / "missions" / "robot.yaml").write_text(ROBOT.replace("radius", "radiu"))
     with pytest.raises(

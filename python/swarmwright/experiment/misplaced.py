@@ -1,0 +1,98 @@
+"""Keys that stand in the wrong section of an experiment."""
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from typing import Any
+
+from pydantic import BaseModel
+
+from swarmwright.core.errors import InputError
+from swarmwright.core.problems import ALIASES
+from swarmwright.experiment.document import (
+    DEFAULT_KINDS,
+    Document,
+    Faults,
+    Requirements,
+    Timeouts,
+    Validate,
+)
+from swarmwright.plug_ins import REGISTRIES
+
+_SECTIONS: Mapping[str, type[BaseModel]] = {
+    "requirements": Requirements,
+    "validate": Validate,
+    "timeouts": Timeouts,
+    "faults": Faults,
+}
+_UNKNOWN = ("unknown key", "unknown parameter of ")
+"""How messages about keys begin that are not known where they stand."""
+_CALLED = "it is called"
+"""What is said of a key that has another name here."""
+
+
+def with_right_place(
+    message: str, key: str, section: str, values: Mapping[str, Any], parameters: Collection[str]
+) -> str:
+    """Return the message about a key; where it is unknown and belongs elsewhere, with its right place.
+
+    Args:
+        message: what is said of the key.
+        key: its name.
+        section: in which it stands, empty for the top of the file.
+        values: all of the experiment, as the file says.
+        parameters: names of the simulation's parameters, as far as they are known.
+    """
+    if not message.startswith(_UNKNOWN) or _CALLED in message:
+        return message
+    subject = message.partition("; ")[0]
+    kinds = _kinds_with(key, section)
+    if kinds:
+        return f"{subject}; it is an option of other kinds: {', '.join(kinds)}"
+    found = [*places(key, section, values, parameters)]
+    return f"{subject}; it belongs to another section: {' or '.join(found)}" if found else message
+
+
+def places(key: str, section: str, values: Mapping[str, Any], parameters: Collection[str]) -> Iterator[str]:
+    """Yield where a key belongs, `method.population`; arguments as of `with_right_place`."""
+    if section and key in _keys(Document):
+        yield f"{key} (at the top of the file)"
+        return
+    if section != "parameters" and key in parameters:
+        yield f"parameters.{key}"
+    for name, model in _models(values):
+        keys = _keys(model)
+        meant = next((one for one in (key, *ALIASES.get(key.casefold(), ())) if one in keys), None)
+        if name != section and meant is not None and meant != "kind":
+            yield f"{name}.{meant}"
+
+
+def _kinds_with(key: str, section: str) -> list[str]:
+    """Return the kinds of a method, controller or ranking that have an option of this name."""
+    if section not in REGISTRIES:
+        return []
+    registry, found = REGISTRIES[section], []
+    for kind in registry.names():
+        with suppress(InputError):  # of a package that cannot be imported
+            if key in _keys(registry.get(kind).options_model):
+                found.append(kind)
+    return found
+
+
+def _models(values: Mapping[str, Any]) -> Iterator[tuple[str, type[BaseModel]]]:
+    """Yield the sections of an experiment with their options, of those of several kinds the kind's."""
+    for name, registry in REGISTRIES.items():
+        section = values.get(name)
+        kind = (
+            section.get("kind", DEFAULT_KINDS[name]) if isinstance(section, Mapping) else DEFAULT_KINDS[name]
+        )
+        if not isinstance(kind, str):
+            continue
+        try:
+            yield name, registry.get(kind).options_model
+        except InputError:  # is reported
+            continue
+    yield from _SECTIONS.items()
+
+
+def _keys(model: type[BaseModel]) -> set[str]:
+    return {field.alias or name for name, field in model.model_fields.items()}
