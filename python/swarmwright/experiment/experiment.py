@@ -133,7 +133,7 @@ class Experiment:
         """
         parsed = parse_settings(settings)
         if only is not None:
-            restricted(parsed, only, reason)
+            restricted(parsed, only, reason, self.to_mapping(), ask=ask)
         if not parsed:
             return self
         source = apply(Source("", values=self.to_mapping()), parsed, new_budget=only is None)

@@ -18,6 +18,13 @@ from swarmwright.experiment.document import (
 )
 from swarmwright.plug_ins import REGISTRIES
 
+
+def _keys(model: type[BaseModel]) -> set[str]:
+    return {field.alias or name for name, field in model.model_fields.items()}
+
+
+TOP = frozenset(_keys(Document))
+"""Keys at the top of an experiment."""
 _SECTIONS: Mapping[str, type[BaseModel]] = {
     "requirements": Requirements,
     "validate": Validate,
@@ -48,13 +55,15 @@ def with_right_place(
     kinds = _kinds_with(key, section)
     if kinds:
         return f"{subject}; it is an option of other kinds: {', '.join(kinds)}"
-    found = [*places(key, section, values, parameters)]
+    found = [*right_places(key, section, values, parameters)]
     return f"{subject}; it belongs to another section: {' or '.join(found)}" if found else message
 
 
-def places(key: str, section: str, values: Mapping[str, Any], parameters: Collection[str]) -> Iterator[str]:
+def right_places(
+    key: str, section: str, values: Mapping[str, Any], parameters: Collection[str]
+) -> Iterator[str]:
     """Yield where a key belongs, `method.population`; arguments as of `with_right_place`."""
-    if section and key in _keys(Document):
+    if section and key in TOP:
         yield f"{key} (at the top of the file)"
         return
     if section != "parameters" and key in parameters:
@@ -92,7 +101,3 @@ def _models(values: Mapping[str, Any]) -> Iterator[tuple[str, type[BaseModel]]]:
         except InputError:  # is reported
             continue
     yield from _SECTIONS.items()
-
-
-def _keys(model: type[BaseModel]) -> set[str]:
-    return {field.alias or name for name, field in model.model_fields.items()}

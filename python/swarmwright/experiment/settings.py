@@ -3,6 +3,7 @@
 import copy
 import re
 from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,12 @@ from typing import Any
 from swarmwright import _engine
 from swarmwright.core.arguments import listed
 from swarmwright.core.arguments import text as argument
-from swarmwright.core.errors import InputError
+from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import Path_, Source, dotted_path, parse
 from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.document import DEFAULT_KINDS
+from swarmwright.experiment.misplaced import TOP, right_places
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.experiment.robots import is_part, kinds_instead, mission_of, written_out
 from swarmwright.methods import METHODS
@@ -91,9 +93,29 @@ def _setting(text: str) -> Setting:
     return Setting(path, source.values, f"--set {text}")
 
 
-def restricted(settings: Iterable[Setting], keys: Collection[str], reason: str) -> None:
-    """Raise InputError for settings of other keys than these, a line each; `reason` ends the sentence."""
-    problems = [f"{one.text}: {one.path[0]}: {reason}" for one in settings if one.path[0] not in keys]
+def restricted(
+    settings: Iterable[Setting], keys: Collection[str], reason: str, values: Mapping[str, Any], *, ask: bool
+) -> None:
+    """Raise InputError for settings of other keys than these, a line each.
+
+    Args:
+        settings: what is set.
+        keys: what may be set.
+        reason: why no others, the end of a sentence.
+        values: all of the experiment.
+        ask: whether a simulation that is named by its class may be imported, to be asked for its parameters.
+    """
+    problems = []
+    for one in settings:
+        key = one.path[0]
+        if key in keys:
+            continue
+        known = {*values["parameters"]}
+        with suppress(SwarmwrightError):  # it is not here
+            known |= {*catalogue.parameter_names(values["simulation"])} if ask else set()
+        found = [] if key in TOP else [*right_places(key, "", values, known)]
+        belongs = f"unknown key; it belongs to another section: {' or '.join(found)}"
+        problems.append(f"{one.text}: {belongs if found else f'{key}: {reason}'}")
     if problems:
         raise InputError("\n".join(problems))
 

@@ -47,3 +47,19 @@ def test_keys_of_a_file_have_their_lines(tmp_path: Path) -> None:
         f"{tmp_path}/one.yaml:3: numAgents: {words} parameters.numAgents",
         f"{tmp_path}/one.yaml:4: ranking.population: {words} method.population",
     ]
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("numAgents=3", "unknown key; it belongs to another section: parameters.numAgents"),
+        ("population=3", "unknown key; it belongs to another section: method.population"),
+        ("seed=3", "seed: stays"),
+        ("methd=3", "methd: stays"),
+    ],
+)
+def test_where_a_key_belongs_that_cannot_be_set(setting: str, words: str) -> None:
+    one = Experiment.from_mapping({"simulation": "minisim"})
+    with pytest.raises(InputError) as raised:
+        one.with_settings([setting], only=["parameters"], reason="stays")
+    assert str(raised.value) == f"--set {setting}: {words}"
