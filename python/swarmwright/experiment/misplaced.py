@@ -1,5 +1,6 @@
 """Keys that stand in the wrong section of an experiment."""
 
+import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from typing import Any
@@ -33,6 +34,8 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 }
 _UNKNOWN = ("unknown key", "unknown parameter of ")
 """How messages about keys begin that are not known where they stand."""
+_NEAR = re.compile(r"did you mean '(.+?)'\?")
+"""What is said of a key that is nearly that of another one here."""
 _CALLED = "it is called"
 """What is said of a key that has another name here."""
 
@@ -55,8 +58,15 @@ def with_right_place(
     kinds = _kinds_with(key, section)
     if kinds:
         return f"{subject}; it is an option of other kinds: {', '.join(kinds)}"
-    found = [*right_places(key, section, values, parameters)]
-    return f"{subject}; it belongs to another section: {' or '.join(found)}" if found else message
+    found = " or ".join(right_places(key, section, values, parameters))
+    if not found:
+        return message
+    near = _NEAR.search(message)
+    # Rather "episodes" of this section for "episode" than the same key of another one.
+    if near is None or not (near[1].startswith(key) or key.startswith(near[1])):
+        return f"{subject}; it belongs to another section: {found}"
+    # The names of parameters are the simulation's: that one is also a key elsewhere means nothing.
+    return message if section == "parameters" else f"{message} In another section there is {found}"
 
 
 def right_places(

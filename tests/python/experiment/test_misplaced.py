@@ -28,6 +28,12 @@ BASE = "simulation: minisim\nmethod: {kind: nnga, population: 6}\n"
         ("controller.weights=1", "unknown key; did you mean 'weight_range'?"),
         ("env=minisim", "unknown key; it is called 'simulation' here"),
         ("methd=nnga", "unknown key; did you mean 'method'?"),
+        (
+            "ranking.episode=3",
+            "unknown key; did you mean 'episodes'? In another section there is timeouts.episode",
+        ),
+        ("seeds=3", "did you mean 'seed'? In another section there is ranking.seeds or validate.seeds"),
+        ("parameters.maxStep=3", "unknown parameter of minisim; did you mean 'maxSteps'?"),
     ],
 )
 def test_where_a_key_belongs(setting: str, words: str, tmp_path: Path) -> None:
