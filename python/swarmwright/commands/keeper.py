@@ -102,7 +102,10 @@ class Keeper:
                 if self._process is not None and self._process.returncode is not None:
                     self._ended()
             if self._channel.fileno() in readable:
-                data, descriptors, _, _ = socket.recv_fds(self._channel, _LARGEST_MESSAGE_BYTES, 3)
+                try:
+                    data, descriptors, _, _ = socket.recv_fds(self._channel, _LARGEST_MESSAGE_BYTES, 3)
+                except ConnectionResetError:  # closed before all that was said had been read
+                    data, descriptors = b"", []
                 if not data:
                     if self._process is not None:
                         self._kill(_GRACE_S)

@@ -1,6 +1,7 @@
 """Whatever goes wrong with a command is a failed evaluation with its reason, and no process is left."""
 
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -388,6 +389,18 @@ def test_the_keeper_is_killed(traced: Traced) -> None:
     with pytest.raises(CommandFailure, match="the process that starts commands has ended"):
         processes.report()
     assert traced.left(within=5) == []
+
+
+def test_the_keeper_ends_where_a_report_was_not_read(
+    traced: Traced, capfd: pytest.CaptureFixture[str]
+) -> None:
+    processes = Processes()
+    # What starts is said, and that it has ended: neither is read here.
+    processes.start(["sh", "-c", "exit 3"], traced.folder, {"TRACED": traced.mark}, 1000, (0, 1, 2))
+    assert select.select([processes.channel], [], [], 20.0)[0]
+    processes.channel.close()
+    assert processes._keeper.wait(20.0) == 0
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_an_interrupt_is_no_failure_of_the_episode(
