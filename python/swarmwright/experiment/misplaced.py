@@ -1,6 +1,5 @@
 """Keys that stand in the wrong section of an experiment."""
 
-import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from typing import Any
@@ -9,6 +8,7 @@ from pydantic import BaseModel
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import ALIASES
+from swarmwright.core.suggestions import nearest
 from swarmwright.experiment.document import (
     DEFAULT_KINDS,
     Document,
@@ -20,11 +20,11 @@ from swarmwright.experiment.document import (
 from swarmwright.plug_ins import REGISTRIES
 
 
-def _keys(model: type[BaseModel]) -> set[str]:
-    return {field.alias or name for name, field in model.model_fields.items()}
+def _keys(model: type[BaseModel]) -> list[str]:
+    return [field.alias or name for name, field in model.model_fields.items()]
 
 
-TOP = frozenset(_keys(Document))
+TOP = tuple(_keys(Document))
 """Keys at the top of an experiment."""
 _SECTIONS: Mapping[str, type[BaseModel]] = {
     "requirements": Requirements,
@@ -34,8 +34,6 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 }
 _UNKNOWN = ("unknown key", "unknown parameter of ")
 """How messages about keys begin that are not known where they stand."""
-_NEAR = re.compile(r"did you mean '(.+?)'\?")
-"""What is said of a key that is nearly that of another one here."""
 _CALLED = "it is called"
 """What is said of a key that has another name here."""
 
@@ -61,9 +59,9 @@ def with_right_place(
     found = " or ".join(right_places(key, section, values, parameters))
     if not found:
         return message
-    near = _NEAR.search(message)
+    near = nearest(key, parameters if section == "parameters" else _keys_of(section, values))
     # Rather "episodes" of this section for "episode" than the same key of another one.
-    if near is None or not (near[1].startswith(key) or key.startswith(near[1])):
+    if near is None or not (near.startswith(key) or key.startswith(near)):
         return f"{subject}; it belongs to another section: {found}"
     # The names of parameters are the simulation's: that one is also a key elsewhere means nothing.
     return message if section == "parameters" else f"{message} In another section there is {found}"
@@ -83,6 +81,13 @@ def right_places(
         meant = next((one for one in (key, *ALIASES.get(key.casefold(), ())) if one in keys), None)
         if name != section and meant is not None and meant != "kind":
             yield f"{name}.{meant}"
+
+
+def _keys_of(section: str, values: Mapping[str, Any]) -> Collection[str]:
+    """Return the keys of a section, those of the top where it is empty."""
+    if not section:
+        return TOP
+    return next((_keys(model) for name, model in _models(values) if name == section), ())
 
 
 def _kinds_with(key: str, section: str) -> list[str]:
