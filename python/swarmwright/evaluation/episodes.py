@@ -22,7 +22,7 @@ from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.experiment.fitness import Fault
 from swarmwright.representations.controller import ControlledEpisodes, Controller
-from swarmwright.simulations import catalogue, titles
+from swarmwright.simulations import catalogue, near_names
 
 
 class Observation(NamedTuple):  # noqa: PLW1641 - arrays have no hash, nor have tuples of them
@@ -355,6 +355,6 @@ def _experiment(simulation: object, parameters: Mapping[str, Any] | None) -> Exp
             f"of the class {type(simulation).__name__}"
         )
     if not catalogue.is_here(found.simulation):
-        hint = titles.alike(found.simulation)
+        hint = near_names.alike(found.simulation)
         raise InputError(f"simulation: {found.simulation!r} is not built in, nor a class in Python{hint}")
     return found

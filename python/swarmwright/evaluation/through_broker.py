@@ -31,7 +31,7 @@ from swarmwright.evaluation.module_code import is_in_python, with_digests
 from swarmwright.evaluation.warning_times import WarningTimes
 from swarmwright.experiment.derived import fitness_expression, steers_agents
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.simulations import catalogue, titles
+from swarmwright.simulations import catalogue, near_names
 from swarmwright.store import Journal
 
 
@@ -64,7 +64,7 @@ class BrokerBackend:
                 self.sensors, self.actuators = pool.wait_for_server(sizes=steers_agents(experiment))
         except RunError as error:
             self.check()
-            hint = titles.alike(experiment.simulation)
+            hint = near_names.alike(experiment.simulation)
             if isinstance(error.__cause__, _engine.NoServerError):
                 hint = hint or _advice(experiment)
             raise RunError(f"{error}{self._metrics_hint() or hint}") from error

@@ -6,10 +6,9 @@ from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
-from swarmwright.core.simulation_names import LIBRARIES
-from swarmwright.core.suggestions import nearest
+from swarmwright.core.simulation_names import LIBRARIES, SIMULATORS
+from swarmwright.core.suggestions import did_you_mean, nearest
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.titles import not_here
 
 _MOST_FILES = 200
 """Files of a folder in which classes are looked for."""
@@ -23,9 +22,19 @@ def unknown_simulation(name: str, folder: Path | None = None) -> str:
     folder: in which classes are looked for, without importing them; default: the working folder.
     """
     meant = _meant(name, folder or Path())
-    if meant is None:
-        return not_here(name)
-    return f"unknown simulation {name!r}; did you mean {meant!r}? available: {', '.join(catalogue.titles())}"
+    if meant is None and name in SIMULATORS:
+        return f"{name!r} is not built in: servers of another simulator offer it, see {SIMULATORS[name]}"
+    near = alike(name) or ";" if meant is None else f"; did you mean {meant!r}?"
+    return f"unknown simulation {name!r}{near} available: {', '.join(catalogue.titles())}"
+
+
+def alike(simulation: str) -> str:
+    """Return "; did you mean 'x'?" for a title near a known one: built in, or of another simulator.
+
+    Empty for a title that is known, and where none is near.
+    """
+    known = (*catalogue.titles(), *SIMULATORS)
+    return "" if catalogue.is_here(simulation) or simulation in known else did_you_mean(simulation, known)
 
 
 def no_experiment(path: Path) -> str:

@@ -1,11 +1,13 @@
 """What was probably meant by the name of a simulation."""
 
+import re
 from pathlib import Path
 
 import pytest
 
-from swarmwright import Experiment, InputError, optimize
-from swarmwright.simulations.near_names import unknown_simulation
+from swarmwright import Experiment, InputError, optimize, simulate
+from swarmwright.core.simulation_names import SIMULATORS
+from swarmwright.simulations.near_names import alike, unknown_simulation
 
 SOURCE = """
 from swarmwright import Simulation
@@ -52,3 +54,58 @@ def test_a_class_in_the_place_of_an_experiment(source: str, name: str, tmp_path:
     (tmp_path / "chase.py").write_text(source)
     with pytest.raises(InputError, match=rf"is a program in Python, .* the line 'simulation: {name}'$"):
         Experiment.load(tmp_path / "chase.py")
+
+
+def test_every_simulator_that_has_servers_is_known(root: Path) -> None:
+    sources = [
+        source
+        for folder in ("wrappers/argos", "wrappers/stage", "wrappers/gazebo/src")
+        for source in (root / folder).rglob("*.?pp")
+        if "build" not in source.parts
+    ]
+    sources += (root / "python" / "swarmwright" / "adapters").rglob("*.py")
+    found = {
+        title
+        for source in sources
+        for title in re.findall(r'"((?:arena-[a-z0-9]+)|argos|stage)"', source.read_text(encoding="utf-8"))
+    }
+    assert found == set(SIMULATORS)
+
+
+@pytest.mark.parametrize(("title", "page"), SIMULATORS.items())
+def test_their_pages_tell_of_them(root: Path, title: str, page: str) -> None:
+    assert title in (root / page).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("arena-gazbo", "arena-gazebo"),
+        ("arena_gazebo", "arena-gazebo"),
+        ("gazebo", "arena-gazebo"),
+        ("mujoco", "arena-mujoco"),
+        ("arina", "arena"),
+    ],
+)
+def test_titles_of_simulators_that_are_nearly_right(written: str, meant: str) -> None:
+    assert alike(written) == f"; did you mean '{meant}'?"
+    assert unknown_simulation(written).startswith(
+        f"unknown simulation {written!r}; did you mean '{meant}'? available: arena,"
+    )
+
+
+@pytest.mark.parametrize("title", ["arena", "arena-gazebo", "stage", "file.py:Class"])
+def test_what_is_known_is_not_corrected(title: str) -> None:
+    assert alike(title) == ""
+
+
+def test_where_one_is_found_is_told() -> None:
+    experiment = Experiment.from_mapping({"simulation": "arena-gazebo"})
+    with pytest.raises(InputError) as caught:
+        simulate(experiment, servers="local")
+    assert str(caught.value) == (
+        "simulation: 'arena-gazebo' is not built in: servers of another simulator offer it, see "
+        "docs/how-to/attach-gazebo.md; name the broker on which one does"
+    )
+    with pytest.raises(InputError, match="needs a broker on which a server offers it, as arena-argos, "):
+        simulate(Experiment.from_mapping({"simulation": "gazebo"}), servers="local")
