@@ -75,12 +75,8 @@ class Ahead:
         *,
         first_seed: int,
         run: str,
-        samples: bool,
     ) -> Self | None:
-        """Begin where the method is; None where Python has a part in a generation.
-
-        samples: whether the store keeps what genomes are made from instead of them.
-        """
+        """Begin where the method is; None where Python has a part in a generation."""
         if not (can_be_ahead(method, ranking) and _genes_are_weights(representation)):
             return None
         assert isinstance(method, SearchMethod)
@@ -106,7 +102,6 @@ class Ahead:
                 target=method.options.target,
                 run=run,
                 generation=method.generation,
-                samples=samples,
             )
         return cls(producer, backend, on_progress)
 

@@ -208,7 +208,6 @@ class Loop:
                 *(self._method, self._ranking, self._representation, backend, watched),
                 first_seed=self._first_seed,
                 run=self._name,
-                samples=self._recorder.samples,
             )
         if self._ahead is not None:
             with closing(self._ahead):

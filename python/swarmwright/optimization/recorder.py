@@ -35,14 +35,9 @@ class Recorder:
         """Take what tells failures of the simulation's code from other reasons: the backend's."""
         self._failure_of = failure_of
 
-    @property
-    def samples(self) -> bool:
-        """Whether the store keeps what genomes are made from instead of them, where that is shorter."""
-        return self._store.samples
-
     def keeps(self, sample: _engine.Sample, genomes: Genomes) -> bool:
         """Return whether the store keeps a sample instead of the genomes that are made from it."""
-        return self._store.samples and sample.is_shorter and len(sample) == len(genomes)
+        return sample.is_shorter and len(sample) == len(genomes)
 
     def hold(self, told: Told) -> None:
         """Take the last generation, to be stored later."""

@@ -20,12 +20,7 @@ BEST, FRONT = "best", "front"
 """Fact of runs of nsga2, and its value: of equal fitness, the best evaluation is one of the front. Stores of
 earlier versions lack it: there it is the first, and so is the one of the validation and of best.json."""
 FORMAT = 5
-"""Version of the run folder: 1 had text files only, 2 a row for each evaluation, 3 no samples, 4 samples with
-other random numbers."""
-SAMPLES = 5
-"""From this version on there are samples that are known."""
-_UNKNOWN_SAMPLES = 4
-_OLDEST = 3
+"""Version of the store. No other version is read."""
 _PAGES = ((1 << 20, 65536), (3 << 14, 16384), (0, 4096))
 """Least bytes of a generation, and bytes of a page: larger pages take half the time, but make the file larger
 where generations do not fill them."""
@@ -34,6 +29,10 @@ _PATIENCE = 30.0
 _PAGE_MARGIN = 1 << 17
 """Bytes below the largest size of a file at which a write may fail: a page and its header."""
 _CAN_SERIALIZE = hasattr(sqlite3.Connection, "serialize")  # SQLite can be built without it
+_LARGEST_VALUE = 1 << 28
+"""Bytes of the longest value that is read. A column of a block has at most 4 MiB, or one evaluation."""
+_INSTRUCTIONS = 1_000_000
+"""Instructions of SQLite's virtual machine, some milliseconds, between two looks for signals."""
 _APPLICATION = 0x5377_726D  # "Swrm", by which `file` and others tell what the file is
 
 _TABLES = """
@@ -128,6 +127,7 @@ def reopen(file: Path) -> sqlite3.Connection:
 
     Raises InputError when it is not a store, damaged or read-only, RunError when the disk is full or fails.
     """
+    _check_regular(file)
     with errors(file, InputError, disk=RunError):
         connection = sqlite3.connect(f"{file.absolute().as_uri()}?mode=rw", uri=True, isolation_level=None)
         try:
@@ -222,6 +222,7 @@ def connect_to_read(file: Path) -> sqlite3.Connection:
 
 
 def _connect_checked(file: Path, how: str) -> sqlite3.Connection:
+    _check_regular(file)
     # An iterator may go on, or be thrown away, in another thread than it was begun in.
     connection = sqlite3.connect(
         f"{file.absolute().as_uri()}?{how}", uri=True, isolation_level=None, check_same_thread=False
@@ -234,30 +235,69 @@ def _connect_checked(file: Path, how: str) -> sqlite3.Connection:
     return connection
 
 
+def _check_regular(file: Path) -> None:
+    """Raise InputError for a pipe, a device or a folder in the place of a store: opening it may never end."""
+    if file.exists() and not file.is_file():
+        raise InputError(f"{file}: is not a regular file, so it is not a run store")
+
+
 def _check(connection: sqlite3.Connection, file: Path) -> None:
+    """Prepare a connection for a store that may come from anywhere.
+
+    A view or a trigger in a received store would run whatever its author wrote, for as long as it likes, so
+    the schema is compared before any table is read. Raises InputError.
+    """
+    for pragma in ("trusted_schema = OFF", "cell_size_check = ON"):
+        connection.execute(f"PRAGMA {pragma}")
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST_VALUE)
+    connection.set_progress_handler(_go_on, _INSTRUCTIONS)
     (application,) = connection.execute("PRAGMA application_id").fetchone()
-    version = version_of(connection)
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
     if application != _APPLICATION:
         raise InputError(f"{file}: is not a Swarmwright run store")
     if version > FORMAT:
-        raise FormatError(
-            f"{file}: has format {version}; this Swarmwright knows formats up to {FORMAT}: update it"
-        )
-    if version < _OLDEST or (version == _UNKNOWN_SAMPLES and _has_samples(connection)):
+        raise FormatError(f"{file}: has format {version}; this Swarmwright reads format {FORMAT}: update it")
+    if version < FORMAT:
         raise FormatError(
             f"{file}: has format {version}, which this version of Swarmwright does not read; to compute the "
             f"run again: swarmwright optimize {file.with_name('experiment.yaml')} --out NEW"
         )
+    _check_schema(connection, file)
 
 
-def _has_samples(connection: sqlite3.Connection) -> bool:
-    return connection.execute("SELECT 1 FROM sample LIMIT 1").fetchone() is not None
+def _go_on() -> int:
+    """Let Python handle signals: an exception of a signal handler, as of Ctrl-C, ends the statement."""
+    return 0
 
 
-def version_of(connection: sqlite3.Connection) -> int:
-    """Return the version of a store."""
-    (version,) = connection.execute("PRAGMA user_version").fetchone()
-    return int(version)
+def _check_schema(connection: sqlite3.Connection, file: Path) -> None:
+    """Raise InputError unless a store has exactly the tables of `_TABLES`: no view, trigger or index."""
+    expected, found = _schema(), _read_schema(connection)
+    for key in sorted(expected.keys() | found.keys()):
+        if expected.get(key) != found.get(key):
+            kind, name = key
+            problem = (
+                f"lacks the {kind} {name}"
+                if key not in found
+                else f"has the {kind} {name}, which Swarmwright does not write"
+                if key not in expected
+                else f"defines the {kind} {name} differently"
+            )
+            raise InputError(
+                f"{file}: is not a store that Swarmwright wrote: it {problem}; nothing was read from it"
+            )
+
+
+def _read_schema(connection: sqlite3.Connection) -> dict[tuple[str, str], str]:
+    rows = connection.execute("SELECT type, name, tbl_name, sql FROM sqlite_schema")
+    return {(str(kind), str(name)): f"{table}: {sql}" for kind, name, table, sql in rows}
+
+
+@lru_cache
+def _schema() -> dict[tuple[str, str], str]:
+    with closing(sqlite3.connect(":memory:", isolation_level=None)) as connection:
+        _make_tables(connection, _PAGES[-1][1])
+        return _read_schema(connection)
 
 
 def _settle(connection: sqlite3.Connection) -> None:
@@ -296,6 +336,9 @@ def errors(file: Path, kind: _Kind, *, disk: _Kind | None = None) -> Iterator[No
         yield
     except sqlite3.Error as error:
         code = code_of(error)
+        if code == sqlite3.SQLITE_INTERRUPT:
+            # Nothing but `_go_on` interrupts, where a signal handler has raised an exception: that of Ctrl-C.
+            raise KeyboardInterrupt from error
         if disk is None and kind is InputError and code in _DISK and _full(file):
             raise InputError(
                 f"{file}: cannot be read while the disk is full, since the index of its log needs a file "

@@ -17,7 +17,6 @@ from swarmwright.core.order import best_first
 from swarmwright.core.statistics import Summary
 from swarmwright.store import digests
 from swarmwright.store.blocks import COLUMNS, EvaluationsDigest, Record, Sample, decoded, of_columns
-from swarmwright.store.database import SAMPLES, version_of
 
 _COLUMNS = (
     "generation, first, seeds, evaluations, best, mean, best_so_far, lower_quartile, median, upper_quartile, "
@@ -95,7 +94,6 @@ class Generations:
         self._connection = connection
         self._file = file
         self._end = end
-        self._samples = version_of(connection) >= SAMPLES
 
     def rows(self) -> list[Row]:
         """Return every finished generation."""
@@ -188,8 +186,6 @@ class Generations:
         return sample
 
     def _sample(self, row: Row) -> Sample | None:
-        if not self._samples:
-            return None
         found: Sample | None = self._connection.execute(_SAMPLE, (row.generation,)).fetchone()
         return found
 

@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Self
 
 from swarmwright.core.errors import RunError
-from swarmwright.store.database import FILE, NEW, SAMPLES, connect, create, errors, reopen, version_of
+from swarmwright.store.database import FILE, NEW, connect, create, errors, reopen
 
 _LONGEST_WAIT_S = 60.0
 """Seconds for which the end of the process waits for the disk."""
@@ -31,7 +31,6 @@ class OpenStore:
         self.draft = draft
         """Whether it is a draft."""
         self._connection = connection
-        self._samples: bool | None = None  # not known yet
 
     @classmethod
     def create(cls, file: Path, facts: Mapping[str, str], generation: int) -> Self:
@@ -54,14 +53,6 @@ class OpenStore:
         if not self.is_open:
             self._go_on()
         return self._connection
-
-    @property
-    def samples(self) -> bool:
-        """Whether it has samples; one that an earlier version began goes on with genomes."""
-        if self._samples is None:
-            with errors(self.file, RunError):
-                self._samples = version_of(self.connection) >= SAMPLES
-        return self._samples
 
     @property
     def name(self) -> str:

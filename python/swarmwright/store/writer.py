@@ -230,11 +230,6 @@ class StoreWriter:
         if len(self._finished) >= _WORTHWHILE_GENERATIONS:
             self._flush()
 
-    @property
-    def samples(self) -> bool:
-        """Whether it keeps what genomes are made from instead of them."""
-        return self._store.samples
-
     def keep_soon(self) -> None:
         """End the draft when its time is over; called from time to time. Raises RunError as `commit`."""
         if self._store.draft and time.monotonic() - self._started >= _DRAFT_S:

@@ -51,23 +51,6 @@ def rows(folder: Path, query: str) -> list[Any]:
     return found
 
 
-def with_genomes(folder: Path) -> None:
-    """Make of a store what the version before would have written."""
-    run = Run.open(folder)
-    record = run.record
-    store = sqlite3.connect(folder / FILE)
-    with store:
-        for first, count in store.execute("SELECT first, evaluations FROM block").fetchall():
-            part = record.genomes[first : first + count].tobytes()
-            store.execute("UPDATE block SET genomes = ? WHERE first = ?", (part, first))
-        store.execute("DELETE FROM sample")
-    store.close()
-    seal(folder)
-    store = sqlite3.connect(folder / FILE)
-    store.executescript("DROP TABLE sample; PRAGMA user_version = 3")
-    store.close()
-
-
 @pytest.mark.parametrize("method", SAMPLED, ids=lambda method: f"{method['kind']}-{method['generations']}")
 def test_genomes_are_what_the_reference_makes_of_the_table(method: dict[str, Any], tmp_path: Path) -> None:
     run = optimize(experiment(method), out=tmp_path / "run")
@@ -139,25 +122,6 @@ def test_one_evaluation_is_that_of_the_record(sampled: Run) -> None:
     for generation in sampled._store.generations():
         begin = generation.generation * 40
         assert generation.made().tobytes() == record.genomes[begin : begin + 40].tobytes()
-
-
-def test_a_store_with_genomes_is_read_and_goes_on_with_genomes(
-    copied: Path, sampled: Run, tmp_path: Path
-) -> None:
-    with_genomes(copied)
-    before = (copied / FILE).read_bytes()
-    old = Run.open(copied)
-    assert old.record.genomes.tobytes() == sampled.record.genomes.tobytes()
-    assert old.evaluation(57).genome.tobytes() == sampled.evaluation(57).genome.tobytes()
-    assert program(["runs", "verify", str(copied)]) == 0
-    assert program(["runs", "diff", str(copied), str(sampled.path)]) == 0
-    assert (copied / FILE).read_bytes() == before, "reading changes nothing"
-    longer = resume(copied, generations=7)
-    whole = optimize(experiment(SAMPLED[0] | {"generations": 7}), out=tmp_path / "whole")
-    assert longer.record.genomes.tobytes() == whole.record.genomes.tobytes()
-    assert longer.record.fitness.tobytes() == whole.record.fitness.tobytes()
-    assert rows(copied, "PRAGMA user_version") == [(3,)]
-    assert (0,) not in rows(copied, "SELECT length(genomes) FROM block")
 
 
 def as_long(value: int) -> Callable[[Path], None]:

@@ -3,6 +3,7 @@
 import errno
 import os
 import shutil
+import signal
 import sqlite3
 import threading
 from pathlib import Path
@@ -13,8 +14,10 @@ import pytest
 from click.testing import CliRunner
 
 from swarmwright import InputError, Run, RunError, optimize, resume
+from swarmwright.cli import run
 from swarmwright.cli._commands import program
 from swarmwright.store import FILE, Journal, StoreReader, StoreWriter, WarningEntry
+from swarmwright.store.database import reading
 from swarmwright.store.lock import LOCK, Lock, _opened, is_locked
 from tests.python.records import EXPERIMENT, change, change_numbers, seal
 
@@ -243,16 +246,61 @@ def test_a_store_of_another_version_is_left_alone(copy: Path, version: int, word
     assert (copy / FILE).read_bytes() == before
 
 
-def test_samples_with_the_random_numbers_of_format_4_are_not_made(copy: Path) -> None:
+ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT"
+HOSTILE = {
+    "a fact that is computed without end": (
+        f"DROP TABLE fact; CREATE VIEW fact AS {ENDLESS} 'a' AS name, i AS value FROM n",
+        "lacks the table fact",
+    ),
+    "generations without end": (
+        f"DROP TABLE generation; CREATE VIEW generation AS {ENDLESS} i AS generation FROM n",
+        "lacks the table generation",
+    ),
+    "a trigger": (
+        "CREATE TRIGGER t AFTER INSERT ON generation BEGIN DELETE FROM fact; END",
+        "has the trigger t, which",
+    ),
+    "another view": ("CREATE VIEW other AS SELECT 1", "has the view other"),
+    "an index": ("CREATE INDEX i ON attempt (error)", "has the index i"),
+    "a generated column": (
+        "ALTER TABLE event ADD COLUMN x AS (zeroblob(100000000))",
+        "defines the table event differently",
+    ),
+}
+
+
+@pytest.mark.parametrize(("statements", "words"), HOSTILE.values(), ids=HOSTILE)
+def test_a_store_with_another_schema_is_not_read(copy: Path, statements: str, words: str) -> None:
     with sqlite3.connect(copy / FILE) as store:
-        store.execute("PRAGMA user_version = 4")
-        assert Run.open(copy).generations == 4  # it has genomes
-        store.execute("INSERT INTO sample VALUES (0, '{}', x'00')")
+        store.executescript(statements)
     store.close()
+    before = (copy / FILE).read_bytes()
     for attempt in (Run.open, resume):
-        with pytest.raises(
-            InputError, match=r"has format 4, .*: swarmwright optimize .*experiment\.yaml --out NEW"
-        ):
+        with pytest.raises(InputError, match=words):
+            attempt(copy)
+    assert run(["runs", "verify", str(copy)]) == 1
+    assert run(["runs", "show", str(copy)]) == 2
+    assert run(["runs", "list", str(copy.parent)]) in (0, 2)  # it is named, and the others are listed
+    assert (copy / FILE).read_bytes() == before
+
+
+def test_reading_a_store_can_be_interrupted(copy: Path) -> None:
+    def read_for_ever() -> None:
+        with reading(copy / FILE) as connection:
+            threading.Timer(0.1, signal.raise_signal, [signal.SIGINT]).start()
+            connection.execute(f"{ENDLESS} max(i) FROM n").fetchone()
+
+    with pytest.raises(KeyboardInterrupt):
+        read_for_ever()
+
+
+def test_a_pipe_in_the_place_of_a_store_is_not_opened(copy: Path) -> None:
+    (copy / FILE).unlink()
+    os.mkfifo(copy / FILE)
+    with pytest.raises(InputError, match=r"run\.sqlite: is not a regular file"):
+        StoreReader(copy)
+    for attempt in (Run.open, resume, lambda folder: optimize(EXPERIMENT, out=folder)):
+        with pytest.raises(InputError):
             attempt(copy)
 
 
