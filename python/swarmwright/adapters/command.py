@@ -28,6 +28,7 @@ from swarmwright.commands.running import Limits, run
 from swarmwright.commands.stepwise import Start
 from swarmwright.core.errors import EpisodeError, InputError, explained
 from swarmwright.core.simulation_names import SimulationName
+from swarmwright.core.temporary import private_place, remove
 from swarmwright.experiment.fitness import OWN, FitnessExpression
 from swarmwright.representations.controller import Controller
 from swarmwright.simulations.base import Simulation
@@ -360,7 +361,7 @@ class CommandSimulation(Simulation):
         elif keep == "all":
             kept = self.folder
         else:
-            folders.remove(self.folder)
+            remove(self.folder)
             return
         if is_named:
             _log.warning("%s: %s; the work folder of this episode is kept: %s", self._label, failure, kept)
@@ -423,7 +424,7 @@ class CommandSimulation(Simulation):
     def _ready(self) -> tuple[folders.Instance, Processes]:
         """Return the instance and its processes, which are made where there are none."""
         if self._instance is None:
-            place = folders.default_place() if self.options.work is None else self._here / self.options.work
+            place = private_place() if self.options.work is None else self._here / self.options.work
             self._instance = folders.Instance(place)
             if self.options.keep != "all":
                 self._instance.clear()

@@ -12,13 +12,14 @@ from typing import Any, ClassVar
 
 from swarmwright.adapters.command import CommandSimulation
 from swarmwright.commands.definition import CommandOptions
-from swarmwright.commands.folders import Instance, default_place
+from swarmwright.commands.folders import Instance
 from swarmwright.commands.process import resolved_word
 from swarmwright.commands.ros_definition import ATTACHMENT, DOMAINS, RosOptions
 from swarmwright.commands.stepwise import Start
 from swarmwright.core.errors import InputError
 from swarmwright.core.ranges import Range
 from swarmwright.core.simulation_names import SimulationName
+from swarmwright.core.temporary import private_place
 
 
 class RosSimulation(CommandSimulation):
@@ -74,7 +75,7 @@ class RosSimulation(CommandSimulation):
         with contextlib.ExitStack() as locks:
             for name in names:
                 text = "\n".join([str(self._definition.ros), *where, name])
-                path = default_place() / f"ros-{hashlib.sha256(text.encode()).hexdigest()[:16]}.lock"
+                path = private_place() / f"ros-{hashlib.sha256(text.encode()).hexdigest()[:16]}.lock"
                 lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
                 locks.callback(os.close, lock)
                 try:

@@ -2,17 +2,14 @@
 
 import contextlib
 import fcntl
-import getpass
 import itertools
 import os
-import shutil
 import socket
-import stat
-import tempfile
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.message_kinds import kind_of
+from swarmwright.core.temporary import private_place, remove
 
 _PORTS, _EACH = 21_000, 20
 """First port, and how many belong to an instance."""
@@ -22,15 +19,6 @@ _MOST_KINDS = 5
 """Kinds of failures of a process of which a work folder is kept."""
 _MOST_FAILED = 10
 """Work folders of failed episodes that are kept for an instance's number, the latest ones."""
-
-
-def default_place() -> Path:
-    """Return the user's folder for work folders."""
-    try:
-        user = getpass.getuser()
-    except (OSError, KeyError):
-        user = str(os.getuid())
-    return Path(tempfile.gettempdir()) / f"swarmwright-{user}"
 
 
 class Instance:
@@ -46,15 +34,10 @@ class Instance:
         self.place = place
         try:
             # Numbers, and so ports and displays, are the user's, wherever the work folders are.
-            locks = default_place()
-            for one in (locks, place):
-                one.mkdir(mode=0o700, parents=True, exist_ok=True)
-            status = locks.lstat()
-            if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
-                raise InputError(f"{locks} is not a folder of this user, as it has to be; delete it")
-            self.number = self._lock(locks)
+            self.number = self._lock(private_place())
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
             self.folder = place / f"instance-{self.number}"
-            self.folder.mkdir(exist_ok=True)
+            self._make_folder()
         except OSError as error:
             raise InputError(
                 f"simulation.work: {place} cannot be written: {error.strerror}; name another folder"
@@ -73,6 +56,11 @@ class Instance:
             self._descriptor = descriptor
             return number
         raise InputError(f"more than {_MOST_INSTANCES} instances of commands run on this machine")
+
+    def _make_folder(self) -> None:
+        if self.folder.is_symlink():  # a program has replaced it
+            remove(self.folder)
+        self.folder.mkdir(exist_ok=True)
 
     def port(self) -> int:
         """Return a TCP port that no process listens on, and that no other instance gets."""
@@ -95,6 +83,7 @@ class Instance:
 
     def new_folder(self, name: str) -> Path:
         """Return a new, empty work folder."""
+        self._make_folder()
         folder = self.folder / name
         remove(folder)
         folder.mkdir()
@@ -130,18 +119,6 @@ class Instance:
             self.folder.rmdir()
         with contextlib.suppress(OSError):
             os.close(self._descriptor)
-
-
-def remove(folder: Path) -> None:
-    """Delete a folder with everything in it, also what cannot be written."""
-    if not folder.exists():
-        return
-    shutil.rmtree(folder, ignore_errors=True)
-    if folder.exists():
-        for inner, _, _ in os.walk(folder):
-            with contextlib.suppress(OSError):
-                Path(inner).chmod(0o700)
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def size_of(folder: Path) -> int:

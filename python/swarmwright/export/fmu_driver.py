@@ -1,6 +1,5 @@
 """FMUs driven by FMPy."""
 
-import tempfile
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -10,6 +9,7 @@ from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import RunError
+from swarmwright.core.temporary import TemporaryFolder
 from swarmwright.export.sequences import Sequences
 from swarmwright.fmu.description import described
 from swarmwright.fmu.instances import FmuError, Instance, unpacked
@@ -33,12 +33,12 @@ class Driver:
         self._file, self._description = file, described(file)
 
     def __enter__(self) -> Self:
-        self._folder = tempfile.TemporaryDirectory(prefix="swarmwright-fmu-")
+        self._folder = TemporaryFolder("fmu")
         try:
-            folder = unpacked(str(self._file), Path(self._folder.name))
+            folder = unpacked(str(self._file), self._folder.path)
             self.instance = Instance(self._description, folder, "verified", log=None)
         except FmuError as error:
-            self._folder.cleanup()
+            self._folder.close()
             raise RunError(f"verification: FMPy cannot use {self._file.name}: {error}") from error
         return self
 
@@ -46,7 +46,7 @@ class Driver:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.instance.end()
-        self._folder.cleanup()
+        self._folder.close()
 
     def drive(self, sequences: Sequences) -> NDArray[np.float32]:
         """Return the actuators after each step, (steps, actuators), a period a step.

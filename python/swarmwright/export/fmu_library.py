@@ -3,12 +3,12 @@
 import io
 import re
 import subprocess
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.temporary import TemporaryFolder
 from swarmwright.export._base import Files
 from swarmwright.export.c import LANGUAGE
 from swarmwright.export.fmu_parts import zipped
@@ -41,8 +41,7 @@ def library(prefix: str, sources: Mapping[str, bytes], fmi: str) -> tuple[str, b
         "CC", ("cc", "gcc", "clang"), "apt install gcc", needed_by="an FMU holds a library, which"
     )
     machine, system, ending = _platform(compiler)
-    with tempfile.TemporaryDirectory(prefix="swarmwright-fmu-") as place:
-        folder = Path(place)
+    with TemporaryFolder("fmu") as folder:
         for name, data in sources.items():
             (folder / name).write_bytes(data)
         standard = standard_option(compiler, LANGUAGE.standard)

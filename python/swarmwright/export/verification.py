@@ -1,10 +1,9 @@
 """Exported controllers compared with the engine's, in random sequences and in episodes of the simulation."""
 
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
+from swarmwright.core.temporary import TemporaryFolder
 from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.sequences import RANDOM_SEQUENCES, difference, random_sequences
 from swarmwright.export.subject import Subject
@@ -70,8 +69,7 @@ def verify(exporter: Exporter, subject: Subject, prefix: str, files: Files) -> V
         InputError: a program that this needs is not installed.
         RunError: it could not be compiled, failed, or its self-test did.
     """
-    with tempfile.TemporaryDirectory(prefix="swarmwright-export-") as place:
-        folder = Path(place)
+    with TemporaryFolder("export") as folder:
         for name, content in files.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(file_bytes(content))

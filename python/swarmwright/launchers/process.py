@@ -3,12 +3,12 @@
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import Field
 
 from swarmwright.core.errors import RunError
+from swarmwright.core.temporary import TemporaryFolder
 from swarmwright.launchers._base import Health, Launcher, LauncherError, LauncherOptions
 from swarmwright.launchers._specification import Specification
 from swarmwright.supervision import Event, News, Output, Supervisor
@@ -52,13 +52,13 @@ class Process(Launcher):
         super().__init__(options, specification)
         self._output = Output()
         self._warnings: dict[int, deque[str]] = {}
-        self._folder: TemporaryDirectory[str] | None = None
+        self._folder: TemporaryFolder | None = None
         self._supervisor: Supervisor | None = None
 
     def open(self) -> None:
         """Write the files that servers read, and begin to watch."""
-        self._folder = TemporaryDirectory(prefix="swarmwright-")
-        here = Path(self._folder.name)
+        self._folder = TemporaryFolder("servers")
+        here = self._folder.path
         for name, data in self.specification.files().items():
             (here / name).touch(0o600)
             (here / name).write_bytes(data)
@@ -115,7 +115,7 @@ class Process(Launcher):
             self._supervisor = None
         self._output.close()
         if self._folder is not None:
-            self._folder.cleanup()
+            self._folder.close()
             self._folder = None
 
     def attach(self, pool: "_engine.Pool | None", servers: Sequence[int]) -> None:

@@ -1,14 +1,23 @@
 """The class that people derive from, with the functions of D6.1."""
 
+import contextlib
+import stat
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from swarmwright import CommandSimulation, Experiment, InputError, evaluate, optimize, repeat, simulate
-from swarmwright.commands import folders
+from swarmwright import (
+    CommandSimulation,
+    Experiment,
+    InputError,
+    SwarmwrightError,
+    evaluate,
+    optimize,
+    repeat,
+    simulate,
+)
 from tests.python.commands.processes import WELL, Traced
 from tests.python.records import same_record
 
@@ -136,13 +145,19 @@ def test_instances_side_by_side_share_nothing(traced: Traced) -> None:
     assert simulate(one) == 1
 
 
-def test_the_place_of_work_folders_must_be_the_users_own(
-    traced: Traced, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("level", ["folder", "instance"])
+def test_a_program_that_replaces_its_folder_by_a_link_changes_nothing_there(
+    traced: Traced, tmp_path: Path, level: str
 ) -> None:
-    """In a folder that all can write, somebody may have put a link there."""
-    (tmp_path / "elsewhere").mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    folders.default_place().symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(InputError, match="is not a folder of this user"):
-        simulate(traced.shell(WELL))
-    assert not list((tmp_path / "elsewhere").iterdir())
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "log.csv").write_text("fitness\n1.5\n")
+    elsewhere.chmod(0o555)
+    replaced = "$PWD" if level == "folder" else "$(dirname $PWD)"
+    script = f"folder={replaced}; cd /; rm -rf $folder; ln -s {elsewhere} $folder"
+    experiment = traced.shell(script, work="work")
+    with contextlib.suppress(SwarmwrightError):  # whether it finds a log there matters to nobody
+        simulate(experiment)
+    assert stat.S_IMODE(elsewhere.stat().st_mode) == 0o555
+    assert (elsewhere / "log.csv").exists()
+    assert simulate(traced.shell(WELL, work="work")) == simulate(traced.shell(WELL))

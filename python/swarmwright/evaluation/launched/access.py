@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Self
 from urllib.parse import urlsplit
 
@@ -16,6 +15,7 @@ from swarmwright import _engine
 from swarmwright.broker.mosquitto import Account, access_rules
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.open_files import allow_more_open_files
+from swarmwright.core.temporary import TemporaryFolder
 
 _CERTIFICATE_DAYS = 366
 """Term of the certificate, which is made for one run."""
@@ -137,7 +137,7 @@ def embedded(
 def _with_accounts(
     stack: ExitStack, hosts: Sequence[str], accounts: Sequence[str], *, port: int | None, prefix: str
 ) -> Access:
-    folder = Path(stack.enter_context(TemporaryDirectory(prefix="swarmwright-")))  # mode 0700
+    folder = stack.enter_context(TemporaryFolder("broker"))
     names = list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1"]))
     with engine_errors("servers: broker_host: "):
         authority, _, certificate, key = _engine.certificates(names, _CERTIFICATE_DAYS)
