@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +92,24 @@ def test_code_travels_once_and_the_record_is_the_same(machine: Machine, tmp_path
     assert copied.name == f"{hashlib.sha256(copied.read_bytes()).hexdigest()}.tar.gz"
     assert not list((machine.folder / "cache" / "run").iterdir())
     until(lambda: machine.servers() == [])
+
+
+@pytest.mark.timeout(120)
+def test_values_of_the_environment_are_in_no_arguments(machine: Machine, tmp_path: Path) -> None:
+    found: set[str] = set()
+
+    def look(_generation: object) -> None:
+        for process in Path("/proc").glob("[0-9]*"):
+            with suppress(OSError):
+                arguments = (process / "cmdline").read_bytes()
+                if b"serve" in arguments:
+                    found.add("server")
+                if b"a-licence-key" in arguments:
+                    found.add(arguments.decode())
+
+    made = experiment(machine, written(tmp_path / "simulation"), environment={"LICENCE": "a-licence-key"})
+    optimize(made, look, out=tmp_path / "run", progress=False)
+    assert found == {"server"}
 
 
 @pytest.mark.timeout(120)

@@ -43,10 +43,32 @@ def prepared(
     return [*setup, unset, *lines, f"cd {folder} || exit 1"]
 
 
-def unpacked(archive: str, folder: str) -> str:
-    """Return the line of shell that unpacks code into a folder of one server; both are words of shell."""
-    # Of a job that was begun again, the folder is there.
-    return f"rm -rf {folder} && mkdir -p {folder} && tar -xzof {archive} -C {folder} || exit 1"
+def unpacked(archive: str, sha256: str, folder: str) -> list[str]:
+    """Return the lines of shell that unpack code into a folder of one server.
+
+    The server ends where the archive is another one: machines and jobs share it, and keep it for long.
+
+    Args:
+        archive: file with the code; a word of shell.
+        sha256: of the archive, in hexadecimal.
+        folder: a word of shell. Of a job that was begun again, it is there.
+    """
+    return [
+        f"digest=$({sha256_of(archive)})",
+        f'if [ "${{digest:-{sha256}}}" != {sha256} ]; then',
+        f"  echo {archive}: has SHA-256 $digest instead of {sha256}, so it is not unpacked >&2",
+        "  exit 1",
+        "fi",
+        f"rm -rf {folder} && mkdir -p {folder} && tar -xzof {archive} -C {folder} || exit 1",
+    ]
+
+
+def sha256_of(file: str) -> str:
+    """Return the command that prints the SHA-256 of a file, or nothing where no program computes it.
+
+    file: a word of shell.
+    """
+    return f"{{ sha256sum || shasum -a 256; }} 2> /dev/null < {file} | cut -c -64"
 
 
 def called(options: RemoteOptions, specification: Specification, server: int) -> str:

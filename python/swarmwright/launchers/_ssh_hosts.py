@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.launchers._base import Health
-from swarmwright.launchers._remote import called, prepared, unpacked
+from swarmwright.launchers._remote import called, prepared, sha256_of, unpacked
 from swarmwright.launchers._specification import Specification
 
 if TYPE_CHECKING:
@@ -29,6 +29,10 @@ _JUMP_CLOSE_S = 0.1
 """Seconds for connections to jump hosts, which close after those that they carry."""
 _KEPT_LINES = 200
 """Lines that are kept of what a server prints."""
+
+
+_SCRIPT = "serve.sh"
+"""File of the script that runs a server."""
 
 
 class _Unusable(Exception):  # noqa: N818 - a state
@@ -203,7 +207,7 @@ class Hosts:
         if code is None:
             return None
         base = str(PurePosixPath(machine.home, self._options.folder, "code"))
-        file, part = f"{base}/{code.sha256}.tar.gz", f"{base}/{self._token}-{machine.number}.part"
+        file, part = f"{base}/{code.sha256}.tar.gz", f"{base}/{secrets.token_hex(8)}.part"
         if await self._digest(machine, file) == code.sha256:
             return file
         async with _files(machine) as files:
@@ -215,9 +219,8 @@ class Hosts:
 
     async def _digest(self, machine: _Machine, file: str) -> str:
         """Return the SHA-256 of a file; empty where there is none, or no program that computes it."""
-        hashed = f"{{ sha256sum || shasum -a 256; }} < {shlex.quote(file)}"
-        said = await self._ask(machine, f"( {hashed} ) 2> /dev/null || true")
-        return next(iter(said.split("\n")[-2:]), "").partition(" ")[0]
+        said = await self._ask(machine, f"( {sha256_of(shlex.quote(file))} ) 2> /dev/null || true")
+        return next(iter(said.split("\n")[-2:]), "")
 
     def _assign(self) -> None:
         """Give waiting servers to free slots."""
@@ -244,10 +247,10 @@ class Hosts:
         import asyncssh  # noqa: PLC0415 - optional
 
         try:
-            folder = await self._copy_secrets(machine, server)
-            script = self._script(machine, server, folder)
+            machine.archive = await self._copy_code(machine)  # what is there may have been changed
+            folder = await self._copy_files(machine, server)
             one.process = await machine.connection.create_process(
-                f"sh -c {shlex.quote(script)}", stderr=asyncssh.STDOUT, errors="replace"
+                f"sh {shlex.quote(f'{folder}/{_SCRIPT}')}", stderr=asyncssh.STDOUT, errors="replace"
             )
             async for line in one.process.stdout:
                 one.lines.append(line.rstrip("\n"))
@@ -257,7 +260,7 @@ class Hosts:
             one.health = Health("ended", f"{how} on {machine.name}")
             if status is None:
                 self._lost(machine, "the connection ended")
-        except (OSError, asyncssh.Error) as error:
+        except (OSError, asyncssh.Error, _Unusable) as error:
             words = getattr(error, "reason", "") or str(error)
             one.health = Health("ended", f"on {machine.name}: {words}")
             self._lost(machine, words)
@@ -268,14 +271,16 @@ class Hosts:
         machine.problem = words
         machine.again_at = asyncio.get_running_loop().time() + RETRY_S
 
-    async def _copy_secrets(self, machine: _Machine, server: int) -> str:
+    async def _copy_files(self, machine: _Machine, server: int) -> str:
+        """Copy secrets and the script, whose environment all users of the machine could read as arguments."""
         import asyncssh  # noqa: PLC0415 - optional
 
         folder = str(PurePosixPath(machine.home, self._options.folder, "run", f"{self._token}-{server}"))
         private = asyncssh.SFTPAttrs(permissions=0o600)
         async with _files(machine) as files:
             await files.makedirs(folder, asyncssh.SFTPAttrs(permissions=0o700), exist_ok=True)
-            for name, data in self._specification.files().items():
+            script = self._script(machine, server, folder).encode()
+            for name, data in {**self._specification.files(), _SCRIPT: script}.items():
                 async with files.open(f"{folder}/{name}", "wb", private) as file:
                     await file.write(data)
         return folder
@@ -288,7 +293,8 @@ class Hosts:
         if machine.archive is not None:
             # What the simulation writes there, no other server finds.
             code = f"{quoted}/code"
-            unpack = [unpacked(shlex.quote(machine.archive), code)]
+            assert self._specification.code is not None
+            unpack = unpacked(shlex.quote(machine.archive), self._specification.code.sha256, code)
         return "\n".join(
             [
                 f"trap 'rm -rf {quoted}' EXIT",

@@ -248,7 +248,7 @@ class Slurm(Launcher):
         if self.specification.code is not None:
             # What the simulation writes there, no other server finds.
             code = f'{folder}/"code-${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID"'
-            unpack = [unpacked(f"{folder}/{ARCHIVE}", code)]
+            unpack = unpacked(f"{folder}/{ARCHIVE}", self.specification.code.sha256, code)
         variables = self.specification.variables(str(self._folder))
         marked = called(self.options, self.specification, 0).replace("--id 0", '--id "$server"')
         return "\n".join(

@@ -11,7 +11,7 @@ import pytest
 
 from swarmwright.launchers import Code, LauncherError, Specification
 from swarmwright.launchers._kubernetes_manifests import job
-from swarmwright.launchers._remote import RemoteOptions, prepared
+from swarmwright.launchers._remote import RemoteOptions, prepared, unpacked
 from swarmwright.launchers.kubernetes import KubernetesOptions
 from swarmwright.launchers.slurm import Slurm, SlurmOptions
 
@@ -128,3 +128,19 @@ def test_each_job_has_the_code_in_a_folder_of_its_own(programs: Path, tmp_path: 
     assert len({folder for folder, _ in found}) == 2
     launcher.close()
     assert not list((tmp_path / "shared" / "run").iterdir())
+
+
+def test_an_archive_with_another_digest_is_not_unpacked(tmp_path: Path) -> None:
+    archive, folder = tmp_path / "the code.tar.gz", shlex.quote(str(tmp_path / "unpacked code"))
+    archive.write_bytes(CODE.archive)
+    script = "\n".join([*unpacked(shlex.quote(str(archive)), CODE.sha256, folder), "echo done"])
+    assert shell(script) == "done\n"
+    assert (tmp_path / "unpacked code" / "gather.py").is_file()
+    archive.write_bytes(Code.of({"gather.py": b"import os\n"}).archive)
+    (tmp_path / "unpacked code" / "gather.py").unlink()
+    result = subprocess.run(["/bin/sh", "-c", script], capture_output=True, text=True, check=False)
+    assert result.returncode == 1
+    assert re.search(
+        rf"the code\.tar\.gz: has SHA-256 [0-9a-f]{{64}} instead of {CODE.sha256}", result.stderr
+    )
+    assert not (tmp_path / "unpacked code" / "gather.py").exists()
