@@ -3,7 +3,7 @@
 import builtins
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
@@ -24,12 +24,16 @@ class Apart:
     Args:
         folder: where they are.
         names: of modules and packages in it, at its top.
+        importable: returns the name by which a module can be imported elsewhere, of its name in the folder.
+            The module knows that name, and the process knows the module by it, so that what it defines can be
+            pickled. Packages keep their own names.
     """
 
-    def __init__(self, folder: Path, names: set[str]) -> None:
+    def __init__(self, folder: Path, names: set[str], importable: Callable[[str], str] | None = None) -> None:
         self._folder = folder
         self.names = names
         """Of the modules and packages that are the folder's."""
+        self.importable = importable
         self._modules: dict[str, ModuleType] = {}
         self._inside = False
         self.builtins = {**vars(builtins), "__import__": self._import}
@@ -106,9 +110,9 @@ class FromSource(SourceFileLoader):
     may have no effect.
     """
 
-    def get_code(self, fullname: str) -> CodeType:
+    def get_code(self, fullname: str) -> CodeType:  # noqa: ARG002 - as Python calls it
         """Return the compiled source."""
-        path = self.get_filename(fullname)
+        path = self.path
         code: CodeType = self.source_to_code(self.get_data(path), path)
         return code
 
@@ -123,4 +127,15 @@ class _Loader(FromSource):
     def exec_module(self, module: ModuleType) -> None:
         """Run the module's code."""
         module.__dict__["__builtins__"] = self._apart.builtins
-        super().exec_module(module)
+        importable = self._apart.importable
+        inside = module.__name__.partition(".")[0] in self._apart.names and not hasattr(module, "__path__")
+        if importable is None or not inside:
+            super().exec_module(module)
+            return
+        name = module.__name__ = importable(module.__name__)
+        sys.modules[name] = module
+        try:
+            super().exec_module(module)
+        except BaseException:
+            del sys.modules[name]
+            raise

@@ -7,6 +7,8 @@ import threading
 import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
+from multiprocessing import current_process
 from pathlib import Path
 from types import ModuleType
 
@@ -20,7 +22,14 @@ from swarmwright.simulations.base import Described, Simulation
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.environment_classes import as_environment
 from swarmwright.simulations.hosts import Kind
-from swarmwright.simulations.names import FROM_FILE, environment_held, files
+from swarmwright.simulations.names import (
+    FROM_FILE,
+    environment_held,
+    files,
+    module_name,
+    module_name_beside,
+    place_of_module,
+)
 from swarmwright.simulations.physics import Physics
 from swarmwright.user_code import trust
 from swarmwright.user_code.changes import choose
@@ -29,7 +38,7 @@ from swarmwright.user_code.copying import Copy, Kept
 from swarmwright.user_code.imports import Walk
 from swarmwright.user_code.notices import copy_is_used
 from swarmwright.user_code.parts import Part, of_simulation
-from swarmwright.user_code.permission import require_command, require_copy
+from swarmwright.user_code.permission import require_command, require_copy, require_file
 
 _stamps: dict[str, dict[Path, tuple[int, int] | None]] = {}
 """Path of a file -> that and its neighbours as they were when it was imported."""
@@ -63,6 +72,8 @@ def load(name: str, folder: Path | None = None) -> Kind:
     Raises InputError: there is no such file, module, class or environment, or importing it fails.
     """
     parsed = SimulationName.parse(name)
+    if parsed.module.startswith(FROM_FILE):
+        raise InputError(f"{name!r}: name the file of the class itself: path/to/file.py:Class")
     held = environment_held(name)
     if held is not None:
         return _kept_environment(name, *held)
@@ -124,11 +135,11 @@ def _kept_command(name: str) -> str:
     now = of_simulation(name)
     if now is None or now.digests.get(kept.main) != kept.digests[kept.main]:
         # The files are those of the copy, but the command is another one.
-        if not serving:
+        if not _is_started_by_another():
             require_command(name)
         return name
     choice = choose(copy, kept)
-    if not serving:
+    if not _is_started_by_another():
         require_copy(copy, kept, choice)
         if choice.copied and choice.instead is not None:
             copy_is_used(copy, kept, choice.instead)
@@ -138,12 +149,12 @@ def _kept_command(name: str) -> str:
 def _kept_environment(name: str, copy: Copy, kept: Kept) -> type[Simulation]:
     """Return the class of an environment whose modules are a run's copy, which it imports."""
     if name not in _environments:
-        if not serving:  # else the process that started this server has asked
+        if not _is_started_by_another():  # which has asked
             require_copy(copy, kept, choose(copy, kept))
         base = importlib.import_module("swarmwright.adapters").simulation(kept.component)
         attributes = {
             "adapted": name,
-            "apart": isolation.Apart(copy.folder / kept.name, _top(set(kept.digests) - kept.data)),
+            "apart": _apart(copy.folder / kept.name, _top(set(kept.digests) - kept.data)),
             "__module__": base.__module__,
             "__doc__": base.__doc__,
         }
@@ -154,6 +165,43 @@ def _kept_environment(name: str, copy: Copy, kept: Kept) -> type[Simulation]:
 def _top(places: Iterable[str]) -> set[str]:
     """Return the modules and packages at the top of a folder of modules."""
     return {one.partition("/")[0].partition(".")[0] for one in places}
+
+
+def _apart(folder: Path, names: set[str]) -> isolation.Apart:
+    """Return the modules of a folder, isolated; what they define can be pickled."""
+    return isolation.Apart(folder, names, partial(module_name_beside, folder))
+
+
+def module_named(name: str) -> ModuleType:
+    """Import a module by the name that a process which imported its file knows it by.
+
+    Worker processes do this when they unpickle what the file defines. Elsewhere the name could come from
+    anywhere, so the file has to be trusted as one that a run folder names. Raises InputError.
+    """
+    path, inside = place_of_module(name)
+    file = path / f"{inside.replace('.', '/')}.py" if inside else path
+    if not _is_worker():
+        held = Copy.holding(file)
+        if held is None:
+            require_file(f"{file}:")
+        else:
+            require_copy(*held, choose(*held))
+    if not inside:
+        return _from_file(path)
+    names = {one.stem for one in path.iterdir() if one.suffix in {"", ".py"}}
+    with _explained(str(file)), _apart(path, names).entered():
+        importlib.import_module(inside)
+    return sys.modules[name]
+
+
+def _is_worker() -> bool:
+    """Whether another process started this one to work for it, and was allowed to run its code."""
+    return current_process().name != "MainProcess"
+
+
+def _is_started_by_another() -> bool:
+    """Whether this is a server or a worker: the process that started it has asked for permission."""
+    return serving or _is_worker()
 
 
 def code_in(path: Path) -> tuple[ModuleType, str]:
@@ -209,22 +257,22 @@ def _import_copy(copy: Copy, kept: Kept) -> ModuleType:
     if place in files:
         return files[place]
     choice = choose(copy, kept)
-    if not serving:  # else the process that started this server has asked
+    if not _is_started_by_another():  # which has asked
         require_copy(copy, kept, choice)
     if not choice.copied:
         part = choice.part
         return _file(part.origin) if part.module is None else _module(part.module)
-    if choice.instead is not None and not serving:
+    if choice.instead is not None and not _is_started_by_another():
         copy_is_used(copy, kept, choice.instead)
     code = [one for one in kept.digests if one not in kept.data]
     places = [one for one in code if kept.module is not None or one != kept.main]
-    apart = isolation.Apart(copy.folder / kept.name, _top(places))
+    apart = _apart(copy.folder / kept.name, _top(places))
     if kept.module is not None and "." in kept.module:
         with apart.entered():
             files[place] = _module(kept.module)
     else:
         with _explained(place):
-            files[place] = apart.load(f"{FROM_FILE}{place}", Path(place))
+            files[place] = apart.load(module_name(Path(place)), Path(place))
     return files[place]
 
 
@@ -270,10 +318,10 @@ def _executed(path: Path, hidden: set[str]) -> ModuleType:
     hidden: modules beside the file by whose names the process knows others: the file gets its own.
     """
     # A name that no import statement can have, so that it hides no other module.
-    name = f"{FROM_FILE}{path}"
+    name = module_name(path)
     with _explained(str(path)):
         if hidden:
-            return isolation.Apart(path.parent, hidden).load(name, path)
+            return _apart(path.parent, hidden).load(name, path)
         _look_in(path.parent)
         loader = isolation.FromSource(name, str(path))
         spec = importlib.util.spec_from_file_location(name, path, loader=loader)
@@ -372,7 +420,9 @@ def _failure(name: str, error: BaseException) -> str:
     if isinstance(error, SwarmwrightError | ImportError):  # which says what is wrong with the file's own line
         frames = [frame for frame in frames if frame.filename == name] or frames
     place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else name
-    if isinstance(error, ImportError) and FROM_FILE in str(error):
+    if isinstance(error, ImportError) and (
+        FROM_FILE.rstrip(".") in str(error) or "beyond top-level package" in str(error)
+    ):
         return f"{place}: {_relative_import(Path(frames[-1].filename if frames else name))}"
     said = words_of(error)
     words = f": {said}" if said.strip() else ""

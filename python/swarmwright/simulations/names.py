@@ -4,17 +4,40 @@ import os
 import sys
 from pathlib import Path
 from types import ModuleType
-from urllib.parse import quote, unquote
+from urllib.parse import quote, unquote, unquote_to_bytes
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code.copying import FOLDER as CODE
 from swarmwright.user_code.copying import Copy, Kept, beside
 
-FROM_FILE = "swarmwright simulation "
-"""Begins the name of modules that are named by their file."""
+FROM_FILE = "swarmwright_files."
+"""Begins the name of modules that are named by their file, see that package."""
+_SCRIPTS = ("__main__", "__mp_main__")
+"""What the module of a script is called, in its process and in those that multiprocessing starts."""
 files: dict[str, ModuleType] = {}
 """Path of a file -> its module."""
+
+
+def module_name(file: Path) -> str:
+    """Return the name under which the module of a file can be imported, in any process."""
+    return f"{FROM_FILE}{_quoted(os.fsencode(file))}"
+
+
+def module_name_beside(folder: Path, module: str) -> str:
+    """Return the same for a module of a folder whose modules are isolated from others of their names."""
+    return f"{module_name(folder)}:{_quoted(module.encode())}"
+
+
+def place_of_module(name: str) -> tuple[Path, str]:
+    """Return the file of a name that `module_name` made, and ""; else the folder, and the module in it."""
+    path, _, module = name.removeprefix(FROM_FILE).partition(":")
+    return Path(os.fsdecode(unquote_to_bytes(path))), unquote(module)
+
+
+def _quoted(text: bytes) -> str:
+    """Return text that is one part of the name of a module: without dots; colons separate, see above."""
+    return quote(text, safe="/").replace(".", "%2E")
 
 
 def absolute(name: str, folder: Path | None = None) -> str:
@@ -85,7 +108,7 @@ def name_of(kind: type) -> str:
         )
     module = sys.modules.get(kind.__module__)
     file = getattr(module, "__file__", None)
-    if module is not None and file is not None and kind.__module__.startswith(("__main__", FROM_FILE)):
+    if module is not None and file is not None and kind.__module__.startswith((*_SCRIPTS, FROM_FILE)):
         path = str(Path(file).resolve())
         files.setdefault(path, module)
         return f"{path}:{kind.__name__}"

@@ -10,6 +10,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
 _NO_FILE = {"built-in", "frozen"}
+_OWN = {"swarmwright", "swarmwright_files"}
 
 
 class Walk:
@@ -71,7 +72,7 @@ class Walk:
     def _take(self, parts: list[str], places: Sequence[str] | None) -> Sequence[str] | None:
         """Note the file of a module; return where its submodules are, None where they are not followed."""
         name = ".".join(parts)
-        if parts[0] in sys.stdlib_module_names or parts[0] == "swarmwright":
+        if parts[0] in sys.stdlib_module_names or parts[0] in _OWN:
             return None
         spec = self._top(name) if places is None else _found(name, places)
         if spec is None or spec.origin in _NO_FILE:

@@ -1,0 +1,47 @@
+"""Modules that Swarmwright imported by their file, under names that every process can import.
+
+`swarmwright_files./home/me/maze%2Epy` is the module of `/home/me/maze.py`. With such a name, classes and
+functions of the file can be pickled, and worker processes (multiprocessing, joblib, Gymnasium's vector
+environments) find them. In an experiment, name the file itself: `/home/me/maze.py:Maze`.
+
+This package lies beside `swarmwright`, not in it, so that `logging.getLogger(__name__)` in the file is no
+child of Swarmwright's logger.
+"""
+
+import sys
+from collections.abc import Sequence
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+__path__: list[str] = []  # a package, so that Python asks for modules below it
+
+
+class _Files:
+    """Finds and loads the modules below this package."""
+
+    @staticmethod
+    def find_spec(
+        name: str,
+        path: Sequence[str] | None = None,  # noqa: ARG004 - as Python calls it
+        target: ModuleType | None = None,  # noqa: ARG004 - as above
+    ) -> ModuleSpec | None:
+        """Return the spec of a module of a file, None for any other name."""
+        if not name.startswith((f"{__name__}./", f"{__name__}.%")):
+            return None
+        return ModuleSpec(name, _Files)
+
+    @staticmethod
+    def create_module(spec: ModuleSpec) -> ModuleType | None:  # noqa: ARG004 - as Python calls it
+        """Leave it to Python."""
+        return None
+
+    @staticmethod
+    def exec_module(module: ModuleType) -> None:
+        """Import the file. Raises InputError."""
+        from swarmwright.simulations.loading import module_named  # noqa: PLC0415 - only where it is needed
+
+        name = module.__name__
+        sys.modules[name] = module_named(name)
+
+
+sys.meta_path.append(_Files)
