@@ -30,6 +30,7 @@ def problems(
         return
     for name, message in unknown(simulation, evolved):
         yield (*_EVOLVED, name), message
+    yield from _undeclared_booleans(simulation, evolved)
     everything = catalogue.takes_any(simulation)
     names = catalogue.parameter_names(simulation)
     known = {name: one for name, one in evolved.items() if everything or name in names}
@@ -49,6 +50,19 @@ def problems(
             ("controller", "kind"),
             f"parameter_set steers no agents, but agents of {title} must be steered; {cure}",
         )
+
+
+def _undeclared_booleans(simulation: str, evolved: Mapping[str, Parameter]) -> Iterator[tuple[Path_, str]]:
+    """Yield booleans of simulations that would get 0 and 1 instead: all but classes that declare them."""
+    for name, one in evolved.items():
+        if not (isinstance(one, CategoricalParameter) and one.are_booleans):
+            continue
+        if not catalogue.declares_boolean(simulation, name):
+            message = (
+                f"booleans need a class in Python in which the default of {name} is True or False; write "
+                '[0, 1] or ["false", "true"], whichever the simulation reads'
+            )
+            yield (*_EVOLVED, name, "choices"), message
 
 
 def unknown(simulation: str, names: Iterable[str]) -> Iterator[tuple[str, str]]:
@@ -78,6 +92,8 @@ def _refusals(
         # Where a limit is refused as well, that the number between them has a fraction is not what is wrong.
         if isinstance(one, RealParameter) and all((wrong, repr(end)) not in found for end in _limits(one)):
             hint = "; for a parameter of integers write type: integer"
+        if type(refused) is int and catalogue.declares_boolean(simulation, wrong):
+            hint = "; for a boolean write {type: categorical, choices: [true, false]}"
         yield (*_EVOLVED, wrong), f"{catalogue.title(simulation)} refuses {refused!r}: {reason}{hint}"
 
 

@@ -1,5 +1,6 @@
 """Named parameters of simulations that steer their agents themselves."""
 
+from collections.abc import Sequence
 from decimal import Decimal, localcontext
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
+from swarmwright.core.arrays import shortest
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
 from swarmwright.core.random_numbers import Stream, Streams
@@ -85,23 +87,60 @@ class IntegerParameter(_NumberParameter):
 
 
 def _choices(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
-    if (
+    if not (
         isinstance(value, list | tuple)
         and len(value) >= 2
-        and all(isinstance(choice, str) for choice in value)
+        and (_all_are(value, str) or _all_are(value, bool) or _all_are(value, int, float))
         and len(set(value)) == len(value) <= _LARGEST_INTEGER
     ):
-        return list(value)
-    raise ValueError(f"must be a list of at least two different texts, not {shown(value)}")
+        raise ValueError(
+            f"must be a list of at least two different texts, numbers or booleans, not {shown(value)}"
+        )
+    if _all_are(value, int, float):
+        whole = _all_are(value, int)
+        for choice in value:
+            _check_number(choice, whole=whole)
+    return list(value)
+
+
+def _all_are(values: Sequence[Any], *kinds: type) -> bool:
+    """Whether all values are of some types; True and False are no numbers."""
+    return all(type(value) in kinds for value in values)
+
+
+def _check_number(choice: float, *, whole: bool) -> None:
+    """Raise ValueError for a number that is another one as the 32-bit float that is sent."""
+    largest = _LARGEST_INTEGER if whole else _LARGEST_REAL
+    if not abs(choice) <= largest:  # NaN is not
+        raise ValueError(f"{shown(choice)} is outside of -{largest:g} to {largest:g}")
+    (single,) = shortest(np.array([choice], dtype=np.float32))
+    if single != choice:
+        raise ValueError(
+            f"{shown(choice)} is {single!r} as a 32-bit float, which is what is sent; write that"
+        )
 
 
 class CategoricalParameter(Options):
-    """One of several texts, none of which is nearer to another than the rest."""
+    """One of several values, none of which is nearer to another than the rest."""
 
     type: Literal["categorical"]
-    """One of several texts."""
-    choices: Annotated[list[str], BeforeValidator(_choices)]
-    """The texts."""
+    """One of several values."""
+    choices: Annotated[
+        Any,
+        BeforeValidator(_choices),
+        WithJsonSchema({"type": "array", "items": {"type": ["string", "number", "boolean"]}, "minItems": 2}),
+    ]
+    """The values: all are texts, or numbers, or booleans."""
+
+    @property
+    def are_texts(self) -> bool:
+        """Whether the choices are texts, which are sent by their index; of others the value is."""
+        return isinstance(self.choices[0], str)
+
+    @property
+    def are_booleans(self) -> bool:
+        """Whether the choices are True and False, which are sent as 1 and 0."""
+        return isinstance(self.choices[0], bool)
 
 
 Parameter = Annotated[RealParameter | IntegerParameter | CategoricalParameter, Field(discriminator="type")]
@@ -113,9 +152,9 @@ class ParameterSetOptions(RepresentationOptions):
     kind: Literal["parameter_set"] = "parameter_set"
     parameters: dict[str, Parameter] = Field(min_length=1, max_length=10_000)
     """What is evolved, by the parameter's name: {type: real, range: [0, 5]}, {type: integer, range: [1, 10]}
-    or {type: categorical, choices: [a, b]}. A real or integer has a scale: linear (default), or log for a
-    range above 0 whose orders of magnitude count. The simulation's other parameters are under the
-    experiment's key parameters; none is in both."""
+    or {type: categorical, choices: [a, b]}, also of numbers or booleans. A real or integer has a scale:
+    linear (default), or log for a range above 0 whose orders of magnitude count. The simulation's other
+    parameters are under the experiment's key parameters; none is in both."""
 
     @model_validator(mode="after")
     def _names(self) -> "ParameterSetOptions":
@@ -136,8 +175,9 @@ class ParameterSet(Representation):
     Genes lie in 0..1, one for each parameter in the order of the file; beyond, the limit counts. A real is
     low + g * (high - low), or low * (high / low) ** g on the log scale. For an integer 0..1 is cut into as
     many parts as there are values, equally wide, or on the log scale as wide as the logarithms of n and n + 1
-    are apart. For a categorical it is cut equally. Everything is computed in binary64, in single operations
-    that are the same everywhere, and rounded to the float32 that is sent as its shortest decimal.
+    are apart. For a categorical it is cut equally into its choices. Everything is computed in binary64, in
+    single operations that are the same everywhere, and rounded to the float32 that is sent as its shortest
+    decimal.
 
     A mutation moves a number's gene uniformly within +-severity, with `probability`, and reflects it at 0 and
     1; a categorical changes with `probability` times `severity` to one of the others, all equally likely. A
@@ -173,17 +213,23 @@ class ParameterSet(Representation):
         )
 
     def architecture(self) -> dict[str, Any]:
-        """Return names and types of the parameters, and the choices that indices select."""
+        """Return names and types of the parameters, and the texts that indices select.
+
+        Choices that are numbers or booleans are a real or an integer: what the weight says is the value.
+        """
         parameters: list[dict[str, Any]] = []
         for name, one in self.options.parameters.items():
             described: dict[str, Any] = {"name": name, "type": one.type}
             if isinstance(one, CategoricalParameter):
-                described["choices"] = one.choices
+                if one.are_texts:
+                    described["choices"] = one.choices
+                else:
+                    described["type"] = "real" if any(type(c) is float for c in one.choices) else "integer"
             parameters.append(described)
         return {"version": 1, "kind": self.kind, "parameters": parameters}
 
     def weights(self, genomes: Genomes) -> NDArray[np.float32]:
-        """Return the values, (candidates, parameters); of categoricals the index of the choice."""
+        """Return the values, (candidates, parameters); of texts the index of the choice."""
         genes = np.clip(genomes.astype(np.float64), 0.0, 1.0)
         columns = [
             _value(one, genes[..., index]) for index, one in enumerate(self.options.parameters.values())
@@ -298,7 +344,11 @@ def _part(genes: Numbers, parts: Numbers | float) -> Numbers:
 
 def _value(parameter: RealParameter | IntegerParameter | CategoricalParameter, genes: Numbers) -> Numbers:
     if isinstance(parameter, CategoricalParameter):
-        return _part(genes, float(len(parameter.choices)))
+        index = _part(genes, float(len(parameter.choices)))
+        if parameter.are_texts:
+            return index
+        chosen: Numbers = np.array(parameter.choices, dtype=np.float64)[index.astype(np.intp)]
+        return chosen
     low, high = (float(bound) for bound in parameter.range)
     if isinstance(parameter, IntegerParameter):
         if parameter.scale == "linear":

@@ -341,6 +341,17 @@ def parameter_names(simulation: str) -> list[str]:
     return list(dict.fromkeys([*description(simulation)["parameters"], "seed"]))
 
 
+def declares_boolean(simulation: str, name: str) -> bool:
+    """Return whether a parameter is one of a class in Python, which gets True or False for it.
+
+    Raises InputError when the class cannot be loaded.
+    """
+    if _engine_title(simulation) is not None:
+        return False
+    known = _python_description(simulation).parameters
+    return name in known and bool(known[name].kind == "boolean")
+
+
 def takes_any(simulation: str) -> bool:
     """Return whether any other parameter is possible, too: in a class that declares none."""
     return is_python(simulation) and not description(simulation)["parameters"]

@@ -236,7 +236,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         given = dict(parameters)
         try:
             seed = _seed(given.pop("seed", 0))
-            values = filled_in(self.description.parameters, given)
+            values = filled_in(self.description.parameters, given, sent=True)
             self._notice_unknown(given)
             if self.has_groups:
                 self._groups = counted(self.description.groups, values)

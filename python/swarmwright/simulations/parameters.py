@@ -99,11 +99,22 @@ def declared(parameters: Mapping[str, Any], where: str) -> dict[str, Parameter]:
     return found
 
 
-def filled_in(known: Mapping[str, Parameter], given: Mapping[str, Any]) -> dict[str, Any]:
+def filled_in(
+    known: Mapping[str, Parameter], given: Mapping[str, Any], *, sent: bool = False
+) -> dict[str, Any]:
     """Return what `reset` gets: what is given, checked, and the defaults of what is not.
+
+    sent: whether a tool has sent the values; those of booleans that are evolved are 0 and 1.
 
     Raises InputError, "name: what is wrong".
     """
+    if sent:
+        given = {
+            name: bool(value)
+            if name in known and known[name].kind == "boolean" and type(value) is int and value in (0, 1)
+            else value
+            for name, value in given.items()
+        }
     values = {name: copy.deepcopy(one.default) for name, one in known.items()}
     for name, value in given.items():
         if name in known:

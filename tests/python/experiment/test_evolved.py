@@ -5,9 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from swarmwright import Controller, Experiment, InputError, Run, RunError, optimize, simulate
+from swarmwright import Controller, Experiment, InputError, Run, RunError, evaluate, optimize, simulate
 from tests.python.records import same_record
 
 PARAMETERS: dict[str, dict[str, Any]] = {
@@ -266,7 +267,9 @@ def test_the_parameter_that_is_wrong_is_named(tmp_path: Path) -> None:
     found = str(raised.value).replace(f"{file}:", "").splitlines()
     assert [line.partition(" refuses ")[0] for line in found] == ["7: controller.parameters.big: world"] * 2
     assert [line.partition(" refuses ")[2] for line in found] == [
-        f"{value}: {value} found, expected a boolean" for value in (0, 1)
+        f"{value}: {value} found, expected a boolean; for a boolean write {{type: categorical, choices: "
+        "[true, false]}"
+        for value in (0, 1)
     ]
 
 
@@ -276,3 +279,68 @@ def test_integers_are_proposed_only_where_both_limits_are_accepted() -> None:
     found = str(raised.value).splitlines()
     assert [line.partition("refuses ")[2].partition(":")[0] for line in found][:1] == ["0.0"]
     assert "write type: integer" not in str(raised.value)
+
+
+STEERED = """
+from swarmwright import Parameter, Simulation
+
+
+class Steered(Simulation):
+    title, sensors, actuators = "steered", 0, 0
+    parameters = {"gear": Parameter(1, choices=[1, 2, 4]), "share": 0.5, "walls": True}
+
+    def reset(self, parameters, seed):
+        assert type(parameters["gear"]) is int
+        assert type(parameters["share"]) is float
+        assert type(parameters["walls"]) is bool
+        self.value = parameters["gear"] + parameters["share"] + 10 * parameters["walls"]
+
+    def step(self, actions):
+        pass
+
+    def done(self):
+        return True
+
+    def fitness(self):
+        return self.value
+"""
+
+
+def test_choices_that_are_numbers_or_booleans(tmp_path: Path) -> None:
+    (tmp_path / "steered.py").write_text(STEERED)
+    evolved = {
+        "gear": {"type": "categorical", "choices": [1, 2, 4]},
+        "share": {"type": "categorical", "choices": [0.25, 0.5]},
+        "walls": {"type": "categorical", "choices": [True, False]},
+    }
+    values = {
+        "simulation": f"{tmp_path}/steered.py:Steered",
+        "controller": {"kind": "parameter_set", "parameters": evolved},
+    }
+    experiment = Experiment.from_mapping(values)
+    genomes = np.array([[0, 0, 0], [0.5, 1, 1], [1, 0, 1]], dtype=np.float32)
+    assert evaluate(experiment, genomes, servers="in-process").tolist() == [11.25, 2.5, 4.25]
+    again = Experiment.from_mapping(experiment.to_mapping())
+    assert again.to_mapping() == experiment.to_mapping()
+    evolved["gear"]["choices"] = [1, 3]
+    with pytest.raises(InputError, match=r"gear: .* refuses 3: 3 found, expected one of 1, 2, 4"):
+        Experiment.from_mapping(values)
+
+
+@pytest.mark.parametrize(
+    ("simulation", "name"),
+    [
+        ("minisim", "hops"),
+        ({"command": "python3 -V", "log": "stdout"}, "walls"),
+        ("steered.py:Steered", "gear"),
+    ],
+)
+def test_booleans_need_a_class_that_declares_them(
+    simulation: Any, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("steered.py").write_text(STEERED)
+    evolved = {name: {"type": "categorical", "choices": [True, False]}}
+    controller = {"kind": "parameter_set", "parameters": evolved}
+    with pytest.raises(InputError, match=rf"controller\.parameters\.{name}\.choices: booleans need a class"):
+        Experiment.from_mapping({"simulation": simulation, "controller": controller, "fitness": "m"})

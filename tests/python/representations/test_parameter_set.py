@@ -23,6 +23,11 @@ ONE_OF_EACH: dict[str, dict[str, Any]] = {
     "size": {"type": "integer", "range": [1, 1000], "scale": "log"},
     "strategy": {"type": "categorical", "choices": ["wait", "go", "ask"]},
 }
+OF_NUMBERS: dict[str, dict[str, Any]] = {
+    "gear": {"type": "categorical", "choices": [1, 2, 4]},
+    "share": {"type": "categorical", "choices": [0.1, 1]},
+    "walls": {"type": "categorical", "choices": [True, False]},
+}
 
 
 def parameter_set(parameters: dict[str, dict[str, Any]]) -> ParameterSet:
@@ -38,7 +43,7 @@ def decoded(parameter: dict[str, Any], *genes: float) -> list[float]:
 
 @pytest.mark.parametrize(
     "parameters",
-    [ONE_OF_EACH, *({name: one} for name, one in ONE_OF_EACH.items())],
+    [ONE_OF_EACH, OF_NUMBERS, *({name: one} for name, one in ONE_OF_EACH.items())],
     ids="-".join,
 )
 def test_it_conforms(parameters: dict[str, Any]) -> None:
@@ -57,6 +62,10 @@ def test_genes_become_values() -> None:
     ]  # fmt: skip
     assert decoded({"type": "categorical", "choices": ["a", "b"]}, 0, 0.49, 0.5, 1) == [0, 0, 1, 1]
     assert decoded({"type": "real", "range": [0, 1]}, -3, 7) == [0, 1]
+    # Of choices that are no texts, the value is the weight.
+    assert decoded({"type": "categorical", "choices": [4, 1, 16]}, 0, 0.34, 0.67, 1) == [4, 1, 16, 16]
+    assert decoded({"type": "categorical", "choices": [0.1, -3]}, 0, 1) == [0.1, -3]
+    assert decoded({"type": "categorical", "choices": [True, False]}, 0, 1) == [1, 0]
 
 
 @given(st.integers(-(2**24), 2**24 - 1), st.integers(1, 2**10), st.floats(0, 1, width=32))
@@ -95,6 +104,13 @@ def test_the_specification_says_what_the_simulation_gets() -> None:
     assert "'hops': 6" in repr(controller)
     with pytest.raises(InputError, match="is a parameter set, which steers no agents"):
         controller([0, 0, 0, 0])
+
+
+def test_choices_that_are_no_texts_are_sent_as_numbers() -> None:
+    subject = parameter_set(OF_NUMBERS)
+    specification = subject.specification(np.array([0.9, 0.1, 0.1], dtype=np.float32))
+    assert [one["type"] for one in specification["parameters"]] == ["integer", "real", "integer"]
+    assert Controller(specification).parameters == {"gear": 4, "share": 0.1, "walls": 1}
 
 
 @given(SEEDS, st.floats(0, 3), st.floats(0, 1))
@@ -182,6 +198,20 @@ def test_distances_are_those_of_genes_and_categories() -> None:
         (
             {"type": "categorical", "choices": ["a", "a"]},
             r"x\.choices: must be a list of at least two",
+        ),
+        (
+            {"type": "categorical", "choices": ["a", 1]},
+            r"x\.choices: must be a list of at least two different texts, numbers or booleans, not \['a'",
+        ),
+        ({"type": "categorical", "choices": [1, True]}, r"x\.choices: must be a list of at least two"),
+        ({"type": "categorical", "choices": [1, 1.0]}, r"x\.choices: must be a list of at least two"),
+        (
+            {"type": "categorical", "choices": [0.5, 0.123456789]},
+            r"x\.choices: 0\.123456789 is 0\.12345679 as a 32-bit float, which is what is sent; write that",
+        ),
+        (
+            {"type": "categorical", "choices": [1, 2**25]},
+            r"x\.choices: 33554432 is outside of -1\.67772e\+07 to 1\.67772e\+07",
         ),
         (
             {"type": "reel", "range": [0, 1]},
