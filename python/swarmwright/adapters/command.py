@@ -5,9 +5,9 @@ import itertools
 import json
 import logging
 import math
+import os
 import weakref
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.adapters import _controller_files
 from swarmwright.adapters._stepped_episodes import SteppedEpisodes
-from swarmwright.commands import builds, folders, logs, parameter_file
+from swarmwright.commands import builds, folders, logs, parameter_file, work_files
 from swarmwright.commands.definition import STANDARD_OUTPUT, CommandOptions
 from swarmwright.commands.failure import CommandFailure, ReportedFailure
 from swarmwright.commands.output import Printed
@@ -147,15 +147,15 @@ class CommandSimulation(Simulation):
         parameters: all of the simulation, and `seed`.
         """
         form = self.options.parameters_format
-        self._write(parameter_file.FILES[form], parameter_file.text(parameters, form))
-        for name, path in self.options.files.items():
-            try:
-                text = (self._here / path).read_text("utf-8")
-            except OSError as error:
-                raise InputError(f"files: {self._here / path}: cannot be read: {error.strerror}") from error
-            except UnicodeDecodeError:
-                raise InputError(f"files: {self._here / path}: is not UTF-8 text") from None
-            self._write(name, filled_file(text, self._values))
+        self._write(parameter_file.FILES[form], parameter_file.text(parameters, form).encode())
+        for name, path in work_files.named(self.options.files, self._here).items():
+            data = work_files.read(path)
+            text = work_files.text_of(data)
+            if text is not None:
+                data = filled_file(text, self._values).encode("utf-8", "surrogateescape")
+            target = self._write(name, data)
+            if os.access(path, os.X_OK):
+                target.chmod(target.stat().st_mode | 0o100)
 
     def exportRepresentation(self, controller: Controller) -> None:  # noqa: N802 - D6.1's name
         """Write the controller as the simulator reads it: into the work folder, or where it is compiled."""
@@ -339,9 +339,7 @@ class CommandSimulation(Simulation):
         options = self.options
         texts = [*options.command, *options.environment.values(), *(options.compile or ())]
         texts += options.visual or ()
-        for path in options.files.values():
-            with suppress(OSError, UnicodeDecodeError):  # reported where it is copied
-                texts.append((self._here / path).read_text("utf-8"))
+        texts += work_files.texts(options.files, self._here)
         used = frozenset(name for text in texts for name in names_in(text))
         return used & IN_A_COMMAND.keys() - {"seed"}
 
@@ -452,10 +450,11 @@ class CommandSimulation(Simulation):
             values["log"] = self.folder / self.options.log[0]
         return values
 
-    def _write(self, name: str, text: str) -> None:
+    def _write(self, name: str, data: bytes) -> Path:
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, "utf-8")
+        path.write_bytes(data)
+        return path
 
     def _log_files(self) -> dict[str, Path | bytes]:
         files: dict[str, Path | bytes] = {}

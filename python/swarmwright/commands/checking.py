@@ -10,6 +10,7 @@ from swarmwright.commands.definition import CommandOptions, Definition
 from swarmwright.commands.fmu_definition import FmuOptions
 from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.errors import InputError
+from swarmwright.core.files import check_utf8
 from swarmwright.core.problems import model_at, problems_of
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.yaml import Path_, dotted_path
@@ -46,7 +47,14 @@ def read_definition(
     except ValidationError as error:
         return None, [_placed(path, message, kind) for path, message in problems_of(error, kind)]
     options = options.model_copy(update={"folder": str(folder / options.folder)})
-    problems = [] if base is None else options.below(base).problems()
+    if base is None:
+        return options, []
+    below = options.below(base)
+    try:
+        check_utf8(str(Path(below.folder).resolve()))
+    except InputError as error:
+        return None, [(("folder",), str(error))]
+    problems = below.problems()
     return None if problems else options, problems
 
 

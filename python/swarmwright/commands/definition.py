@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
+from swarmwright.commands import work_files
 from swarmwright.commands.reductions import Reduction
 from swarmwright.core import metric_names
 from swarmwright.core.options import Options
@@ -139,8 +140,9 @@ class CommandOptions(Definition):
             }
         ),
     ] = Field(default={})
-    """Files that are put into the work folder with their placeholders filled in: a list of paths, or name in
-    the work folder -> path. Braces around other words stay as they are."""
+    """Files and folders that are put into the work folder: a list of paths, or name in the work folder ->
+    path. Placeholders in them are filled in, except for binary files, which contain a NUL byte; braces around
+    other words stay as they are. A file has at most 64 MiB, and there are at most 10,000."""
     log: Texts = Field(default=[])
     """What the program writes, relative to the work folder: a path, a pattern such as `agent_*.csv`, or a
     list; the rows of all are taken together. `stdout`: what it prints."""
@@ -217,11 +219,19 @@ class CommandOptions(Definition):
     @classmethod
     def _files(cls, value: Any) -> dict[str, str]:  # noqa: ANN401 - whatever the file says
         if isinstance(value, str | list):
-            value = {Path(str(one)).name: one for one in _texts(value)}
+            paths = list(_texts(value))
+            value = {Path(str(one)).name: one for one in paths}
+            if "" in value:
+                raise ValueError(f"{value['']} has no name for the work folder; write {{NAME: {value['']}}}")
+            if len(value) < len(paths):
+                raise ValueError(
+                    "two paths end in the same name; write a mapping from different names in the work folder "
+                    "to paths"
+                )
         if not isinstance(value, Mapping) or not all(isinstance(one, str) for one in value.values()):
             raise ValueError("must be a list of paths, or a mapping from names in the work folder to paths")
         for name in value:
-            if Path(name).is_absolute() or ".." in Path(name).parts:
+            if Path(name).is_absolute() or ".." in Path(name).parts or not Path(name).parts:
                 raise ValueError(f"{name!r} lies outside of the work folder")
         return dict(value)
 
@@ -310,6 +320,11 @@ class CommandOptions(Definition):
     def as_command(self) -> "CommandOptions":
         """Return itself."""
         return self
+
+    def problems(self) -> list[tuple[Path_, str]]:
+        """See `Definition`."""
+        problem = work_files.problem_of(self.files, Path(self.folder))
+        return [] if problem is None else [(("files",), problem)]
 
     def named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
         """See `Definition`."""

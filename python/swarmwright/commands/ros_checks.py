@@ -114,6 +114,13 @@ def _of_others(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
             yield ("spawn", "poses"), f"must have a pose of each of the {count} robots, not {poses}"
         if options.spawn.file is not None and not (Path(options.folder) / options.spawn.file).is_file():
             yield ("spawn", "file"), f"{options.spawn.file}: there is no such file"
+        elif options.spawn.file is not None:
+            try:
+                (Path(options.folder) / options.spawn.file).read_text("utf-8")
+            except OSError as error:
+                yield ("spawn", "file"), f"{options.spawn.file}: cannot be read: {error.strerror}"
+            except UnicodeDecodeError:
+                yield ("spawn", "file"), f"{options.spawn.file}: is not UTF-8 text, as a model in SDF or URDF"
 
 
 def _problem(entry: Mapping[str, Any], key: str, path: Path_) -> Iterator[tuple[Path_, str]]:

@@ -7,6 +7,7 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.files import check_utf8
 from swarmwright.core.suggestions import did_you_mean, unknown_key
 from swarmwright.core.yaml import Path_, parse
 
@@ -121,6 +122,8 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
         return MISSING
     if kind == "extra_forbidden":
         return _unknown_key(str(found["loc"][-1]), model_at(model, found["loc"][:-1]))
+    if kind == "string_unicode":
+        return _not_utf8(value)
     if kind == "list_type":
         return _no_list(value, model_at(model, found["loc"][:-1]), str(found["loc"][-1]))
     if kind in _WANTED:
@@ -149,6 +152,15 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
     if kind in {"value_error", "assertion_error"}:
         return str(context["error"])
     return f"{found['msg']} (given: {shown(value)})"
+
+
+def _not_utf8(value: Any) -> str:  # noqa: ANN401 - any value of a file
+    """Say that text has bytes of a file's name that are not characters."""
+    try:
+        check_utf8(str(value))
+    except InputError as error:
+        return str(error)
+    return f"must be text, not {shown(value)}"
 
 
 def _no_list(value: Any, section: type[BaseModel] | None, key: str) -> str:  # noqa: ANN401 - any value of a file

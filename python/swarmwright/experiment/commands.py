@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.commands import bags, fmu_definition, logs, parameter_file, process
+from swarmwright.commands import bags, fmu_definition, logs, parameter_file, process, work_files
 from swarmwright.commands.checking import definition_of_name, read_definition
 from swarmwright.commands.definition import CommandOptions, Definition
 from swarmwright.commands.fmu_definition import FmuOptions
@@ -138,7 +138,7 @@ def missing(name: str) -> str | None:
         return None
     folder = Path(options.folder)
     problem = process.missing_program(options.command, folder) or process.missing_script(
-        options.command, folder, options.files
+        options.command, folder, work_files.named(options.files, folder)
     )
     if problem is not None:
         return f"{'python' if isinstance(definition, RosOptions) else 'command'}: {problem}"
@@ -209,9 +209,7 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
 
 def _files(options: CommandOptions) -> Iterator[str]:
     """Yield the texts of the files that are put into the work folder, as far as they can be read."""
-    for path in options.files.values():
-        with suppress(OSError, UnicodeDecodeError):
-            yield (Path(options.folder) / path).read_text("utf-8")
+    return work_files.texts(options.files, Path(options.folder))
 
 
 def warning_of(experiment: "Experiment") -> str | None:

@@ -7,14 +7,13 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
+from swarmwright.commands import work_files
 from swarmwright.commands.definition import Definition
 from swarmwright.commands.process import resolved_word
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code.imports import Walk
 
-_LARGEST_FILE_BYTES = 1 << 26
-"""Bytes of a file that is followed; larger ones do not belong to a simulation."""
 _SYSTEM = ("/usr", "/bin", "/lib", "/sbin", "/etc", "/dev", "/proc")
 
 
@@ -59,7 +58,7 @@ def digest(options: Definition) -> str:
 def _belongs(path: Path) -> bool:
     """Whether a file is the user's, and not an installed program."""
     installed = path.parent.name in {"bin", "sbin"} or str(path.resolve()).startswith(_SYSTEM)
-    return not installed and path.stat().st_size <= _LARGEST_FILE_BYTES
+    return not installed and path.stat().st_size <= work_files.LARGEST_BYTES
 
 
 def _named(options: Definition, here: Path) -> Iterator[Path]:
@@ -69,8 +68,8 @@ def _named(options: Definition, here: Path) -> Iterator[Path]:
                 yield from _in_word(name, here)
                 continue
             path = (here / name).absolute()
-            if key == "sources" and path.is_dir():
-                yield from _within(path)
+            if key in {"sources", "files"} and path.is_dir():
+                yield from (Path(os.path.normpath(one)) for one in work_files.within(path))
             elif _is_file(path):
                 yield Path(os.path.normpath(path))
             else:
@@ -91,10 +90,3 @@ def _is_file(path: Path) -> bool:
         return stat.S_ISREG(path.stat().st_mode)
     except (OSError, ValueError):
         return False
-
-
-def _within(folder: Path) -> Iterator[Path]:
-    for path in sorted(folder.rglob("*")):
-        parts = path.relative_to(folder).parts
-        if path.is_file() and not any(part.startswith(".") or part == "__pycache__" for part in parts):
-            yield Path(os.path.normpath(path))
