@@ -181,7 +181,7 @@ test-arm64: $(VENV)/.engine $(VENV)/.dev $(ARM64)/.libraries
 	$(CARGO) build $(MANIFEST) --quiet --release -p swarmwright-python --features pyo3/abi3-py311 --target aarch64-unknown-linux-gnu --target-dir $(ARM64)/target
 	rm -rf $(ARM64)/package
 	mkdir -p $(ARM64)/package
-	cp -r python/swarmwright $(ARM64)/package
+	cp -r python/swarmwright python/swarmwright_files $(ARM64)/package
 	cp $(ARM64_ENGINE) $(ARM64)/package/swarmwright/_engine.abi3.so
 	SWARMWRIGHT_ARM64=$(CURDIR)/$(ARM64) $(BIN)/python -m pytest tests/system/test_processors.py
 

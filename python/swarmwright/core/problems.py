@@ -122,8 +122,6 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
         return MISSING
     if kind == "extra_forbidden":
         return _unknown_key(str(found["loc"][-1]), model_at(model, found["loc"][:-1]))
-    if kind == "string_unicode":
-        return _not_utf8(value)
     if kind == "list_type":
         return _no_list(value, model_at(model, found["loc"][:-1]), str(found["loc"][-1]))
     if kind in _WANTED:
@@ -151,7 +149,7 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
         return f"{key} must be one of {', '.join(choices)}, not {shown(context['tag'])}{hint}"
     if kind in {"value_error", "assertion_error"}:
         return str(context["error"])
-    return f"{found['msg']} (given: {shown(value)})"
+    return _not_utf8(value) if kind == "string_unicode" else f"{found['msg']} (given: {shown(value)})"
 
 
 def _not_utf8(value: Any) -> str:  # noqa: ANN401 - any value of a file
