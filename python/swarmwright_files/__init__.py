@@ -10,33 +10,24 @@ child of Swarmwright's logger.
 
 import sys
 from collections.abc import Sequence
+from importlib.abc import Loader
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
-__path__: list[str] = []  # a package, so that Python asks for modules below it
 
-
-class _Files:
+class _Files(Loader):
     """Finds and loads the modules below this package."""
 
-    @staticmethod
     def find_spec(
+        self,
         name: str,
-        path: Sequence[str] | None = None,  # noqa: ARG004 - as Python calls it
-        target: ModuleType | None = None,  # noqa: ARG004 - as above
+        path: Sequence[str] | None = None,  # noqa: ARG002 - as Python calls it
+        target: ModuleType | None = None,  # noqa: ARG002 - as above
     ) -> ModuleSpec | None:
         """Return the spec of a module of a file, None for any other name."""
-        if not name.startswith((f"{__name__}./", f"{__name__}.%")):
-            return None
-        return ModuleSpec(name, _Files)
+        return ModuleSpec(name, self) if name.startswith(f"{__name__}./") else None
 
-    @staticmethod
-    def create_module(spec: ModuleSpec) -> ModuleType | None:  # noqa: ARG004 - as Python calls it
-        """Leave it to Python."""
-        return None
-
-    @staticmethod
-    def exec_module(module: ModuleType) -> None:
+    def exec_module(self, module: ModuleType) -> None:
         """Import the file. Raises InputError."""
         from swarmwright.simulations.loading import module_named  # noqa: PLC0415 - only where it is needed
 
@@ -44,4 +35,4 @@ class _Files:
         sys.modules[name] = module_named(name)
 
 
-sys.meta_path.append(_Files)
+sys.meta_path.append(_Files())

@@ -15,7 +15,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, evaluate, optimize, post_evaluate
 from swarmwright.simulations import loading
-from swarmwright.simulations.names import name_of
+from swarmwright.simulations.names import files, name_of
 from tests.python.user_code.conftest import EXPERIMENT
 
 SOURCE = """
@@ -96,7 +96,7 @@ def test_workers_where_modules_are_kept_apart(tmp_path: Path) -> None:
     for folder in ("one", "other"):
         file = write(tmp_path / folder)
         loading.classes_of_file(file)
-        module: Any = loading.files[str(file.resolve())]
+        module: Any = files[str(file.resolve())]
     assert "helper" in sys.modules
     assert sys.modules["helper"] is not sys.modules[module.Data.__module__]
     found = in_worker("spawn", module.doubled, module.Data(module.Metres(5.0)))
@@ -112,14 +112,14 @@ def test_a_copy_in_a_run_is_pickled(project: Path) -> None:
     for name in ("gather.py", "helper.py", "parts"):
         shutil.move(name, f"gone-{name}")
     post_evaluate(Run.open(run.path), episodes=1, servers="in-process")
-    copied: Any = next(module for name, module in loading.files.items() if "/code/1/" in name)
+    copied: Any = next(module for name, module in files.items() if "/code/1/" in name)
     found = in_worker("spawn", copied.doubled, copied.Data(copied.Metres(5.0)))
     assert found.value.number == 10
 
 
 def test_vector_environments(tmp_path: Path) -> None:
     loading.classes_of_file(write(tmp_path))
-    module: Any = loading.files[str(tmp_path.resolve() / "gather.py")]
+    module: Any = files[str(tmp_path.resolve() / "gather.py")]
     environments: Any = gymnasium.vector.AsyncVectorEnv([module.Room], context="spawn")
     environments.reset()
     assert environments.step(np.zeros((1, 1), np.float32))[1].tolist() == [3.0]
@@ -130,7 +130,7 @@ def test_a_folder_whose_name_is_not_utf_8(tmp_path: Path) -> None:
     folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
     folder.mkdir()
     loading.classes_of_file(write(folder))
-    module: Any = loading.files[str(folder.resolve() / "gather.py")]
+    module: Any = files[str(folder.resolve() / "gather.py")]
     assert pickle.loads(pickle.dumps(module.Room)) is module.Room
 
 
@@ -151,10 +151,11 @@ def test_names_run_no_code_that_is_not_trusted(tmp_path: Path) -> None:
     pickled, name = pickle.dumps(kind), kind.__module__
     for known in [one for one in sys.modules if one.startswith("swarmwright_files.")]:
         del sys.modules[known]
-    loading.files.clear()
+    files.clear()
     with pytest.raises(InputError, match="is code that a run folder names"):
         pickle.loads(pickled)
-    for simulation in (f"{name}:Gather", f"gymnasium:{name}:Room-v0", f"pettingzoo:{name}"):
+    Experiment.from_mapping({"simulation": f"{name}:Gather"})  # is a title, of a server's simulation
+    for simulation in (f"gymnasium:{name}:Room-v0", f"pettingzoo:{name}"):
         with pytest.raises(InputError, match="name the file of the class itself"):
             Experiment.from_mapping({"simulation": simulation})
     assert not (tmp_path / "executed").exists()
