@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
-from swarmwright.core.yaml import LARGEST_FILE, Path_, Source
+from swarmwright.core.yaml import LARGEST_FILE, LONGEST_NUMBER, Path_, Source
 
 _NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*)(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 _BLANK = re.compile(r"[ \t\r\n]*")
@@ -16,8 +16,6 @@ _WORDS = {"null": None, "true": True, "false": False}
 _NOT_FINITE = re.compile(r"[+-]?(?:NaN|Infinity|inf|nan)")
 _DEEPEST_NESTING = 100
 """Levels of nesting."""
-_LONGEST_INTEGER = 1000
-"""Digits."""
 
 
 def read(path: Path) -> Source:
@@ -102,7 +100,7 @@ class _Reader:
             self.fail(f"{found!r} found, expected a value" if found else "it ends too early")
         self.at = match.end()
         if match[1] is None and match[2] is None:
-            if len(match[0]) > _LONGEST_INTEGER:
+            if len(match[0]) > LONGEST_NUMBER:
                 self.fail("the number is too long")
             number: int | float = int(match[0])
         else:

@@ -14,6 +14,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
+from swarmwright.core._yaml_scanner import YamlParser, YamlScanner
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import IS_UTF16, is_utf16, near_file, read_bytes
 
@@ -22,6 +23,8 @@ Path_ = tuple[str | int, ...]
 
 LARGEST_FILE = 1 << 26
 """Bytes."""
+LONGEST_NUMBER = 1000
+"""Characters. Python does not write integers of more than 4300 digits."""
 _MOST_VALUES = 1_000_000
 """Values of a file: aliases of aliases can make a short one endless."""
 _TAG = "tag:yaml.org,2002:"
@@ -29,10 +32,10 @@ _PART = re.compile(r"[^.\[\]]+|\[\d+\]")
 _WORDS = re.compile(r"[A-Za-z_](?:[A-Za-z0-9_]|[ ./-](?=[A-Za-z0-9_]))*")
 _NO_TEXT = frozenset({"null", "true", "false", "yes", "no", "on", "off", "y", "n"})
 _CONTROL = re.compile(r"[^\t\n -~\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
+_SURROGATE = re.compile("[\ud800-\udfff]")
 _SEVERAL = "expected a single document in the stream"
 """The parser's words."""
 _HINTS = {
-    "'\\t'": "; YAML is indented with spaces, not with tabs",
     "mapping values are not allowed here": "; a colon with a space after it begins the value of a key: "
     "leave the space out, as in gymnasium:CartPole-v1, put text with a colon into quotes, or correct the "
     "indentation",
@@ -139,8 +142,9 @@ def parse(text: str, name: str) -> Source:
     source = Source(name)
     try:
         yaml = YAML(typ="safe", pure=True)
-        yaml.Composer = _Composer
-        node = yaml.compose(text)
+        yaml.Composer, yaml.Parser, yaml.Scanner = _Composer, YamlParser, YamlScanner
+        # The end of a file ends its last line, also in a block scalar.
+        node = yaml.compose(text if text.endswith("\n") else f"{text}\n")
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f"{name}:{mark.line + 1}: " if mark is not None else f"{name}: "
@@ -168,11 +172,21 @@ class _Composer(Composer):
 
     _composed = 0
 
+    def __init__(self, loader: Any) -> None:  # noqa: ANN401 - as its base class has it
+        super().__init__(loader)
+        self.warn_double_anchors = False  # a later one replaces it: YAML 1.2, 3.2.2.2
+
     def compose_node(self, parent: Any, index: Any) -> Any:  # noqa: ANN401 - as its base class has it
         self._composed += 1
         if self._composed > 2 * _MOST_VALUES:  # keys are nodes, too
             raise YAMLError(f"it holds more than {_MOST_VALUES} values")
         return super().compose_node(parent, index)
+
+    def compose_scalar_node(self, anchor: Any) -> Any:  # noqa: ANN401 - as its base class has it
+        event = self.parser.peek_event()
+        if str(event.tag) == "!":
+            event.implicit = (False, True)  # text, also if it looks like a number
+        return super().compose_scalar_node(anchor)
 
 
 class _Builder:
@@ -212,7 +226,7 @@ class _Builder:
             if not isinstance(key_node, ScalarNode):
                 self._problem(key_node, path, "a key must be a word, not a list or a mapping")
                 continue
-            key = str(key_node.value)
+            key = self._text(key_node, path)
             inner = (*path, key)
             if key in result:
                 first = self._source.lines[inner]
@@ -223,13 +237,17 @@ class _Builder:
         return result
 
     def _scalar(self, node: Node, path: Path_) -> Any:  # noqa: ANN401 - any YAML scalar
-        text: str = node.value
+        text = self._text(node, path)
         kind = str(node.tag).removeprefix(_TAG)
         if kind == "null":
             return None
         if kind == "bool":
             return text.lower() in {"true", "yes", "on"}
         try:
+            if kind in {"int", "float"} and len(text) > LONGEST_NUMBER:
+                shown = f"{text[:20]}.."
+                self._problem(node, path, f"{shown} is a number of more than {LONGEST_NUMBER} characters")
+                return None
             if kind == "int":
                 return _integer(text)
             if kind == "float":
@@ -237,10 +255,22 @@ class _Builder:
         except ValueError:
             self._problem(node, path, f"{text!r} is not a number")
             return None
+        except OverflowError:
+            self._problem(node, path, f"{text} is too large for a number")
+            return None
         if kind in {"str", "timestamp", "value", "merge"}:
             return text
         self._problem(node, path, f"the tag {node.tag} has no meaning here")
         return None
+
+    def _text(self, node: Node, path: Path_) -> str:
+        """Return the text of a scalar; pairs of escapes, as JSON writes characters above U+FFFF, are one."""
+        text: str = node.value
+        if _SURROGATE.search(text):
+            text = text.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+            if "\ufffd" in text:
+                self._problem(node, path, "an escape from \\ud800 to \\udfff is half of a character")
+        return text
 
     def _problem(self, node: Node, path: Path_, message: str) -> None:
         self._source.problems.append((path, node.start_mark.line + 1, message))
@@ -261,7 +291,12 @@ def _integer(text: str) -> int:
 def _number(text: str) -> float:
     special = {".inf": math.inf, "+.inf": math.inf, "-.inf": -math.inf, ".nan": math.nan}
     lowered = text.replace("_", "").lower()
-    return special[lowered] if lowered in special else float(lowered)
+    if lowered in special:
+        return special[lowered]
+    number = float(lowered)
+    if math.isinf(number):
+        raise OverflowError
+    return number
 
 
 def dump(values: Mapping[str, Any]) -> str:

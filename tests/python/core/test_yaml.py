@@ -97,9 +97,103 @@ def test_what_is_no_yaml_is_said_with_its_line(text: str, line: int) -> None:
         parse(text, "x.yaml")
 
 
-def test_a_tab_is_answered_with_how_to_indent() -> None:
-    with pytest.raises(InputError, match="indented with spaces, not with tabs"):
-        parse("method:\n\tkind: nnga\n", "x.yaml")
+@pytest.mark.parametrize(
+    "text",
+    [
+        "method:\n\tkind: nnga\n",
+        "a: 1\n\tb: 2\n",
+        "a:\n  b: 1\n  \tc: 2\n",
+        "-\t- a\n",
+        "-\ta: 1\n",
+        "a: text\n\tover two lines\n",
+    ],
+)
+def test_a_tab_is_answered_with_how_to_indent(text: str) -> None:
+    line = text.rstrip().count("\n") + 1
+    with pytest.raises(InputError, match=rf"^x\.yaml:{line}: .* YAML is indented with spaces$"):
+        parse(text, "x.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("seed: 5\t# a tab before this comment\n", {"seed": 5}),
+        ("seed:\t5\n\t\n\t# a comment\nepisodes: 3\t\n", {"seed": 5, "episodes": 3}),
+        ("a: two\twords\n  \tand more\n", {"a": "two\twords and more"}),
+        ("a: |\t# a comment\n  text\n", {"a": "text\n"}),
+        ("a:\n  -\t1\n  - [\t2,\n\t3 ]\n", {"a": [1, [2, 3]]}),
+        ("\t{a: 1}\n", {"a": 1}),
+        ("%YAML 1.3\n---\na: 1\n", {"a": 1}),
+        ("%YAML\t1.1 # old\n---\na: yes\n", {"a": "yes"}),
+        ("%UNKNOWN directive\n%TAG !e! tag:example.com,2000:\n---\na: 1\n", {"a": 1}),
+        ("# nothing\n...\n", None),
+        ("...\n---\na: 1\n...\n", {"a": 1}),
+        ('{"a":1, "b"\n  : 2, c\n : 3, d: e:f}\n', {"a": 1, "b": 2, "c": 3, "d": "e:f"}),
+        ("{a: !!str, !!str b: !!str 1}\n", {"a": "", "b": "1"}),
+        ("a: ! 12\n", {"a": "12"}),
+        ("a: >\n \n  \n  text\n", {"a": "\n\ntext\n"}),
+        ("a: |\n  text", {"a": "text\n"}),
+        ("a: |-\n  text", {"a": "text"}),
+        ("[&a 1, &a 2, *a]\n", [1, 2, 2]),
+        ('a: "\\ud83d\\ude80"\n', {"a": "\U0001f680"}),
+    ],
+)
+def test_what_yaml_1_2_allows_is_read(text: str, value: object, recwarn: pytest.WarningsRecorder) -> None:
+    source = parse(text, "x.yaml")
+    assert (source.values, source.problems) == (value, [])
+    assert not recwarn.list
+
+
+def test_keys_of_one_pair_in_a_list() -> None:
+    assert parse('["a":1, b: 2, ?c, :d]\n', "x.yaml").values == [{"a": 1}, {"b": 2}, "?c", ":d"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("%YAML 2.0\n---\na: 1\n", "1: .*%YAML 2.0: files of YAML 1.2 are read"),
+        ("%YAML\n---\na: 1\n", "1: .*expected a version after %YAML, such as %YAML 1.2"),
+        ("%YAML 1.2 1.2\n---\na: 1\n", "1: .*expected a version"),
+        ("%TAG !e!\n---\na: 1\n", "1: .*expected a handle and a prefix"),
+        ("% \n---\na: 1\n", "1: .*expected the name of a directive"),
+        ("a: 1\nb: 'x'#no comment\n", "2: .*a comment begins with a space"),
+        ("a: [-]\n", "1: .*cannot start any token"),
+        ("a: !<x y\n", "1: .*expected a tag, such as !<tag"),
+        ("a: !x{} y\n", "1: .*expected a space after a tag, but found '{'"),
+        ("a: |0\n  b\n", "1: .*the indentation, 1 to 9, but found '0'"),
+        ("a: | b\n", "1: .*the text begins in the next"),
+        ("a: |\n    \n  b\n", "3: .*blank lines before this one have more spaces"),
+        ('a: "\\UFFFFFFFF"\n', "1: .*expected the number of a character"),
+        ('a: "\\U00110000"\n', "1: .*expected the number of a character"),
+    ],
+)
+def test_what_yaml_1_2_does_not_allow_is_said(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=rf"^x\.yaml:{words}"):
+        parse(text, "x.yaml")
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        ("0x" + "F" * 5000, "more than 1000 characters"),
+        ("0b" + "1" * 5000, "more than 1000 characters"),
+        ("9" * 5000, "more than 1000 characters"),
+        ("1e999", "1e999 is too large for a number"),
+    ],
+)
+def test_numbers_that_are_too_large_are_problems(number: str, words: str) -> None:
+    source = parse(f"# a seed\nseed: {number}\n", "x.yaml")
+    ((path, line, message),) = source.problems
+    assert (path, line, source.values) == (("seed",), 2, {"seed": None})
+    assert words in message
+    assert len(message) < 100
+
+
+@pytest.mark.parametrize("text", ['"\\ud83d": 1\n', 'a: "x\\ude00"\n'])
+def test_half_a_character_is_a_problem(text: str) -> None:
+    ((_, line, message),) = parse(text, "x.yaml").problems
+    assert line == 1
+    assert "half of a character" in message
 
 
 @pytest.mark.parametrize(
