@@ -1,6 +1,5 @@
 """The folders of sweeps: which runs they hold, by their record `sweep.json`."""
 
-import json
 import logging
 import os
 from collections.abc import Iterable, Sequence
@@ -10,6 +9,7 @@ from typing import Any
 from swarmwright.core.arguments import listed, path_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import contents
+from swarmwright.core.json_text import loads
 from swarmwright.runs.run import Run
 from swarmwright.store import FILE as STORE
 from swarmwright.store.folder import SWEEP
@@ -27,8 +27,8 @@ def runs_of(folder: Path) -> list[Path] | None:
     if not file.is_file() or (folder / STORE).exists():
         return None
     try:
-        names = [names_of(one["runs"]) for one in json.loads(contents(file))["variants"]]
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        names = [names_of(one["runs"]) for one in loads(contents(file))["variants"]]
+    except (ValueError, KeyError, TypeError) as error:
         raise no_record(file) from error
     return [folder / name for some in names for name in some]
 
@@ -46,11 +46,11 @@ def keys_of_grid(runs: Sequence[Run]) -> list[tuple[str, ...]] | None:
     try:
         found = {
             name: tuple(map(str, one["keys"]))
-            for one in json.loads(contents(file))["variants"]
+            for one in loads(contents(file))["variants"]
             for name in names_of(one["runs"])
         }
         return [found[place.name] for place in places]
-    except (InputError, ValueError, KeyError, TypeError, RecursionError):
+    except (InputError, ValueError, KeyError, TypeError):
         return None
 
 

@@ -1,6 +1,5 @@
 """`swarmwright conformance`: checks of a peer against the protocol."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,7 @@ from swarmwright.cli._options import json_option
 from swarmwright.cli._output import Output, aside
 from swarmwright.cli._parameter_types import LARGEST_ID, OutputFile, RealNumber, WholeNumber
 from swarmwright.core.errors import InputError
+from swarmwright.core.json_text import loads
 
 if TYPE_CHECKING:
     from swarmwright.conformance.results import Report, Result
@@ -325,7 +325,7 @@ def _parameters_of(text: str | None, option: str = "--parameters") -> dict[str, 
         except OSError as error:
             raise InputError(f"{option}: {source}: {error.strerror}") from None
     try:
-        value = json.loads(text)
+        value = loads(text)
     except ValueError as error:
         raise InputError(f"{source}: is not valid JSON: {error}") from None
     if not isinstance(value, dict):

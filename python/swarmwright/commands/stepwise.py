@@ -267,7 +267,7 @@ class Dialogue:
     def _parsed(self, line: bytes) -> dict[str, Any]:
         try:
             answer = json.loads(line)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             text = line[:60].decode("utf-8", "replace")
             raise CommandFailure(f"wrote a line that is not valid JSON: {text}: {error}") from None
         if not isinstance(answer, dict):

@@ -36,7 +36,7 @@ _URI = re.compile(r"[\w\-#;/?:@&=+$,.!~*'()\[\]%]+", re.ASCII)
 TABS = "a tab is not indentation; YAML is indented with spaces"
 
 
-class YamlScanner(Scanner):  # type: ignore[misc] - ruamel.yaml's bases are not typed
+class YamlScanner(Scanner):
     """Tokens of YAML 1.2."""
 
     _tab_line = -1
@@ -312,7 +312,7 @@ class YamlScanner(Scanner):  # type: ignore[misc] - ruamel.yaml's bases are not 
         return ScannerError(None, None, problem, self.reader.get_mark())
 
 
-class YamlParser(Parser):  # type: ignore[misc]
+class YamlParser(Parser):
     """Events of YAML 1.2."""
 
     def parse_implicit_document_start(self) -> Any:  # noqa: ANN401

@@ -4,6 +4,8 @@ import json
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from swarmwright.core.json_text import loads
+
 
 class ServerUse(NamedTuple):
     """Use of the servers of one launcher.
@@ -39,5 +41,5 @@ def read(text: str) -> dict[str, ServerUse]:
     """Return what `written` wrote; raises ValueError, KeyError or TypeError for something else."""
     return {
         str(name): ServerUse(float(one["seconds"]), float(one["cost"]))
-        for name, one in dict(json.loads(text)).items()
+        for name, one in dict(loads(text)).items()
     }

@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+_MOST_NAMES = 1000
+"""Names that are compared by their spelling; more, as hostile files have, would take seconds each time."""
 _SHORTEST_WORD = 3
 """Letters of a word that is looked for in names."""
 
@@ -21,12 +23,12 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     names = list(known)
     by_folded = {candidate.casefold(): candidate for candidate in names}
     folded = name.casefold()
-    longer = [candidate for candidate in names if _has_word(candidate, folded)]
     if folded in by_folded:
         return by_folded[folded]
+    longer = [candidate for candidate in names[:_MOST_NAMES] if _has_word(candidate, folded)]
     if longer:
         return min(longer, key=len)
-    near = get_close_matches(folded, by_folded, n=1, cutoff=0.6)
+    near = get_close_matches(folded, list(by_folded)[:_MOST_NAMES], n=1, cutoff=0.6)
     return by_folded[near[0]] if near else None
 
 

@@ -142,7 +142,8 @@ def parse(text: str, name: str) -> Source:
     source = Source(name)
     try:
         yaml = YAML(typ="safe", pure=True)
-        yaml.Composer, yaml.Parser, yaml.Scanner = _Composer, YamlParser, YamlScanner
+        yaml.Composer = _Composer
+        yaml.Parser, yaml.Scanner = YamlParser, YamlScanner
         # The end of a file ends its last line, also in a block scalar.
         node = yaml.compose(text if text.endswith("\n") else f"{text}\n")
     except MarkedYAMLError as error:
@@ -172,7 +173,7 @@ class _Composer(Composer):
 
     _composed = 0
 
-    def __init__(self, loader: Any) -> None:  # noqa: ANN401 - as its base class has it
+    def __init__(self, loader: Any = None) -> None:  # noqa: ANN401 - as its base class has it
         super().__init__(loader)
         self.warn_double_anchors = False  # a later one replaces it: YAML 1.2, 3.2.2.2
 

@@ -1,7 +1,6 @@
 """Checking a bundle that somebody hands over: its files, its formats, and the fitness that it states."""
 
 import hashlib
-import json
 import math
 import re
 from collections.abc import Mapping
@@ -12,6 +11,7 @@ from typing import Any
 
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
+from swarmwright.core.json_text import loads
 from swarmwright.core.modules import PYTHON_KIND
 from swarmwright.core.untrusted import one_line
 from swarmwright.export import EXPORTERS
@@ -69,7 +69,7 @@ def verify_bundle(file: str | PathLike[str]) -> BundleVerification:
 
 
 def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
-    manifest = json.loads(files[MANIFEST])
+    manifest = loads(files[MANIFEST])
     if not isinstance(manifest, Mapping) or not isinstance(manifest.get("format"), int):
         raise InputError(f"{path}: {MANIFEST}: has no format; it is not a bundle of Swarmwright")
     if manifest["format"] != FORMAT:
@@ -88,7 +88,7 @@ def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
     check_prefix(prefix)
     for form in manifest["forms"]:
         _check_form(str(form), prefix, subject, files, report, by=one_line(str(manifest["swarmwright"])))
-    evaluation = json.loads(files[EVALUATION])
+    evaluation = loads(files[EVALUATION])
     check_fitness(evaluation, dict(facts), report)
     check_episodes(evaluation, subject, report)
     return report
@@ -131,7 +131,7 @@ def _subject(
     """Return the controller, with episodes that have been compared with what the engine's controller does."""
     from swarmwright.representations.controller import Controller  # noqa: PLC0415 - loads the engine
 
-    specification = json.loads(files[CONTROLLER])
+    specification = loads(files[CONTROLLER])
     if specification.get("kind") == PYTHON_KIND:
         raise InputError(
             f"{CONTROLLER}: the controller has behaviours or conditions in Python, and verify executes no "

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.errors import InputError
+from swarmwright.core.problem_lines import ProblemLines
 from swarmwright.scxml import StateMachine
 
 _LARGEST_INTEGER = 1 << 24
@@ -121,14 +121,12 @@ class Problems:
     """Everything that is wrong with files, reported at once."""
 
     def __init__(self) -> None:
-        self.lines: list[str] = []
+        self.lines = ProblemLines()
 
     def add(self, place: Place, message: str) -> None:
         """Note a problem, once."""
-        if place.says(message) not in self.lines:
-            self.lines.append(place.says(message))
+        self.lines.add(place.says(message))
 
     def stop(self) -> None:
         """Raise InputError if there is a problem."""
-        if self.lines:
-            raise InputError("\n".join(self.lines))
+        self.lines.stop()

@@ -81,7 +81,7 @@ def load(path: Path, source: Source) -> Part:
 
 
 def _note(source: Source, at: Path_, message: str, problems: Problems) -> None:
-    problems.lines.append(f"{source.place(at)}{message}")
+    problems.lines.add(f"{source.place(at)}{message}")
 
 
 def _component(

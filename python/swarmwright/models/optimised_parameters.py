@@ -35,13 +35,13 @@ def load(path: Path, source: Source) -> Part:
     values = source.values
     for key in values:
         if key != "parameters":
-            problems.lines.append(f"{source.place((key,))}unknown key; expected parameters")
+            problems.lines.add(f"{source.place((key,))}unknown key; expected parameters")
     entries = values["parameters"]
     if not isinstance(entries, list):
-        problems.lines.append(f"{source.place(('parameters',))}expected a list, not {shown(entries)}")
+        problems.lines.add(f"{source.place(('parameters',))}expected a list, not {shown(entries)}")
         entries = []
     elif not entries:
-        problems.lines.append(f"{source.place(('parameters',))}is empty; there is nothing to optimise")
+        problems.lines.add(f"{source.place(('parameters',))}is empty; there is nothing to optimise")
     first: dict[str, int] = {}
     for index, entry in enumerate(entries):
         found = _parameter(path, source, index, entry, problems)
@@ -65,23 +65,23 @@ def _parameter(path: Path, source: Source, index: int, entry: object, problems: 
     for key in entry:
         if key not in (*_KEYS, _VALUE):
             hint = did_you_mean(key, _KEYS) or f"; expected {', '.join(_KEYS)}"
-            problems.lines.append(f"{source.place((*at, key))}unknown key{hint}")
+            problems.lines.add(f"{source.place((*at, key))}unknown key{hint}")
     missing = [key for key in _KEYS if key not in entry]
     if missing:
         problems.add(place, f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
     for key in ("name", "meta"):
         value = entry.get(key, "x")
         if not isinstance(value, str) or not value.strip():
-            problems.lines.append(f"{source.place((*at, key))}expected text, not {shown(value)}")
+            problems.lines.add(f"{source.place((*at, key))}expected text, not {shown(value)}")
     meta = entry.get("meta")
     if isinstance(meta, str) and meta.strip() and not _META.fullmatch(meta.strip()):
-        problems.lines.append(
+        problems.lines.add(
             f"{source.place((*at, 'meta'))}{meta!r} found, expected command_line or file:PACKAGE"
         )
     bounds = [_bound(source, (*at, key), entry[key], problems) for key in ("min", "max") if key in entry]
     scale = _scale(source, (*at, "scale"), entry.get("scale", 1), problems)
     if len(bounds) == 2 and None not in bounds and not bounds[0] < bounds[1]:  # type: ignore[operator]
-        problems.lines.append(
+        problems.lines.add(
             f"{source.place((*at, 'max'))}{bounds[1]} found, expected a number above min, {bounds[0]}"
         )
     if len(problems.lines) > before:
@@ -95,7 +95,7 @@ def _parameter(path: Path, source: Source, index: int, entry: object, problems: 
 
 def _bound(source: Source, at: tuple[str | int, ...], value: Any, problems: Problems) -> int | float | None:  # noqa: ANN401 - whatever the file says
     if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 2**24:
-        problems.lines.append(f"{source.place(at)}expected a number within +-{2**24}, not {shown(value)}")
+        problems.lines.add(f"{source.place(at)}expected a number within +-{2**24}, not {shown(value)}")
         return None
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
@@ -110,7 +110,7 @@ def _scale(source: Source, at: tuple[str | int, ...], value: Any, problems: Prob
         except ValueError:
             number = math.nan
     if not math.isfinite(number) or number <= 0:
-        problems.lines.append(
+        problems.lines.add(
             f'{source.place(at)}expected a number above 0, or text with one such as "0.1", not {shown(value)}'
         )
         return None

@@ -16,6 +16,7 @@ from swarmwright.core.arguments import checked, mapping, path_of
 from swarmwright.core.arrays import float32_of
 from swarmwright.core.errors import InputError, engine_errors, explained
 from swarmwright.core.files import read_bytes, write_text
+from swarmwright.core.json_text import loads
 from swarmwright.core.modules import ACTUATORS, PYTHON_KIND, SENSORS, is_modules, is_tree
 from swarmwright.core.problems import shown
 from swarmwright.core.teams import is_team, parts_of
@@ -60,7 +61,7 @@ class Controller:
             mapping("controller", specification, "Controller.load(path) to read a file")
             try:
                 self._text = json.dumps(dict(specification), allow_nan=False)
-            except (TypeError, ValueError) as error:
+            except (TypeError, ValueError, RecursionError) as error:
                 raise InputError(f"controller: cannot be written as JSON: {error}") from error
         self._swarm = self._in_python()
         self._whole: _engine.Controller | None = None  # as the engine has read it, at the start of an episode
@@ -317,7 +318,7 @@ def genome_beside(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
 def _read(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
     """Return what a file says. Raises InputError when it cannot be read or is not JSON."""
     try:
-        return json.loads(read_bytes(file, _LARGEST_FILE_BYTES))
+        return loads(read_bytes(file, _LARGEST_FILE_BYTES))
     except FileNotFoundError:
         raise InputError(f"{file}: there is no such file") from None
     except OSError as error:
@@ -330,8 +331,6 @@ def _read(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
         ) from error
     except ValueError as error:
         raise InputError(f"{file}: is not valid JSON: {error}") from error
-    except RecursionError:
-        raise InputError(f"{file}: is nested too deeply") from None
 
 
 def _find_modules(specification: Mapping[str, Any], folder: Path) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 from swarmwright.core.arrays import shortest
 from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.core.files import contents
+from swarmwright.core.json_text import loads
 from swarmwright.runs.run import Run
 from swarmwright.store import Evaluation, StoreReader
 from swarmwright.store.verification import Verified
@@ -41,10 +42,10 @@ def _problem(folder: Path, not_compared: list[str]) -> str | None:
     if not file.exists():
         return None
     try:
-        values = json.loads(contents(file))
+        values = loads(contents(file))
     except InputError as error:
         return str(error).removeprefix(f"{file}: ")
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         return f"is not valid JSON: {error}"
     controller = values.get("controller") if isinstance(values, dict) else None
     if not isinstance(controller, dict):

@@ -24,6 +24,9 @@ _LARGEST_BINARY32 = float(np.finfo(np.float32).max)
 _WORDS = {"&&": " and ", "||": " or ", "!==": "!=", "===": "==", "true": " True ", "false": " False "}
 _WORD = re.compile(r"&&|\|\||!==|!=|===|!|\btrue\b|\bfalse\b")
 _STRING = re.compile(r"'[^']*'|\"[^\"]*\"")
+_BRACKET = re.compile(r"[()]")
+_LONG_WORD = re.compile(r"\w{1001}")
+"""Python does not write integers of more than 4300 digits."""
 _NEGATION = re.compile(r"!\s*\(")
 _COMPARISON = re.compile(r"\s*(?:[<>]|[=!]=)")
 _BINARY: dict[type[ast.operator], Callable[[float, float], float]] = {
@@ -77,6 +80,8 @@ def parse(text: str) -> ast.expr:
     """Return an expression as a tree. Raises ConditionError where it is none."""
     if len(text) > _MOST_CHARACTERS:
         raise ConditionError(f"has {len(text)} characters; at most {_MOST_CHARACTERS} are possible")
+    if _LONG_WORD.search(text):
+        raise ConditionError("has a name or a number of more than 1000 characters")
     plain_text = _STRING.sub(lambda found: found[0][0] + " " * (len(found[0]) - 2) + found[0][0], text)
     if "#" in plain_text:
         raise ConditionError(f"{text!r}: # begins no comment here, and is not an operator; leave it out")
@@ -103,14 +108,17 @@ def _negated_and_compared(text: str) -> str | None:
 
     text: without what is inside of strings.
     """
+    ends: dict[int, int] = {}
+    opened: list[int] = []
+    for bracket in _BRACKET.finditer(text):
+        if bracket[0] == "(":
+            opened.append(bracket.start())
+        elif opened:
+            ends[opened.pop()] = bracket.start()
     for found in _NEGATION.finditer(text):
-        depth = 0
-        for end in range(found.end() - 1, len(text)):
-            depth += (text[end] == "(") - (text[end] == ")")
-            if not depth:
-                if _COMPARISON.match(text, end + 1):
-                    return text[found.start() : end + 1]
-                break
+        end = ends.get(found.end() - 1)
+        if end is not None and _COMPARISON.match(text, end + 1):
+            return text[found.start() : end + 1]
     return None
 
 
@@ -121,7 +129,7 @@ def constant(node: ast.expr, constants: Mapping[str, float], depth: int = 0) -> 
         raise ConditionError("is nested too deeply")
     match node:
         case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
-            value = float(number)
+            value = float(number) if abs(number) <= _LARGEST_BINARY32 else math.inf
         case ast.Name(id=name) if name in constants:
             value = constants[name]
         case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=inner):

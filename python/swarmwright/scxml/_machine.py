@@ -11,6 +11,7 @@ from typing import Any
 
 from swarmwright.core.alike import alike
 from swarmwright.core.errors import InputError
+from swarmwright.core.problem_lines import ProblemLines
 from swarmwright.core.suggestions import unknown
 from swarmwright.scxml._chart import Assignment, Event, State, Transition
 from swarmwright.scxml._conditions import (
@@ -91,7 +92,7 @@ class _Resolved:
     def __init__(self, machine: StateMachine, sensors: list[str], actuators: list[str]) -> None:
         self.machine = machine
         self.sensors, self.actuators = sensors, actuators
-        self.problems: list[str] = []
+        self.problems = ProblemLines()
         self.exported = self._exported()
         self.first = self._first_numbers()
         self.constants = {
@@ -106,10 +107,10 @@ class _Resolved:
         machine = self.machine
         for what, names in (("sensors", self.sensors), ("actuators", self.actuators)):
             if not names:
-                self.problems.append(f'{machine.path}: names no {what}; declare them, <data id="NAME"/>')
+                self.problems.add(f'{machine.path}: names no {what}; declare them, <data id="NAME"/>')
         edges, outputs = self.parts()
         begin = [(self._numbered(name), value) for name, value in self._initial()]
-        self._stop()
+        self.problems.stop()
         try:
             made = table(machine.root, edges, outputs, begin, len(self.sensors), len(self.actuators))
         except ValueError as error:
@@ -157,15 +158,11 @@ class _Resolved:
         """Return the numbers that declared actuators have before anything is assigned."""
         for name, value in self.first.items():
             if abs(value) > 1:
-                self.problems.append(
+                self.problems.add(
                     f"{self.machine.path}: <data>: {name} is {value:g}, expected -1 to 1, the range of "
                     "an actuator"
                 )
         return list(self.first.items())
-
-    def _stop(self) -> None:
-        if self.problems:
-            raise InputError("\n".join(dict.fromkeys(self.problems)))
 
     def _outputs(self) -> dict[int, tuple[int, float]]:
         """Return the actuator and its number of each action that assigns one."""
@@ -190,9 +187,9 @@ class _Resolved:
             try:
                 edge.condition = condition(one.condition, partial(self._sensor, one.line), self.constants)
             except ConditionError as error:
-                self.problems.append(f"{self.machine.path}:{one.line}: <transition>: cond: {error}")
-            for name in sorted(named(edge.condition) - set(self.machine.states)):
-                self.problems.append(
+                self.problems.add(f"{self.machine.path}:{one.line}: <transition>: cond: {error}")
+            for name in sorted(named(edge.condition) - self.machine.states.keys()):
+                self.problems.add(
                     f"{self.machine.path}:{one.line}: <transition>: cond: In({name!r}): "
                     f"{unknown('state', name, list(self.machine.states))}"
                 )
@@ -245,7 +242,7 @@ class _Resolved:
             ):
                 if 0 <= index < len(self.sensors):
                     return index
-                self.problems.append(
+                self.problems.add(
                     f"{self.machine.path}:{line}: there is no sensors[{index}]; there are "
                     f"{len(self.sensors)} sensors"
                 )
@@ -268,10 +265,10 @@ class _Resolved:
             written = self.sensors if what == "sensor" else self.actuators
             which = " or ".join(repr(written[index]) for index in found)
             instead = " or ".join(f"{what}s[{index}]" for index in found)
-            self.problems.append(
+            self.problems.add(
                 f"{self.machine.path}:{line}: the {what} {name!r} may be {which}; write {instead}"
             )
         return found[0] if found else None
 
     def _unknown(self, line: int, what: str, name: str, names: list[str]) -> None:
-        self.problems.append(f"{self.machine.path}:{line}: {unknown(what, name, names)}")
+        self.problems.add(f"{self.machine.path}:{line}: {unknown(what, name, names)}")

@@ -6,13 +6,14 @@ from pathlib import Path
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
+from swarmwright.core.problem_lines import ProblemLines
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.xml import Element
 from swarmwright.core.xml import read as read_xml
 from swarmwright.scxml._chart import Action, Assignment, Event, State, Transition
 from swarmwright.scxml._conditions import ConditionError, constant, parse
 from swarmwright.scxml._machine import EVENT, StateMachine, in_expression
-from swarmwright.scxml._steps import matches
+from swarmwright.scxml._steps import Descriptors
 
 _BARE = re.compile(rb"<state\s*>")
 _LARGEST_FILE_BYTES = 1 << 28
@@ -65,7 +66,7 @@ class _Namespaces:
     def __init__(self, root: Element) -> None:
         # Whatever the outermost element's namespace is, files without the usual one are read as well.
         self.own = {_NAMESPACE, self._named(root, {}), ""}
-        self.problems: list[str] = []
+        self.problems = ProblemLines()
         self._take(root, {}, "")
 
     @staticmethod
@@ -88,7 +89,7 @@ class _Namespaces:
         namespace = self._named(element, known)
         if namespace not in self.own:
             if inside in _ACTING and namespace not in _EDITORS:
-                self.problems.append(
+                self.problems.add(
                     str(element.error(f"what elements of {namespace} do is not known here; leave it out"))
                 )
             return False
@@ -102,7 +103,7 @@ def _not_closed(path: Path) -> str | None:
     """Return what is wrong with a file in which `<state>` stands for `</state>`; None for another one."""
     data = read_bytes(path, _LARGEST_FILE_BYTES)
     found = _BARE.search(data)
-    if found is None or data.count(b"</state") >= len(re.findall(rb"<state\s[^>]*[^/]>", data)):
+    if found is None or data.count(b"</state") >= len(re.findall(rb"<state\s[^<>]*[^/<>]>", data)):
         return None
     line = data.count(b"\n", 0, found.start()) + 1
     return (
@@ -116,18 +117,21 @@ class _Reader:
         self.root = root
         self.problems = _Namespaces(root).problems
         self.states: dict[str, State] = {}
+        self._declared_as: dict[str, str] = {}
+        """Names of data as expressions have them -> as they are declared."""
+        self._constants: dict[str, float] = {}
+        """Numbers of data by their names in expressions."""
         top = State("", root.line, "scxml", None, 0)
         self.machine_ = StateMachine(path, root.attributes.get("name", ""), top)
 
     def problem(self, element: Element, message: str) -> None:
-        self.problems.append(str(element.error(message)))
+        self.problems.add(str(element.error(message)))
 
     def machine(self) -> StateMachine:
         self._inside(self.machine_.root, self.root)
         self._check_targets()
         self._check_events()
-        if self.problems:
-            raise InputError("\n".join(self.problems))
+        self.problems.stop()
         return self.machine_
 
     def _unknown(self, element: Element, expected: tuple[str, ...]) -> None:
@@ -145,17 +149,16 @@ class _Reader:
                 self.problem(element, 'found inside <datamodel>; expected <data id="NAME"/>')
             elif name in self.machine_.declared:
                 self.problem(element, f"duplicate id {name!r}; keep one")
-            elif (other := self._same_in_expressions(name)) is not None:
+            elif (own := in_expression(name)) in self._declared_as:
+                other = self._declared_as[own]
                 self.problem(
                     element, f"the ids {other!r} and {name!r} are the same in an expression; rename one"
                 )
             else:
-                self.machine_.declared[name] = self._declared(element)
-
-    def _same_in_expressions(self, name: str) -> str | None:
-        """Return a declared name that an expression does not tell from this one."""
-        own = in_expression(name)
-        return next((one for one in self.machine_.declared if in_expression(one) == own), None)
+                self._declared_as[own] = name
+                value = self.machine_.declared[name] = self._declared(element)
+                if value is not None:
+                    self._constants[own] = value
 
     def _declared(self, element: Element) -> float | None:
         """Return the number of a `<data>`, in its attribute or inside; None where it has none."""
@@ -180,10 +183,8 @@ class _Reader:
         return self._value(element, text, attribute)
 
     def _value(self, element: Element, text: str, what: str) -> float:
-        declared = self.machine_.declared.items()
-        known = {in_expression(name): value for name, value in declared if value is not None}
         try:
-            return constant(parse(text), known)
+            return constant(parse(text), self._constants)
         except ConditionError as error:
             self.problem(element, f"{what}: {error}")
             return 0.0
@@ -330,14 +331,15 @@ class _Reader:
     def _check_events(self) -> None:
         """Events that no transition waits for are mistakes, or meant for others where they carry numbers."""
         waited = [one for state in self.states.values() for t in state.transitions for one in t.events]
+        awaited = Descriptors(waited)
         for state in self.states.values():
             for block in (state.entry, state.exit, *(t.actions for t in state.all_transitions)):
                 for one in [one for one in block if isinstance(one, Event)]:
-                    if any(matches(descriptor, one.name) for descriptor in waited):
+                    if awaited.match(one.name):
                         continue
                     block.remove(one)
                     if not one.optional:
-                        self.problems.append(
+                        self.problems.add(
                             f"{self.root.file}:{one.line}: event: no transition waits for {one.name!r}"
                             f"{did_you_mean(one.name, waited)}"
                         )
@@ -362,22 +364,26 @@ class _Reader:
             if name in self.states:
                 found.append(self.states[name])
             else:
-                self.problems.append(f"{place} there is no state {name!r}{did_you_mean(name, self.states)}")
+                self.problems.add(f"{place} there is no state {name!r}{did_you_mean(name, self.states)}")
         if one is state.initial:
             parent = state.parent if state.kind == "history" else state
             for target in found:
                 shallow = state.kind == "history" and not state.deep
                 if parent is None or not target.inside(parent) or (shallow and target.parent is not parent):
                     where = "directly inside" if shallow else "inside"
-                    self.problems.append(
+                    self.problems.add(
                         f"{place} {target.name!r} is not {where} of {parent.name if parent else ''!r}"
                     )
-        for index, target in enumerate(found):
-            for other in found[:index]:
-                around = next((up for up in target.ancestors if other.inside(up)), None)
-                nested = target.inside(other) or other.inside(target) or target is other
-                if nested or around is None or around.kind != "parallel":
-                    self.problems.append(
+        within: dict[int, State] = {}  # a target by each state that it is in, and by itself
+        for target in found:
+            around = [target, *target.ancestors]
+            meeting = next((up for up in around if id(up) in within), None)
+            if meeting is not None:
+                other = within[id(meeting)]
+                if meeting.kind != "parallel" or meeting is target or meeting is other:
+                    self.problems.add(
                         f"{place} {other.name!r} and {target.name!r} are not in two regions of a <parallel>, "
                         "so that they cannot be entered together"
                     )
+            for up in around:
+                within.setdefault(id(up), target)

@@ -5,7 +5,7 @@ is chosen depends on the sensors through conditions alone; each branch below has
 intervals of the sensors, for which the same transitions are taken.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -383,9 +383,30 @@ def _queued(
     return internal, external
 
 
+class Descriptors:
+    """Descriptors of events, of which one may match an event as in `matches`."""
+
+    def __init__(self, descriptors: Collection[str]) -> None:
+        self._all = "*" in descriptors
+        self._prefixes = {_prefix(one) for one in descriptors}
+        self._lengths = sorted({len(one) for one in self._prefixes})
+
+    def match(self, event: str) -> bool:
+        """Whether one of them names an event."""
+        return self._all or any(
+            event[:length] in self._prefixes and event[length : length + 1] in {"", "."}
+            for length in self._lengths
+            if length <= len(event)
+        )
+
+
 def matches(descriptor: str, event: str) -> bool:
     """Whether a descriptor names an event: `*` names all, `a` also `a.b`."""
     if descriptor == "*":
         return True
-    prefix = descriptor.removesuffix("*").removesuffix(".")
+    prefix = _prefix(descriptor)
     return event == prefix or event.startswith(f"{prefix}.")
+
+
+def _prefix(descriptor: str) -> str:
+    return descriptor.removesuffix("*").removesuffix(".")

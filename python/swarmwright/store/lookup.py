@@ -1,6 +1,5 @@
 """Finding one evaluation in a store, and the best ones."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.core.by_value import ComparedByValue
 from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.json_text import loads
 from swarmwright.core.order import best_first
 from swarmwright.store.best_of_equals import BestOfEquals
 from swarmwright.store.blocks import Record, joined
@@ -171,7 +171,7 @@ class Lookup:
             row.generation,
             index,
             float(part.fitness[index]),
-            json.loads(row.seeds),
+            loads(row.seeds),
             part.episodes[index],
             part.metrics[index],
             part.genomes[index] if whole.sample is None else whole.sample.genomes(index, 1)[0],

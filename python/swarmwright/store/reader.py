@@ -1,7 +1,6 @@
 """Reading a store, while a run writes it or afterwards."""
 
 import hashlib
-import json
 import operator
 import sqlite3
 from collections.abc import Callable, Iterator
@@ -14,6 +13,7 @@ import numpy as np
 
 from swarmwright.core.channels import problem_of
 from swarmwright.core.errors import InputError
+from swarmwright.core.json_text import loads
 from swarmwright.core.place import Place
 from swarmwright.core.server_use import ServerUse, read
 from swarmwright.core.statistics import Summary
@@ -143,7 +143,7 @@ class StoreReader:
 
     def _parsed(self, text: str) -> Any:  # noqa: ANN401 - JSON
         try:
-            return json.loads(text)
+            return loads(text)
         except (ValueError, TypeError) as error:
             raise InputError(f"{self.file}: is damaged: {error}") from error
 

@@ -13,6 +13,7 @@ from typing import Any, Self
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
+from swarmwright.core.json_text import loads
 from swarmwright.core.modules import is_in_file
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code.parts import Part, part_of
@@ -114,7 +115,7 @@ class Copy:
         """The components, by section. Raises InputError when the manifest cannot be read."""
         file = self.folder / _MANIFEST
         try:
-            described: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))["parts"]
+            described: dict[str, Any] = loads(file.read_text(encoding="utf-8"))["parts"]
             return {_inside(name): _kept(name, one) for name, one in described.items()}
         except OSError as error:
             raise InputError(f"{file}: cannot be read: {error.strerror}") from error

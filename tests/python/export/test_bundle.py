@@ -494,6 +494,15 @@ def test_names_outside_the_folder_are_refused(name: str, bundle: Path, tmp_path:
         verify_bundle(tmp_path / "more.zip")
 
 
+@pytest.mark.parametrize("name", ["manifest.json", "controller.json", "evaluation.json"])
+@pytest.mark.parametrize("text", [b"[" * 100_000, b"[" * 900 + b"]" * 900])
+def test_json_that_is_nested_deeply_is_refused(name: str, text: bytes, bundle: Path, tmp_path: Path) -> None:
+    sealed = name != "manifest.json"
+    write(tmp_path / "deep.zip", {**read(bundle), name: text}, sealed=sealed)
+    with pytest.raises(InputError, match="nested more than 100 deep"):
+        verify_bundle(tmp_path / "deep.zip")
+
+
 @pytest.mark.parametrize("kind", [stat.S_IFLNK, stat.S_IFIFO, stat.S_IFCHR])
 def test_archived_links_and_devices_are_refused(kind: int, bundle: Path, tmp_path: Path) -> None:
     write(tmp_path / "more.zip", read(bundle), sealed=False)

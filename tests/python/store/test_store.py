@@ -185,6 +185,11 @@ def test_a_damaged_store_is_not_touched(copy: Path) -> None:
         ),
         ("UPDATE fact SET value = 'x' WHERE name = 'metrics'", r"run\.sqlite: is damaged"),
         ("UPDATE generation SET seeds = 'x'", r"run\.sqlite: is damaged"),
+        (
+            "UPDATE fact SET value = replace(hex(zeroblob(50000)), '0', '[') WHERE name = 'metrics'",
+            r"run\.sqlite: is damaged: it is nested more than 100 deep",
+        ),
+        ("UPDATE generation SET seeds = replace(hex(zeroblob(50000)), '0', '[')", r"run\.sqlite: is damaged"),
         ("UPDATE block SET genomes = x'00'", r"run\.sqlite: is damaged"),
     ],
 )
