@@ -164,6 +164,33 @@ def _values(
         )
 
 
+def _failures(groups: Sequence["Group"], *, held_out: bool) -> Iterator[str]:
+    """Yield that evaluations failed, and that figures leave failed episodes out."""
+    without = [one for one in groups if one.runs[0].experiment.ranking.failure_fitness is None]
+    some = [one for one in without if any(one.failed)]
+    if some:
+        shares = "; ".join(
+            f"{one.label}: {100 * sum(one.failed) / sum(one.counts):.3g} %" for one in some[:_NAMED]
+        )
+        more = f" and {len(some) - _NAMED} more groups" if len(some) > _NAMED else ""
+        yield (
+            f"evaluations failed ({shares}{more}) and rank below all others, so the best candidates are "
+            "those that happened to work in the episodes of the run"
+        )
+    lost = [one for one in without if any(one.held_out_failed)] if held_out else []
+    if lost:
+        named = "; ".join(
+            f"{one.label}: {sum(one.held_out_failed):,} in {sum(map(bool, one.held_out_failed))} of "
+            f"{len(one.runs)} runs"
+            for one in lost[:_NAMED]
+        )
+        more = f" and {len(lost) - _NAMED} more groups" if len(lost) > _NAMED else ""
+        yield (
+            f"the best candidates failed in held-out episodes, which their means leave out ({named}{more}): "
+            "do not report these means; ranking.failed: NUMBER gives failed episodes a fitness"
+        )
+
+
 def _elites_by_luck(groups: Sequence["Group"], made: Collection[str], indicator: Indicator) -> Iterator[str]:
     """Yield that elites may owe their places to their seeds; made: what recorded fitness is made of."""
     if len(made) > 1:
@@ -310,6 +337,7 @@ def caveats(
             found += _lengths(groups, indicator)
         found += _costs(groups, tasks, compare_at=indicator.by == "fitness" and not held_out)
     found += _tasks(groups, tasks)
+    found += _failures(groups, held_out=held_out)
     found += _values(groups, indicator, held_out=held_out, beside=beside)
     found += ties([pair for task in tasks for pair in task.pairs])
     if indicator.by == "fitness" and not set(beside) - {HELD_OUT}:

@@ -27,6 +27,7 @@ from swarmwright.analysis.sweep_folders import runs_of_all
 from swarmwright.analysis.tasks import TaskGroups, by_task
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
+from swarmwright.runs.failures import failed_within
 from swarmwright.runs.run import Run
 
 if TYPE_CHECKING:
@@ -51,6 +52,13 @@ class Group:
     """Evaluations of each run that count."""
     episodes: tuple[int, ...]
     """Episodes that these evaluations took: `ranking.episodes` each, without those that a race left out."""
+    failed: tuple[int, ...]
+    """How many of these evaluations failed, in at least one episode."""
+
+    @property
+    def held_out_failed(self) -> tuple[int, ...]:
+        """Held-out episodes in which the best candidate of each run failed; 0 without a validation."""
+        return tuple(0 if run.validation is None else run.validation.best.failed for run in self.runs)
 
     def quantile(self, share: float) -> float:
         """Return a quantile of `final`; a run without any fitness counts as minus infinity."""
@@ -203,9 +211,11 @@ class Comparison:
         """Write a table; return its path. The ending of the file says which.
 
         .csv: a row for each run: task, group, run (its folder, relative to that of the table), seed,
-        evaluations and episodes that count, fitness (the best recorded one of these), the indicator that is
-        compared if any, held_out_fitness, held_out_episodes, held_out_standard_error, held_out_low and
-        held_out_high (95 % interval; empty before a run's end and where the run was not validated), seconds
+        evaluations and episodes that count, failed (of these evaluations), fitness (the best recorded one of
+        these), the indicator that is compared if any, held_out_fitness, held_out_episodes, held_out_failed
+        (of these, which held_out_fitness leaves out unless `ranking.failed` is a number),
+        held_out_standard_error, held_out_low and held_out_high (95 % interval; empty before a run's end and
+        where the run was not validated), seconds
         of the whole run, record_sha256, and the keys that differ; nan where no candidate could be evaluated.
         .tex: groups and tests of each task as LaTeX tables, for the package booktabs.
 
@@ -372,7 +382,8 @@ def _group(one: RunGroup, found: Sequence[tuple[float, int]]) -> Group:
     final = np.array([value for value, _ in found], dtype=np.float64)
     counts = tuple(count for _, count in found)
     episodes = tuple(map(episodes_of, one.runs, counts))
-    return Group(one.label, one.differs, one.runs, final, counts, episodes)
+    failed = tuple(map(failed_within, one.runs, counts))
+    return Group(one.label, one.differs, one.runs, final, counts, episodes, failed)
 
 
 def _validated(run: Run) -> float:

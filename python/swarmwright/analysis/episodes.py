@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from swarmwright.analysis.after_evaluations import by_generation
 from swarmwright.rankings.race import RaceOptions
+from swarmwright.runs.failures import taken as taken_by
+from swarmwright.runs.failures import taken_in
 from swarmwright.runs.run import Run
 
 _Numbers: TypeAlias = NDArray[np.int64]
@@ -46,17 +48,27 @@ def _by_generation(run: Run) -> tuple[_Numbers, _Numbers]:
     """Return the evaluations of a race before each generation and at the end, and the episodes of these."""
     if run not in _known:
         counts, taken = np.zeros((2, run.generations), np.int64)
-        for part in run._store.rows():
-            known = part.generation < run.generations  # a run that goes on may have more by now
-            np.add.at(counts, part.generation[known], 1)
-            np.add.at(taken, part.generation[known], _taken(part.episodes, part.fitness)[known])
+        if run.experiment.ranking.failure_fitness is not None:
+            for one in taken_by(run):
+                counts[one.generation], taken[one.generation] = len(one.episodes), one.episodes.sum()
+        else:
+            for part in run._store.rows():
+                known = part.generation < run.generations  # a run that goes on may have more by now
+                np.add.at(counts, part.generation[known], 1)
+                np.add.at(taken, part.generation[known], _taken(part.episodes, part.fitness)[known])
         _known[run] = np.concatenate([[0], np.cumsum(counts)]), np.concatenate([[0], np.cumsum(taken)])
     return _known[run]
 
 
 def _taken_in(run: Run, generation: int) -> _Numbers:
     """Return how many episodes each evaluation of a generation took; none where there is no such one."""
-    found = [_taken(one.episodes, one.fitness) for one in run._store.one_generation(generation)]
+    ranking = run.experiment.new_ranking()
+    found = [
+        _taken(one.episodes, one.fitness)
+        if ranking.options.failure_fitness is None
+        else taken_in(one, ranking).episodes
+        for one in run._store.one_generation(generation)
+    ]
     return np.concatenate(found) if found else np.zeros(0, np.int64)
 
 

@@ -56,7 +56,7 @@ def table(comparison: "Comparison") -> str:
     for task in comparison.tasks:
         if several:
             lines += [""] * bool(lines) + [f"Task: {one_line(task.label)}", ""]
-        lines += columns(_group_rows(task.groups))
+        lines += columns(_group_rows(task.groups, held_out=comparison.held_out))
         if task.kruskal is not None:
             which = "All groups of the task" if several else "All groups"
             lines += ["", f"{which}: {kruskal_words(task.kruskal)}"]
@@ -80,7 +80,7 @@ def html_of(comparison: "Comparison") -> str:
         what = "Mean fitness of each run's best candidate on held-out seeds"
     parts = [html.facts(f"Comparison of {len(comparison.groups)} groups. {what}", [])]
     for task in comparison.tasks:
-        head, *rows = _group_rows(task.groups)
+        head, *rows = _group_rows(task.groups, held_out=comparison.held_out)
         parts.append(html.facts(f"Task: {task.label}", []) if several else "")
         parts.append(html.table(head, rows))
         if task.kruskal is not None:
@@ -94,17 +94,23 @@ def html_of(comparison: "Comparison") -> str:
     return "".join([*parts, html.facts("", notes) if notes else ""])
 
 
-def _group_rows(groups: Sequence["Group"]) -> list[list[str]]:
-    # Where each evaluation is one episode, a column would say the same again.
+def _group_rows(groups: Sequence["Group"], *, held_out: bool) -> list[list[str]]:
+    # Where each evaluation is one episode, or nothing failed, a column would say nothing.
     episodes = any(one.episodes != one.counts for one in groups)
+    failed = any(any(one.failed) for one in groups)
+    lost = held_out and any(any(one.held_out_failed) for one in groups)
     rows = [
-        ["group", "runs", "evaluations", *["episodes"] * episodes, "median", "quartiles", "worst", "best"]
-    ]
+        [
+            "group", "runs", "evaluations", *["failed"] * failed, *["episodes"] * episodes,
+            *["held-out failed"] * lost, "median", "quartiles", "worst", "best",
+        ]
+    ]  # fmt: skip
     for one in groups:
         low, high = one.quartiles
         rows.append(
             [
-                one.label, str(len(one.runs)), span(one.counts), *[span(one.episodes)] * episodes,
+                one.label, str(len(one.runs)), span(one.counts), *[span(one.failed)] * failed,
+                *[span(one.episodes)] * episodes, *[span(one.held_out_failed)] * lost,
                 number(one.median), f"{number(low)} to {number(high)}", number(one.quantile(0.0)),
                 number(one.quantile(1.0)),
             ]
@@ -194,10 +200,12 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
                 "runs": [
                     {
                         "run": str(run.path), "seed": run.experiment.seed, "evaluations": count,
-                        "episodes": episodes, comparison.indicator.by: float(value),
+                        "episodes": episodes, "failed": failed, "held_out_failed": lost,
+                        comparison.indicator.by: float(value),
                     }
-                    for run, value, count, episodes in zip(
-                        one.runs, one.final, one.counts, one.episodes, strict=True
+                    for run, value, count, episodes, failed, lost in zip(
+                        one.runs, one.final, one.counts, one.episodes, one.failed, one.held_out_failed,
+                        strict=True,
                     )
                 ],
                 "median": one.median,

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from swarmwright.runs.validation import Validation
 
 CSV, LATEX = ".csv", ".tex"
-_HELD_OUT = tuple(f"held_out_{name}" for name in ("fitness", "episodes", "standard_error", "low", "high"))
+_HELD_OUT = tuple(
+    f"held_out_{name}" for name in ("fitness", "episodes", "failed", "standard_error", "low", "high")
+)
 """Columns of the mean fitness of a run's best candidate on held-out seeds; low to high: 95 % interval."""
 _SPECIAL = {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
@@ -54,7 +56,8 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
     """Return a row for each run.
 
     Columns: task (empty where there is one), group, run (its folder, relative to that of the table), seed,
-    evaluations and episodes that count, the best recorded fitness of these, the indicator that is compared if
+    evaluations and episodes that count, how many of these evaluations failed, the best recorded fitness of
+    these, the indicator that is compared if
     any, fitness on held-out seeds, seconds of the whole run, SHA-256 of its record, then the keys that differ
     between the groups, see `option_columns`. nan: no candidate could be evaluated; empty: not known.
 
@@ -69,13 +72,13 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
     at_end = comparison.at is None and comparison.at_episodes is None
     rows: list[dict[str, Any]] = []
     for one, keys in zip(comparison.groups, differing, strict=True):
-        for run, value, count, episodes in zip(
-            one.runs, one.final.tolist(), one.counts, one.episodes, strict=True
+        for run, value, count, episodes, failed in zip(
+            one.runs, one.final.tolist(), one.counts, one.episodes, one.failed, strict=True
         ):
             row = {
                 "task": tasks[one.label], "group": one.label,
                 "run": os.path.relpath(run.path.resolve(), folder.resolve()),
-                "seed": run.experiment.seed, "evaluations": count, "episodes": episodes,
+                "seed": run.experiment.seed, "evaluations": count, "episodes": episodes, "failed": failed,
                 "fitness": value if best else fitness_at(run, comparison.at)[0],
             }  # fmt: skip
             if by != "fitness":
@@ -94,8 +97,11 @@ def _held_out(validation: "Validation | None") -> dict[str, float | None]:
     """Return the columns of fitness on held-out seeds, empty where that is not known."""
     if validation is None:
         return dict.fromkeys(_HELD_OUT)
-    fitness = validation.best.fitness
-    values = (fitness.mean, len(validation.best.seeds), fitness.standard_error, fitness.low, fitness.high)
+    best = validation.best
+    fitness = best.fitness
+    values = (
+        fitness.mean, len(best.seeds), best.failed, fitness.standard_error, fitness.low, fitness.high
+    )  # fmt: skip
     return dict(zip(_HELD_OUT, values, strict=True))
 
 
@@ -108,7 +114,7 @@ def latex_text(comparison: "Comparison") -> str:
             lines.append(f"% task: {one_line(task.label)}")
         if task.kruskal is not None:
             lines.append(f"% {kruskal_words(task.kruskal)}")
-        lines += _groups(task.groups)
+        lines += _groups(task.groups, held_out=comparison.held_out)
         if task.pairs:
             lines += _pairs(task.pairs)
     lines += [f"% {one_line(note)}" for note in comparison.notes]
@@ -130,16 +136,22 @@ def _when(comparison: "Comparison") -> str:
     return "at its end" if comparison.at is None else f"after {comparison.at:,} evaluations"
 
 
-def _groups(groups: Sequence["Group"]) -> list[str]:
+def _groups(groups: Sequence["Group"], *, held_out: bool) -> list[str]:
+    failed = any(any(one.failed) for one in groups)
+    lost = held_out and any(any(one.held_out_failed) for one in groups)
     rows = [
         [
-            one.label, str(len(one.runs)), span(one.counts), span(one.episodes), number(one.median),
+            one.label, str(len(one.runs)), span(one.counts), span(one.episodes),
+            *[span(one.failed)] * failed, *[span(one.held_out_failed)] * lost, number(one.median),
             *map(number, one.quartiles), number(one.quantile(0.0)), number(one.quantile(1.0)),
         ]
         for one in groups
     ]  # fmt: skip
-    head = ["group", "runs", "evaluations", "episodes", "median", "lower quartile", "upper quartile", "worst"]
-    return _tabular([*head, "best"], rows, words=1)
+    head = [
+        "group", "runs", "evaluations", "episodes", *["failed"] * failed, *["held-out failed"] * lost,
+        "median", "lower quartile", "upper quartile", "worst", "best",
+    ]  # fmt: skip
+    return _tabular(head, rows, words=1)
 
 
 def _pairs(pairs: Sequence["Pair"]) -> list[str]:

@@ -12,7 +12,9 @@ from swarmwright.experiment.settings import ANNOUNCED
 from swarmwright.runs.run import Run
 from swarmwright.simulations.catalogue import ARENA, built_in
 
-_DEFINITIONS = ("fitness", "ranking.aggregate", "ranking.level")
+_FAILED = "ranking.failed"
+"""Where it is a number, that is the fitness of a failed episode, in the run and on held-out seeds."""
+_DEFINITIONS = ("fitness", "ranking.aggregate", "ranking.level", _FAILED)
 """Keys by which fitness is another quantity."""
 _SIMULATION = "simulation"
 _MISSION = "parameters.mission"
@@ -169,7 +171,7 @@ def _makes_task(key: str, by: str, *, held_out: bool) -> bool:
         return True
     if by == "coverage":
         return False
-    return key in _DEFINITIONS and not (held_out and key.startswith("ranking."))
+    return key in _DEFINITIONS and not (held_out and key.startswith("ranking.") and key != _FAILED)
 
 
 def _only_parameters(groups: Sequence[RunGroup], keys: Collection[str]) -> bool:
@@ -192,13 +194,16 @@ def _other_quantity(key: str) -> bool:
 def _of_task(one: Distinguished) -> dict[str, Any]:
     """Return what differs of a group, with the robot in place of its reference model."""
     experiment = one.runs[0].experiment
-    if built_in(experiment.simulation) != ARENA or not one.differs.keys() & _ROBOTS:
-        return one.differs
+    differs = one.differs
+    if isinstance(differs.get(_FAILED), str):  # last and stop do not change what fitness is
+        differs = {**differs, _FAILED: "last"}
+    if built_in(experiment.simulation) != ARENA or not differs.keys() & _ROBOTS:
+        return differs
     robot = robot_of(experiment.parameters)
     name = robot.get("preset") if isinstance(robot, Mapping) else robot
     if not isinstance(name, str) or not name.startswith(_MODELS):
-        return one.differs
-    return {key: "e-puck" if key in _ROBOTS else value for key, value in one.differs.items()}
+        return differs
+    return {key: "e-puck" if key in _ROBOTS else value for key, value in differs.items()}
 
 
 def identity(value: Any) -> str:  # noqa: ANN401 - any value of an experiment

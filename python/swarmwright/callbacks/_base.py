@@ -60,17 +60,21 @@ def figures(generation: "Generation") -> dict[str, float]:
         "fitness/mean": generation.mean,
         "evaluations/total": float(generation.evaluations),
         "evaluations/failed": float(generation.failed),
+        "evaluations/failed_total": float(generation.failed_so_far),
         "evaluations/per_second": generation.evaluations_per_second,
     }
 
 
 def held_out(run: "Run") -> dict[str, float]:
-    """Return the fitness of a run's best on held-out seeds, and its 95 % interval; empty without any."""
+    """Return the fitness of a run's best on held-out seeds, its 95 % interval, and how many episodes failed.
+
+    Empty without any.
+    """
     found = run.unseen
     if found is None:
         return {}
     fitness = found.fitness
-    values = {"": fitness.mean, "_low": fitness.low, "_high": fitness.high}
+    values = {"": fitness.mean, "_low": fitness.low, "_high": fitness.high, "_failed": float(found.failed)}
     return {
         f"fitness/held_out{name}": value
         for name, value in values.items()

@@ -14,9 +14,15 @@ import click
 from swarmwright.cli._observing import Observing, observed
 from swarmwright.cli._output import STDOUT, Output, complain
 from swarmwright.cli._progress import Progress, progress
-from swarmwright.cli._runs import saved_lines
+from swarmwright.cli._runs import failure_lines, saved_lines
 from swarmwright.cli._signals import INTERRUPTED, check
-from swarmwright.cli._validation import transfer_of, unseen_facts, validation_facts, validation_lines
+from swarmwright.cli._validation import (
+    not_validated,
+    transfer_of,
+    unseen_facts,
+    validation_facts,
+    validation_lines,
+)
 from swarmwright.core.errors import RunError
 from swarmwright.core.formatting import duration, rate
 
@@ -222,6 +228,7 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
         {
             "best": {"fitness": best.fitness, "candidate": best.candidate, "generation": best.generation},
             "evaluations": run.evaluations,
+            "failed": run.failed_evaluations,
             "generations": run.generations,
             "seconds": run.seconds,
             "run": str(run.path),
@@ -236,7 +243,7 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
         output.text(f"  {_resume(run.path, where)}")
     whose = f"generation {best.generation}, candidate {best.candidate}, numbered from 0"
     output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
-    for line in () if validation is None else validation_lines(validation, run):
+    for line in _validated(run):
         output.text(line)
     if transfer is not None:
         output.block(str(transfer))
@@ -263,6 +270,17 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
         if name in being_drawn or (run.path / name).exists():
             output.text(f"  {name:<16} {meaning}")
     _hint(output, run, broker)
+
+
+def _validated(run: "Run") -> Iterator[str]:
+    """Yield lines on how far the fitness of a run can be trusted: held-out seeds, failed evaluations."""
+    validation, missing = run.validation, not_validated(run)
+    if validation is not None:
+        yield from validation_lines(validation, run)
+    if missing is not None:
+        yield missing
+    for line in failure_lines(run):
+        yield f"{line} See why: {program()} runs show {shlex.quote(str(run.path))}"
 
 
 def _hint(output: Output, run: "Run", broker: str | None) -> None:

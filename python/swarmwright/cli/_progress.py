@@ -85,7 +85,8 @@ class PlainProgress:
             speed = f"{generation.evaluations} evaluations ({speed})"
         self._output.text(
             f"{how_far(self._budget, generation)}  best {generation.best_so_far:.6g}  "
-            f"mean {generation.mean:.6g}  {speed}  {duration(generation.seconds_left)} left"
+            f"mean {generation.mean:.6g}  {speed}{_failed(generation)}  "
+            f"{duration(generation.seconds_left)} left"
         )
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
@@ -159,11 +160,17 @@ class BarProgress:
             if last.budget != "evaluations":  # else the line above says their number
                 numbers.append(f"  {last.evaluations} evaluations")
             numbers.append(f"  {rate(last.evaluations_per_second)}/s", style="cyan")
+            numbers.append(_failed(last), style="yellow")
             yield numbers
         if self._waiting:
             waiting = text(self._waiting, "yellow")
             waiting.no_wrap, waiting.overflow = True, "ellipsis"
             yield waiting
+
+
+def _failed(generation: "Generation") -> str:
+    """Return how many evaluations of the run have failed, after a space; empty where none has."""
+    return f"  {generation.failed_so_far:,} failed" if generation.failed_so_far else ""
 
 
 def _reason(waiting_for: str, seconds: float) -> str:

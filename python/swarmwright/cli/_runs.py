@@ -10,7 +10,13 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
-from swarmwright.cli._validation import transfer_of, unseen_facts, validation_facts, validation_lines
+from swarmwright.cli._validation import (
+    not_validated,
+    transfer_of,
+    unseen_facts,
+    validation_facts,
+    validation_lines,
+)
 from swarmwright.core.attempts import TURN
 from swarmwright.core.formatting import counted, duration
 from swarmwright.core.machine_texts import controller_text
@@ -69,6 +75,7 @@ def facts_of(run: "Run") -> dict[str, Any]:
         "generations": run.generations,
         "of": experiment.budget.generations,
         "evaluations": run.evaluations,
+        "failed": run.failed_evaluations,
         "best": run.history[-1].best_so_far if run.history else None,
         "seconds": run.seconds,
         "created": run.created,
@@ -85,7 +92,13 @@ def local_time(stamp: str) -> str:
 
 def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
     """Print a line per run, aligned; columns as wide as they need to be."""
-    heading = ("run", "state", "simulation", "method", "seed", "generations", "best", "created")
+    # Where nothing failed, a column would say nothing.
+    failed = any(facts["failed"] for facts in runs)
+    heading = (
+        *("run", "state", "simulation", "method", "seed", "generations"),
+        *(["failed"] * failed),
+        *("best", "created"),
+    )
     rows = [
         (
             facts["run"],
@@ -94,12 +107,31 @@ def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
             facts["method"],
             str(facts["seed"]),
             str(facts["generations"]) if facts["of"] is None else f"{facts['generations']}/{facts['of']}",
+            *([_share(facts["failed"], facts["evaluations"])] * failed),
             "-" if facts["best"] is None else f"{facts['best']:.6g}",
             local_time(facts["created"])[:16],
         )
         for facts in runs
     ]
     _table(output, [heading, *rows])
+
+
+def _share(failed: int, evaluations: int) -> str:
+    """Return how many evaluations failed: 167 of 200."""
+    return f"{failed} of {evaluations}" if failed else "0"
+
+
+def failure_lines(run: "Run") -> Iterator[str]:
+    """Yield lines on failed evaluations of a run; none where nothing failed."""
+    failed = run.failed_evaluations
+    if not failed:
+        return
+    ranking = run.experiment.ranking
+    episodes = run.failed_episodes
+    made_of = f" ({counted(episodes, 'failed episode')})" if episodes and ranking.episodes > 1 else ""
+    value = ranking.failure_fitness
+    how = "they rank below all others" if value is None else f"a failed episode counts as {value:g}"
+    yield f"{failed:,} of {counted(run.evaluations, 'evaluation')} failed{made_of}: {how}."
 
 
 def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
@@ -189,6 +221,7 @@ def describe(output: Output, run: "Run") -> None:
             "best": best,
             "ended": run.ended,
             "elites": elites_facts(run.elites) if run.generations and has_elites(run) else None,
+            "failed_episodes": run.failed_episodes,
             "episodes_saved": run.episodes_saved,
             "unseen": None if unseen is None else unseen_facts(unseen),
             "validation": None if validation is None else validation_facts(validation),
@@ -302,7 +335,7 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         f"  {run.generations}{whole} generations{instance}, {run.evaluations} evaluations, "
         f"{duration(run.seconds)}"
     )
-    for line in saved_lines(run):
+    for line in (*failure_lines(run), *saved_lines(run)):
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
     if run.ended is not None:
         output.text(
@@ -320,6 +353,9 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         output.text(f"    {row}")
     for line in () if validation is None else validation_lines(validation, run):
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
+    missing = not_validated(run)
+    if missing is not None:
+        output.text(f"  {missing[0].lower()}{missing[1:]}".removesuffix("."))
     resume = f"`swarmwright resume {shlex.quote(str(run.path))}` does it"
     if run.validation_is_due and facts["state"] in {"done", "stopped"}:
         output.text(f"  its best candidates are not validated yet: {resume}")

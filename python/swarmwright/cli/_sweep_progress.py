@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
 from swarmwright.cli._progress import PATIENCE_S
-from swarmwright.core.formatting import duration
+from swarmwright.core.formatting import counted, duration
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -56,8 +56,11 @@ def _head(status: "Status") -> str:
 
 
 def _words(one: "UnderWay") -> str:
-    best = "" if one.generation is None else f", best {one.generation.best_so_far:.6g}"
-    return f"{one.words}{best}"
+    if one.generation is None:
+        return one.words
+    failed = one.generation.failed_so_far
+    lost = f", {counted(failed, 'evaluation')} failed" if failed else ""
+    return f"{one.words}, best {one.generation.best_so_far:.6g}{lost}"
 
 
 class BarStatus:

@@ -104,17 +104,19 @@ class Report(Status):
         best, unseen = run.history[-1].best_so_far, run.unseen
         held_out = ""
         if unseen is not None:
+            lost = f", {unseen.failed_words}" if unseen.failed else ""
             held_out = (
-                f" ({with_error(unseen.fitness.mean, unseen.fitness.standard_error)} on held-out seeds)"
+                f" ({with_error(unseen.fitness.mean, unseen.fitness.standard_error)} on held-out seeds{lost})"
             )
+        failed = f" of which {run.failed_evaluations:,} failed," if run.failed_evaluations else ""
         self._output.text(
-            f"{self._where(task)}: best fitness {best + 0.0:.6g}{held_out}, {run.evaluations:,} evaluations, "
-            f"{how}"
+            f"{self._where(task)}: best fitness {best + 0.0:.6g}{held_out}, {run.evaluations:,} evaluations,"
+            f"{failed} {how}"
         )
         self._output.json(
             {
                 "variant": task.variant.label, "seed": task.seed, "run": str(run.path), "fitness": best,
-                "evaluations": run.evaluations,
+                "evaluations": run.evaluations, "failed": run.failed_evaluations,
             }
             | ({} if unseen is None else {"unseen": unseen_facts(unseen)})
         )  # fmt: skip

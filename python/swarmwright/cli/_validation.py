@@ -1,12 +1,13 @@
 """Messages about the fitness of a run's best candidates on held-out seeds."""
 
+import shlex
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.untrusted import one_line
 
 if TYPE_CHECKING:
-    from swarmwright import PostEvaluation, Run, Transfer, Validation
+    from swarmwright import ControllerEvaluation, PostEvaluation, Run, Transfer, Validation
     from swarmwright.core.statistics import Estimate
 
 
@@ -21,7 +22,9 @@ def validation_lines(found: "Validation", run: "Run") -> Iterator[str]:
     if not found.depends_on_seed:
         yield (
             f"{f'All {count:,} held-out episodes' if count > 1 else 'The held-out episode'} gave the "
-            "recorded fitness: it does not seem to depend on the seed. Report the recorded fitness."
+            "recorded fitness: it does not seem to depend on the seed. Report the recorded fitness as that "
+            "of this controller; how good the method is takes several runs with other seeds "
+            "(`swarmwright sweep`)."
         )
         yield from _start_lines(found, run)
         return
@@ -32,16 +35,44 @@ def validation_lines(found: "Validation", run: "Run") -> Iterator[str]:
         made_of = f"mean of the {used:,} instances it was evaluated on"
     elif not options.reevaluate:
         made_of = f"{_episodes(options.episodes)} of {made_of}"
-    failed = f", of which {best.failed} failed" if best.failed else ""
     where = "" if found.slow is None else f" in {one_line(found.slow)}"
     yield f"Recorded fitness {best.recorded + 0.0:.6g} ({made_of}); selection biases it upwards."
-    yield (
-        f"Fitness on {_episodes(count)} with held-out seeds{where}{failed}: {_estimated(best.fitness)}. "
-        "Report this one."
-    )
+    measured = f"Fitness on {_episodes(count)} with held-out seeds{where}{_failed(best)}"
+    if best.is_reportable:
+        yield f"{measured}: {_estimated(best.fitness)}. Report this one."
+    else:
+        yield f"{measured}: {_estimated(best.fitness)} in the other {len(best.counted):,}."
+        command = f"swarmwright evaluate {shlex.quote(str(run.path))} --episodes {count}"
+        yield (
+            "Do not report this figure, which leaves failures out. ranking.failed: NUMBER gives failed "
+            f"episodes a fitness; for this run: {command} --set ranking.failed=NUMBER"
+        )
     if len(found.candidates) > 1:
         yield from _next_best_lines(found)
     yield from _start_lines(found, run)
+
+
+def _failed(found: "ControllerEvaluation") -> str:
+    """Return how many episodes failed, and how they count; empty where none did."""
+    if not found.failed:
+        return ""
+    value = found.ranking.options.failure_fitness
+    return f", of which {found.failed:,} failed" + ("" if value is None else f" and count as {value:g}")
+
+
+def not_validated(run: "Run") -> str | None:
+    """Return why a run that is done was not validated; None where it was, or is not to be."""
+    from swarmwright.runs.validation import too_short
+
+    short = too_short(run)
+    if short is None:
+        return None
+    return (
+        f"Not validated on held-out seeds: {short.share:.0%} of the run's evaluations are "
+        f"{_episodes(short.affordable) if short.affordable else 'no episode'}, fewer than the "
+        f"{short.needed:,} that a validation takes. Where fitness depends on the seed, the recorded fitness "
+        f"is biased upwards; `{short.command}` validates the run."
+    )
 
 
 def _start_lines(found: "Validation", run: "Run") -> Iterator[str]:
@@ -53,9 +84,11 @@ def _start_lines(found: "Validation", run: "Run") -> Iterator[str]:
         where = f"all of these {_episodes(count)}" if count > 1 else "this episode"
         yield f"The controller that it started from failed in {where}."
         return
-    failed = f", of which {found.start.failed} failed" if found.start.failed else ""
     where = f"these {_episodes(count)}" if count > 1 else "this episode"
-    yield f"The controller that it started from: on {where}{failed} {_estimated(found.start.fitness)}."
+    yield (
+        f"The controller that it started from: on {where}{_failed(found.start)} "
+        f"{_estimated(found.start.fitness)}."
+    )
     gain = found.gain
     if gain is None or gain.mean > 0 or (gain.mean == 0 and gain.low == gain.high):
         return  # better, or known to be as good: in each episode, or in the only one
@@ -92,6 +125,8 @@ def _next_best_lines(found: "Validation") -> Iterator[str]:
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     for row in rows:
         yield "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+    if not all(one.is_reportable for one in found.candidates):
+        yield "Means leave failed episodes out, so candidates with some cannot be compared with the others."
     lead = found.lead
     if lead is not None and lead.low is not None and lead.low > 0:
         ahead = found.leading
@@ -141,6 +176,7 @@ def unseen_facts(found: "PostEvaluation") -> dict[str, Any]:
         "high": fitness.high,
         "episodes": len(found.episodes),
         "failed": found.failed,
+        "reportable": found.is_reportable,
         "seed": found.seeds[0],
     }
 

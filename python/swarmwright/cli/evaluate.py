@@ -337,8 +337,14 @@ def _show(output: Output, found: "ControllerEvaluation", seeds: str) -> None:
     values = found.to_mapping()
     count = len(found.episodes)
     output.text(f"{count} episode{'s' * (count > 1)} with {seeds}:")
-    if found.failed:
-        output.text(f"  {found.failed} failed; the others:")
+    value = found.ranking.options.failure_fitness
+    if found.failed and value is None:
+        output.text(
+            f"  {found.failed} failed; the others, whose mean is not to be reported (--set "
+            "ranking.failed=NUMBER gives failed episodes a fitness):"
+        )
+    elif found.failed:
+        output.text(f"  {found.failed} failed and count as {value:g}:")
     deviation = values["standard_deviation"]
     spread = "" if deviation is None else f", standard deviation {deviation:.4g}"
     output.text(f"  mean {_interval(found.mean)}{spread}")

@@ -30,7 +30,7 @@ class Summary:
     median: float
     upper_quartile: float
     failed: int
-    """Candidates of this generation whose evaluation failed."""
+    """Candidates of this generation whose evaluation failed: in at least one episode."""
 
 
 Figures = tuple[float, float, float, float, float]

@@ -9,6 +9,7 @@ from swarmwright.plug_ins import REGISTRIES
 from swarmwright.rankings import Ranking, RankingOptions
 from swarmwright.rankings.race import RaceOptions
 from swarmwright.rankings.slow_simulation import METRIC, SlowOptions
+from swarmwright.rankings.transferability import TransferabilityOptions
 
 
 def check_ranking(checked: Checked, report: Report, *, new: bool) -> None:
@@ -20,6 +21,7 @@ def check_ranking(checked: Checked, report: Report, *, new: bool) -> None:
         new: whether a run is to begin with them, and not only one of an earlier version to be read.
     """
     _check_reevaluation(checked, report)
+    _check_failed(checked, report)
     problem = metrics_problem(checked.get("ranking"), checked.get("method")) if new else None
     if problem is not None:
         report(("ranking", "kind"), problem)
@@ -50,6 +52,24 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
             ("ranking", "reevaluate"),
             f"{kind} keeps no members from one generation to the next that could be evaluated again; leave "
             "the key out, or take a method that does, such as nnga",
+        )
+
+
+def _check_failed(checked: Checked, report: Report) -> None:
+    """Check that failed episodes get a fitness only where nothing but fitness is compared."""
+    ranking, method = checked.get("ranking"), checked.get("method")
+    if not isinstance(ranking, RankingOptions) or ranking.failure_fitness is None:
+        return
+    compares = None
+    if isinstance(method, MethodOptions) and method.needed_metrics:
+        compares = f"{method.kind} also compares metrics ({', '.join(method.needed_metrics)})"
+    elif isinstance(ranking, TransferabilityOptions):
+        compares = "transferability also compares metrics"
+    if compares is not None:
+        report(
+            ("ranking", "failed"),
+            f"{compares}, which a failed episode does not have, so a fitness alone does not rank it; take "
+            "failed: last or failed: stop",
         )
 
 

@@ -32,6 +32,8 @@ class Account:
         self._reevaluates = reevaluates
         self.evaluations = 0
         """Candidates of the generations that the method has been told of, since the start."""
+        self.failed = 0
+        """Of these, those that failed."""
         self.stored = 0
         """Generations that were handed to the store."""
         self.best_so_far = -np.inf
@@ -60,6 +62,7 @@ class Account:
         """Count a generation that the method has been told of, and note its best."""
         self._lead(found)
         self.evaluations += len(found.fitness)
+        self.failed += found.failed
 
     @property
     def target_is_reached(self) -> bool:
@@ -113,6 +116,7 @@ class Account:
             mean=summary.mean,
             best_so_far=summary.best_so_far,
             failed=summary.failed,
+            failed_so_far=self.failed,
             evaluations=summary.evaluations,
             seconds=elapsed,
             evaluations_per_second=self._rate.after(time.monotonic(), summary.evaluations),

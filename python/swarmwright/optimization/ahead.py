@@ -29,7 +29,7 @@ class Produced(NamedTuple):
     leader: int
     """Its best candidate."""
     failed: int
-    """Candidates whose evaluation failed."""
+    """Candidates of which an episode failed, or whose fitness is not finite."""
     figures: Figures | None = None
     """Of the population, where they are known."""
     digests: _engine.Digests | None = None
@@ -37,10 +37,24 @@ class Produced(NamedTuple):
 
     @classmethod
     def of(
-        cls, genomes: Genomes | _engine.Sample, results: Results, fitness: Fitness, population: Fitness
+        cls,
+        genomes: Genomes | _engine.Sample,
+        results: Results,
+        fitness: Fitness,
+        population: Fitness,
+        failed: int | None = None,
     ) -> Self:
-        """Return what has come out; population: fitness of the method's population."""
-        return cls(genomes, results, fitness, population, *_engine.outcome(fitness))
+        """Return what has come out.
+
+        Args:
+            genomes: of the candidates, or what they are made from.
+            results: of their episodes.
+            fitness: of the candidates.
+            population: fitness of the method's population.
+            failed: candidates that failed; None: those without a fitness.
+        """
+        leader, without = _engine.outcome(fitness)
+        return cls(genomes, results, fitness, population, leader, without if failed is None else failed)
 
     def digested(self) -> Self:
         """Begin to compute the digests, in another thread."""
@@ -151,7 +165,8 @@ class Ahead:
 def can_be_ahead(method: Method, ranking: Ranking) -> bool:
     """Return whether the engine knows all that happens between asking and telling, but for the evaluation."""
     known = isinstance(method, SearchMethod) and method.ahead
-    return known and type(ranking) is Absolute and not ranking.options.reevaluate
+    options = ranking.options
+    return known and type(ranking) is Absolute and not options.reevaluate and options.failure_fitness is None
 
 
 def _genes_are_weights(representation: Representation) -> bool:

@@ -39,17 +39,25 @@ class Evaluator:
         """Return what the ranking makes of the results of a generation."""
         return self._ranking.score(results.fitness, genomes)
 
+    def failed_candidates(self, results: Results) -> NDArray[np.bool_]:
+        """Return which candidates failed in an episode, (candidates,).
+
+        Called before `fitness`, from which a ranking may learn.
+        """
+        found: NDArray[np.bool_] = self.failed_episodes(results).any(axis=1)
+        return found
+
     def why_failed(self, results: Results) -> str:
         """Return why candidates failed none of whose episodes did; empty where another reason is known."""
-        if results.journal.errors or self._failed(results).any():
+        if results.journal.errors or self.failed_episodes(results).any():
             return ""
         return (
             ": all of their episodes worked, but what the ranking makes of them is not finite, such as "
             "a sum beyond binary64, or what a plug-in returned"
         )
 
-    def _failed(self, results: Results) -> NDArray[np.bool_]:
-        """Return which episodes failed."""
+    def failed_episodes(self, results: Results) -> NDArray[np.bool_]:
+        """Return which episodes failed, (candidates, episodes)."""
         return ~np.isfinite(results.fitness)
 
 
@@ -71,8 +79,9 @@ class RaceEvaluator(Evaluator):
         """Evaluate a generation; see `Evaluator.evaluate`."""
         return race(self._race, backend, controllers, seeds, on_progress, meanwhile)
 
-    def _failed(self, results: Results) -> NDArray[np.bool_]:
-        failed = super()._failed(results)
+    def failed_episodes(self, results: Results) -> NDArray[np.bool_]:
+        """Return which episodes failed, of those that candidates went through."""
+        failed = super().failed_episodes(results)
         return failed & (np.arange(failed.shape[1]) < self._race.ran(results.fitness)[:, np.newaxis])
 
 
@@ -101,6 +110,12 @@ class TwoSimulationsEvaluator(Evaluator):
         assert isinstance(backend, TwoSimulations)
         both = self._slow, self._descriptor, backend
         return evaluate_both(*both, controllers, seeds, on_progress, meanwhile)
+
+    def failed_candidates(self, results: Results) -> NDArray[np.bool_]:
+        """Return which candidates failed in an episode of either simulation."""
+        slow, descriptor = results.metrics[:, :, -1], results.metrics[:, :, self._descriptor]
+        chosen = self._slow.chosen(results.fitness, slow, descriptor)
+        return super().failed_candidates(results) | (chosen & ~np.isfinite(slow).all(axis=1))
 
     def fitness(self, results: Results, genomes: Genomes) -> Fitness:  # noqa: ARG002 - of the base class
         """Return what the ranking makes of both fitnesses; see `Evaluator.fitness`."""

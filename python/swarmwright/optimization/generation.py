@@ -35,7 +35,9 @@ class Generation:
     """Best fitness since the start of the run; where members are evaluated again, that of the best one
     now."""
     failed: int
-    """Candidates of this generation whose evaluation failed."""
+    """Candidates of this generation whose evaluation failed: in at least one episode."""
+    failed_so_far: int
+    """Candidates whose evaluation failed since the start."""
     evaluations: int
     """Candidates evaluated since the start, failed ones included."""
     seconds: float

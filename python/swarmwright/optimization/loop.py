@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from contextlib import closing
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError, PlugInError, RunError
 from swarmwright.core.plug_in_code import is_plug_in, numbers, place
@@ -319,14 +320,23 @@ class Loop:
     def _tell(self, genomes: Genomes, seeds: list[int], results: Results) -> Told:
         """Rank the results and tell the method."""
         number = self._method.generation
+        counted = self._failed_candidates(results)
         fitness = self._evaluator.fitness(results, genomes)
+        failed = None if counted is None else int(np.count_nonzero(counted | np.isnan(fitness)))
         self._check(fitness, number, results)
         kept = fitness[self._asked :] if self._ranking.options.reevaluate else None
         needed = means(results.metrics[: self._asked, :, self._needed]) if self._needed else None
         self._method.tell(fitness[: self._asked], kept, needed)
         if self._method.by_instance:
             fitness = self._method.told_means
-        return self._told(number, seeds, Produced.of(genomes, results, fitness, self._population_fitness()))
+        population = self._population_fitness()
+        return self._told(number, seeds, Produced.of(genomes, results, fitness, population, failed))
+
+    def _failed_candidates(self, results: Results) -> NDArray[np.bool_] | None:
+        """Return which candidates failed in an episode; None where those are the ones without a fitness."""
+        if self._ranking.options.failure_fitness is None:
+            return None
+        return self._evaluator.failed_candidates(results)
 
     def _population_fitness(self) -> Fitness:
         """Return the fitness of the method's population. Raises PlugInError when it is something else."""

@@ -83,7 +83,10 @@ class SteadyLoop(Loop):
         number = self._account.evaluations // self._method.generation_size
         genomes: Genomes = np.array(part.genomes, dtype=np.float32)
         fitness = np.array(part.fitness)
-        found = Produced.of(genomes, part.results(), fitness, self._population_fitness())
+        results = part.results()
+        counted = self._failed_candidates(results)
+        failed = None if counted is None else int(np.count_nonzero(counted | np.isnan(fitness)))
+        found = Produced.of(genomes, results, fitness, self._population_fitness(), failed)
         return self._told(number, self._seeds, found)
 
     def _continue(

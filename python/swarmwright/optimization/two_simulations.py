@@ -262,7 +262,7 @@ def evaluate_both(
     slow = np.full((count, episodes), np.nan)
     journal = Journal()
     extend(journal, fast.journal, list(range(count)), 0)
-    rounds = ranking.rounds(fast.fitness, fast.metrics[:, :, descriptor])
+    rounds = ranking.rounds(ranking.counted(fast.fitness), fast.metrics[:, :, descriptor])
     done = count * episodes
     try:
         who = next(rounds)
@@ -272,7 +272,7 @@ def evaluate_both(
             done += len(who) * episodes
             slow[who] = results.fitness
             extend(journal, _named(results.journal, backend.name), who.tolist(), 0)
-            who = rounds.send(results.fitness)
+            who = rounds.send(ranking.counted(results.fitness))
     except StopIteration:
         on_progress(whole, whole, "")
     metrics = np.concatenate([fast.metrics, slow[:, :, np.newaxis]], axis=2)

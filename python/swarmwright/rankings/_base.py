@@ -4,15 +4,31 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from itertools import compress
-from typing import ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from swarmwright.core.options import Options
 from swarmwright.core.plug_in_code import is_plug_in, numbers
+from swarmwright.core.problems import shown
 from swarmwright.typing import Fitness
+
+
+def _failed(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if isinstance(value, str) and value in {"last", "stop"}:
+        return value
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:  # of a huge integer
+            number = math.inf
+        if math.isfinite(number):
+            return number
+    raise ValueError(
+        f"must be last, stop or the fitness of a failed episode, a finite number, not {shown(value)}"
+    )
 
 
 class RankingOptions(Options):
@@ -32,10 +48,23 @@ class RankingOptions(Options):
     candidate of the run is that of the last generation. For noisy simulations and `seeds: new`; costs the
     evaluations of the members that stay. Only for the methods nnga, cea2d, de and pso, and not with the
     rankings race, multi_fidelity and transferability."""
-    failed: Literal["last", "stop"] = "last"
-    """What a failed evaluation leads to. last: the candidate ranks below all others, and the run goes on;
-    a generation of which all candidates failed ends it. stop: the run ends, its results are kept, and
-    `swarmwright resume` continues when the cause is fixed."""
+    failed: Annotated[
+        Literal["last", "stop"] | float,
+        BeforeValidator(_failed),
+        WithJsonSchema({"anyOf": [{"enum": ["last", "stop"]}, {"type": "number"}]}),
+    ] = "last"
+    """What a failed episode leads to. last: its candidate fails and ranks below all others, and the run goes
+    on; a generation of which all candidates failed ends it. stop: the run ends, its results are kept, and
+    `swarmwright resume` continues when the cause is fixed. A number: the fitness of a failed episode, which
+    is aggregated with that of the others, in the run and on held-out seeds, so that no mean leaves failures
+    out; take a value that is at most as good as the worst episode that works. Failed evaluations are counted
+    in any case. Not with the methods map_elites and nsga2 and the ranking transferability: they compare
+    metrics, which a failed episode does not have."""
+
+    @property
+    def failure_fitness(self) -> float | None:
+        """Fitness of a failed episode; None where it has none."""
+        return None if isinstance(self.failed, str) else self.failed
 
 
 class Ranking(ABC):
@@ -67,12 +96,14 @@ class Ranking(ABC):
         """Return (candidates,) fitness of (candidates, episodes) results.
 
         A candidate of which any episode failed (NaN or infinite), or whose aggregate overflows, has failed:
-        NaN. With `reevaluate`, what is known of the genomes from the last call counts, too.
+        NaN; where `failed` is a number, that is the fitness of a failed episode. With `reevaluate`, what is
+        known of the genomes from the last call counts, too.
 
         Args:
             episodes: results, (candidates, episodes).
             genomes: (candidates, genome_size); needed with `reevaluate` only.
         """
+        episodes = self.counted(episodes)
         scores = np.full(len(episodes), np.nan)
         if self.options.reevaluate and genomes is not None:
             rows = self._with_past(episodes.tolist(), genomes)
@@ -92,6 +123,15 @@ class Ranking(ABC):
             scores[worked] = made + 0.0
         scores[~np.isfinite(scores)] = np.nan
         return scores
+
+    def counted(self, episodes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return results in which failed episodes have the fitness `failed`, where that is a number.
+
+        Args:
+            episodes: results of any shape, NaN or infinite where an episode failed.
+        """
+        value = self.options.failure_fitness
+        return episodes if value is None else np.where(np.isfinite(episodes), episodes, value)
 
     def samples(self, episodes: Sequence[float]) -> Fitness:
         """Return independent fitness values of one candidate, from more episodes than a ranking takes.

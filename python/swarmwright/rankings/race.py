@@ -56,7 +56,7 @@ class Race(Ranking):
 
     After `first_test` episodes of all candidates, and then every `each_test` ones, those that are
     significantly worse than the best of the generation are dropped: they go through no more episodes. A
-    candidate of which an episode fails is dropped at once.
+    candidate of which an episode fails is dropped at once, unless `failed` gives that a fitness.
 
     The fitness of a candidate with all episodes is their mean. For one that was dropped it is the mean of
     those that it has, plus how much higher the mean of all episodes is than that of the same ones among the
@@ -94,7 +94,7 @@ class Race(Ranking):
         done, failed = 0, np.zeros(candidates, dtype=np.bool_)
         while done < count and len(alive):
             upto = min(options.first_test if not done else done + options.each_test, count)
-            values = yield alive, slice(done, upto)
+            values = self.counted((yield alive, slice(done, upto)))
             episodes[alive, done:upto] = values
             length[alive] = upto
             whole = np.isfinite(values).all(axis=1)

@@ -100,15 +100,31 @@ class SlowRanking(Ranking):
         slow: (candidates, episodes) fitness in the slow simulation, NaN where a candidate was not evaluated;
         the others as those of `rounds`.
         """
-        rounds = self.rounds(fast, metrics)
+        found = self._passed(fast, slow, metrics)[0]
+        self.learn(found.learned)
+        return found.fitness
+
+    def chosen(self, fast: Episodes, slow: Episodes, metrics: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which candidates of a generation were evaluated in the slow simulation, (candidates,).
+
+        Arguments as those of `ranked`, which is called later: it changes what is known.
+        """
+        return self._passed(fast, slow, metrics)[1]
+
+    def _passed(
+        self, fast: Episodes, slow: Episodes, metrics: NDArray[np.float64]
+    ) -> tuple[Ranked, NDArray[np.bool_]]:
+        """Return a generation that was evaluated, and which candidates the slow simulation evaluated."""
+        asked = np.zeros(len(fast), dtype=np.bool_)
+        rounds = self.rounds(self.counted(fast), metrics)
         try:
             who = next(rounds)
             while True:
-                who = rounds.send(slow[who])
+                asked[who] = True
+                who = rounds.send(self.counted(slow[who]))
         except StopIteration as end:
             found: Ranked = end.value
-            self.learn(found.learned)
-            return found.fitness
+            return found, asked
 
     def samples(self, episodes: Sequence[float]) -> Fitness:
         """Return fitness values of one candidate: every episode makes one."""

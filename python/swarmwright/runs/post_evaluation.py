@@ -69,7 +69,7 @@ class ControllerEvaluation(ComparedByValue):
         interval = ""
         if self.mean.low is not None:
             interval = f", 95 % confidence interval {self.mean.low:.4g} to {self.mean.high:.4g}"
-        failed = f", {self.failed} failed" if self.failed else ""
+        failed = f", {self.failed_words}" if self.failed else ""
         count = len(self.episodes)
         return f"{self.mean.mean + 0.0:.6g}{interval}, {count} episode{'' if count == 1 else 's'}{failed}"
 
@@ -92,25 +92,46 @@ class ControllerEvaluation(ComparedByValue):
         return len(self.episodes) - len(self.measured)
 
     @cached_property
+    def counted(self) -> list[float]:
+        """Fitness of the episodes that count: failed ones do where `ranking.failed` is a number."""
+        return _finite_of(self.ranking.counted(self.episodes))
+
+    @property
+    def is_reportable(self) -> bool:
+        """Whether every episode counts: none failed, or `ranking.failed` gives failures a fitness.
+
+        Otherwise the figures are those of the episodes that happened to work.
+        """
+        return len(self.counted) == len(self.episodes)
+
+    @property
+    def failed_words(self) -> str:
+        """How many episodes failed, and how they count."""
+        value = self.ranking.options.failure_fitness
+        how = "which are left out" if value is None else f"which count as {value:g}"
+        return f"{self.failed} failed, {how}"
+
+    @cached_property
     def mean(self) -> Estimate:
-        """Mean fitness of an episode, with Student's interval."""
-        return estimate(self.measured)
+        """Mean fitness of the episodes that count, with Student's interval."""
+        return estimate(self.counted)
 
     @cached_property
     def fitness(self) -> Estimate:
         """Fitness as the experiment's ranking makes it of its number of episodes: beside `recorded`.
 
-        With the aggregate mean it is the mean of the episodes.
+        With the aggregate mean it is the mean of the episodes that count.
         """
-        return estimate(_finite_of(self.ranking.samples(self.measured)))
+        return estimate(_finite_of(self.ranking.samples(self.counted)))
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values."""
-        ordered = sorted(self.measured)
+        ordered = sorted(self.counted)
         return {
             "fitness": vars(self.fitness),
             "episodes": len(self.episodes),
             "failed": self.failed,
+            "reportable": self.is_reportable,
             "seed": self.seeds[0],
             "mean": self.mean.mean,
             "standard_deviation": self.mean.standard_deviation,
@@ -137,7 +158,7 @@ class ControllerEvaluation(ComparedByValue):
     def summary(self) -> dict[str, Any]:
         """Return plain values, without those of each episode."""
         named = {"fitness" if key == "mean" else key: value for key, value in vars(self.fitness).items()}
-        return {**named, "failed": self.failed}
+        return {**named, "failed": self.failed, "reportable": self.is_reportable}
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)

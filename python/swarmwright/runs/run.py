@@ -22,6 +22,7 @@ from swarmwright.rankings.race import RaceOptions
 from swarmwright.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.representations.controller import Controller
 from swarmwright.runs.export import write_table
+from swarmwright.runs.failures import taken
 from swarmwright.runs.instances import best_words
 from swarmwright.store import Attempt, Evaluation, Event, Session, StoreReader
 from swarmwright.store.folder import find_store
@@ -146,6 +147,18 @@ class Run:
         """Evaluated candidates."""
         return self.history[-1].evaluations if self.history else 0
 
+    @property
+    def failed_evaluations(self) -> int:
+        """Evaluated candidates of which at least one episode failed."""
+        return sum(summary.failed for summary in self.history)
+
+    @cached_property
+    def failed_episodes(self) -> int:
+        """Episodes of the record that failed; where there are any, every evaluation is read."""
+        if not self.failed_evaluations:
+            return 0
+        return sum(int(one.failed.sum()) for one in taken(self))
+
     @cached_property
     def best(self) -> Best:
         """The best candidate. Raises RunError when no candidate was evaluated."""
@@ -171,7 +184,12 @@ class Run:
     @cached_property
     def episodes_saved(self) -> int:
         """Episodes that candidates did not go through because a race had dropped them: `ranking: race`."""
-        return self._store.episodes_left_out() if isinstance(self.experiment.ranking, RaceOptions) else 0
+        ranking = self.experiment.ranking
+        if not isinstance(ranking, RaceOptions):
+            return 0
+        if ranking.failure_fitness is None:
+            return self._store.episodes_left_out()
+        return self.evaluations * ranking.episodes - sum(int(one.episodes.sum()) for one in taken(self))
 
     @cached_property
     def slow_evaluations(self) -> int:
@@ -419,6 +437,8 @@ class Run:
             ("state", self.state),
             ("done", f"{self.generations:,} generations, {self.evaluations:,} evaluations"),
         ]
+        if self.failed_evaluations:
+            rows.append(("failed", f"{self.failed_evaluations:,} evaluations"))
         if not self.history:
             return facts(f"Run {self.path}", rows)
         best = self.best
@@ -429,7 +449,8 @@ class Run:
             interval = ""
             if held_out.low is not None:
                 interval = f", 95 % confidence interval {held_out.low:.4g} to {held_out.high:.4g}"
-            rows.append(("on held-out seeds", f"{held_out.mean:.4g} ({count} episodes{interval})"))
+            failed = f", {self.unseen.failed_words}" if self.unseen.failed else ""
+            rows.append(("on held-out seeds", f"{held_out.mean:.4g} ({count} episodes{failed}{interval})"))
         for one in self.transferred:
             there, lost = one.target_fitness[0], one.losses[0]
             interval = f"{there.mean:.4g}; loses {lost.mean:.4g}"

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.start_from import samples_around_start, start_genomes
 from swarmwright.experiment.targets import slow_of
 from swarmwright.rankings import Ranking
+from swarmwright.rankings.race import RaceOptions
 from swarmwright.rankings.slow_simulation import METRIC
 from swarmwright.representations import Representation
 from swarmwright.runs.instances import by_instance
@@ -108,17 +109,28 @@ class Validation:
         return self.candidates[0]
 
     @property
+    def failed(self) -> int:
+        """Episodes that failed, of all candidates."""
+        return sum(one.failed for one in self.candidates)
+
+    @property
     def leading(self) -> PostEvaluation:
-        """The candidate with the highest fitness on the held-out seeds; of equals, the first."""
-        return max(self.candidates, key=lambda one: (math.isfinite(one.fitness.mean), one.fitness.mean))
+        """The candidate with the highest fitness on the held-out seeds; of equals, the first.
+
+        One whose mean leaves failed episodes out comes after all others.
+        """
+        return max(
+            self.candidates,
+            key=lambda one: (one.is_reportable, math.isfinite(one.fitness.mean), one.fitness.mean),
+        )
 
     @property
     def lead(self) -> Estimate | None:
         """How much `leading` is better than `best`, of the same episodes; None where they are the same one.
 
         The interval is one of as many as there are other candidates: `leading` is chosen among them, and the
-        luckiest of equal ones would often seem better otherwise. None also where an episode failed, so that
-        they cannot be compared one by one.
+        luckiest of equal ones would often seem better otherwise. None also where an episode failed and
+        `ranking.failed` is no number, so that they cannot be compared one by one.
         """
         ahead, best = self.leading, self.best
         return None if ahead is best else _gain(ahead, best, of=len(self.candidates) - 1)
@@ -161,13 +173,13 @@ class Validation:
 
 
 def _gain(one: ControllerEvaluation, other: ControllerEvaluation, of: int = 1) -> Estimate | None:
-    """Return how much one is better than another in the same episodes; None where one of these failed.
+    """Return how much one is better than another in the same episodes; None where one does not count.
 
     of: intervals that are looked at together.
     """
-    if one.failed or other.failed:
+    if not (one.is_reportable and other.is_reportable):
         return None
-    samples = (each.ranking.samples(each.measured) for each in (one, other))
+    samples = (each.ranking.samples(each.counted) for each in (one, other))
     return estimate([first - second for first, second in zip(*samples, strict=True)], of=of)
 
 
@@ -252,6 +264,30 @@ def _is_missing(experiment: Experiment, reader: StoreReader, stored: dict[str, A
         return experiment.validate.episodes not in {0, AUTO}  # a number is always evaluated
     # The run was prolonged, and another one is the best now.
     return bool(stored["candidates"][0]["number"] != reader.evaluation(None, None).number)
+
+
+class TooShort(NamedTuple):
+    """Why a run with `validate.episodes: auto` was not validated."""
+
+    share: float
+    """Of a run's evaluations, that a validation takes at most."""
+    affordable: int
+    """Episodes that this share is."""
+    needed: int
+    """Fewest episodes of a validation."""
+    command: str
+    """Validates the run."""
+
+
+def too_short(run: "Run") -> TooShort | None:
+    """Return why a run that is done has no validation; None where it has one, or was not to have one."""
+    if run.state != "done" or not run.generations or run.validation is not None:
+        return None
+    experiment = run.experiment
+    if experiment.validate.episodes != AUTO or _planned(experiment, run._store) is not None:
+        return None
+    affordable, needed = _affordable(experiment, run._store), max(_LEAST, experiment.ranking.episodes)
+    return TooShort(_SHARE, affordable, needed, command_to_validate(run))
 
 
 def command_to_validate(run: "Run", episodes: int = EPISODES) -> str:
@@ -438,8 +474,7 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
         return None
     count, most = options.episodes, options.candidates
     if automatic:
-        evaluations = reader.measured(METRIC) if reports_slow(experiment) else _budgeted(experiment, reader)
-        affordable = int(evaluations * ranking.episodes * _SHARE)
+        affordable = _affordable(experiment, reader)
         count = min(max(EPISODES, 4 * ranking.episodes), affordable)
         count -= count % ranking.episodes
         if count < max(_LEAST, ranking.episodes):
@@ -450,6 +485,12 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
     # A number that is given is evaluated: what fails in one of twenty seeds may go well in the first ones.
     tried = min(count, _TRIED) if automatic else count
     return _Plan(candidates, seeds, tried, _recorded(experiment, reader.evaluation(0, 0)))
+
+
+def _affordable(experiment: Experiment, reader: StoreReader) -> int:
+    """Return how many episodes a validation may take whose number is automatic."""
+    evaluations = reader.measured(METRIC) if reports_slow(experiment) else _budgeted(experiment, reader)
+    return int(evaluations * experiment.ranking.episodes * _SHARE)
 
 
 def _budgeted(experiment: Experiment, reader: StoreReader) -> int:
@@ -496,20 +537,27 @@ def _key(representation: Representation) -> Callable[[Genome], str | bytes]:
 
 
 def _differ(rows: list[NDArray[np.float64]]) -> bool:
-    """Whether the episodes of any candidate came out differently; those that failed do not count."""
-    return any(len(set(row[np.isfinite(row)].tolist())) > 1 for row in rows)
+    """Whether the episodes of any candidate came out differently: that some failed is a difference, too."""
+    return any(len(set(row[np.isfinite(row)].tolist())) + (not np.isfinite(row).all()) > 1 for row in rows)
 
 
 def _record_differs(experiment: Experiment, reader: StoreReader) -> bool:
     """Whether the episodes of any candidate of the run came out differently."""
     if experiment.ranking.episodes == 1:
         return False
-    return any(_any_differs(block.episodes) for block in reader.rows())
+    # The episodes that a race leaves out are stored like those that failed.
+    races = isinstance(experiment.ranking, RaceOptions)
+    return any(_any_differs(block.episodes, failures=not races) for block in reader.rows())
 
 
-def _any_differs(episodes: NDArray[np.float64]) -> bool:
-    """As `_differ`, of (candidates, episodes) at once: records have millions of candidates."""
+def _any_differs(episodes: NDArray[np.float64], *, failures: bool) -> bool:
+    """As `_differ`, of (candidates, episodes) at once: records have millions of candidates.
+
+    failures: whether an episode without fitness has failed.
+    """
     worked = np.isfinite(episodes)
+    if failures and (worked.any(axis=1) & ~worked.all(axis=1)).any():
+        return True
     least = np.where(worked, episodes, np.inf).min(axis=1)
     most = np.where(worked, episodes, -np.inf).max(axis=1)
     return bool((least < most).any())

@@ -64,8 +64,10 @@ class SweepResult:
         """Return a row for each run, for `pandas.DataFrame(result.table())` and the like.
 
         Keys: variant, seed, fitness (the best of the run), held_out (its fitness on held-out seeds; NaN where
-        it was not validated, or where fitness does not depend on the seed), evaluations, episodes,
-        generations, seconds, run (its folder), then what the experiments differ in, such as
+        it was not validated, or where fitness does not depend on the seed), held_out_failed (held-out
+        episodes of the best that failed, which held_out leaves out unless `ranking.failed` is a number),
+        evaluations, failed (of these evaluations), episodes, failed_episodes, generations, seconds, run (its
+        folder), then what the experiments differ in, such as
         method.population; with several methods, each has keys for its options, such as method.cma_es.step.
         Where all runs can be compared by them, before these: hypervolume (where it takes little time: fronts
         of at most 1,000 candidates with three objectives, fitness included, or 300 with four), or qd_score
@@ -81,8 +83,11 @@ class SweepResult:
                 "seed": run.experiment.seed,
                 "fitness": run.history[-1].best_so_far,
                 "held_out": math.nan if run.unseen is None else run.unseen.fitness.mean,
+                "held_out_failed": 0 if run.validation is None else run.validation.best.failed,
                 "evaluations": run.evaluations,
+                "failed": run.failed_evaluations,
                 "episodes": episodes_of(run, run.evaluations),
+                "failed_episodes": run.failed_episodes,
                 "generations": run.generations,
                 "seconds": run.seconds,
                 "run": str(run.path),

@@ -117,6 +117,7 @@ def to_mapping(transfer: "Transfer") -> dict[str, Any]:
                 "run": str(one.run.path),
                 "target": one.target,
                 "failed": one.failed,
+                "failed_in_own_simulation": one.source_failed,
                 "rank_correlation": None if one.correlation is None else vars(one.correlation),
                 "candidates": [
                     {

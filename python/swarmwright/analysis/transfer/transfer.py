@@ -12,6 +12,7 @@ from swarmwright.analysis.tasks import by_task, different_tasks, untested
 from swarmwright.analysis.transfer.result import Transfer
 from swarmwright.core.arguments import checked, listed, text
 from swarmwright.core.errors import InputError
+from swarmwright.core.formatting import counted
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
 from swarmwright.experiment.targets import OtherSimulation, Target, is_same, targets_of
@@ -135,13 +136,27 @@ def _same(plans: Sequence[Plan]) -> Iterator[str]:
         )
 
 
-def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Iterable[str]:
-    failed = {one.target: 0 for one in found}
+def _failed(found: Sequence[Transferred]) -> Iterator[str]:
+    """Yield how many episodes failed in each simulation, and how they count."""
+    there: dict[str, int] = {}
+    here: dict[str, int] = {}  # those of a run are the same for all of its targets
     for one in found:
-        failed[one.target] += one.failed
-    for target, count in failed.items():
+        there[one.target] = there.get(one.target, 0) + one.failed
+        here[str(one.run.path)] = one.source_failed
+    left_out = any(one.ranking.options.failure_fitness is None for one in found)
+    how = (
+        "are left out, so the means are those of the episodes that worked and not to be reported; "
+        "ranking.failed: NUMBER gives failures a fitness"
+        if left_out
+        else "count with the fitness that ranking.failed gives them"
+    )
+    for where, count in {"the runs' own simulation": sum(here.values()), **there}.items():
         if count:
-            yield f"{count} episodes failed in {target} and are left out"
+            yield f"{counted(count, 'episode')} failed in {where} and {how}"
+
+
+def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Iterable[str]:
+    yield from _failed(found)
     if len(groups) > 1 and min(len(one.runs) for one in groups) < FEW_RUNS:
         yield f"with fewer than {FEW_RUNS} runs of a group a test has little power"
     tasks = by_task(groups, by="fitness", held_out=False)

@@ -81,10 +81,17 @@ class Transferred(ComparedByValue):
         """Episodes that failed in the target."""
         return int(np.isnan(self.target_episodes).sum())
 
+    @property
+    def source_failed(self) -> int:
+        """Episodes that failed in the run's own simulation."""
+        return int(np.isnan(self.source_episodes).sum())
+
     def _samples(self, episodes: Values) -> list[float]:
-        return list(self.ranking.samples(episodes[np.isfinite(episodes)].tolist()))
+        counted = self.ranking.counted(episodes)
+        return list(self.ranking.samples(counted[np.isfinite(counted)].tolist()))
 
     def _together(self, one: Values, other: Values) -> tuple[list[float], list[float]]:
-        """Return the fitness of the seeds that failed in neither."""
+        """Return the fitness of the seeds that count in both."""
+        one, other = self.ranking.counted(one), self.ranking.counted(other)
         both = np.isfinite(one) & np.isfinite(other)
         return self._samples(one[both]), self._samples(other[both])
