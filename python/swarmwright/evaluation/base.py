@@ -95,6 +95,11 @@ class Results:
 Feed = Callable[[Sequence[int], Results], NDArray[np.float32] | None]
 """Takes the numbers of candidates, from 0, that have been evaluated, and what came out; returns the weights
 of further ones, (candidates, weights), maybe none, or None to stop."""
+OnResults = Callable[[Sequence[int], Results], None]
+"""Takes the numbers of candidates that have been evaluated in all episodes, and what came out, as it comes;
+what it raises ends the evaluation."""
+FIRST = 10
+"""Evaluations of a run after which it ends where all of them have failed in the same way."""
 
 
 class Backend(Protocol):
@@ -106,6 +111,8 @@ class Backend(Protocol):
     """Names of the metrics that the experiment's fitness needs, and of others that are asked for."""
     description: str
     """Where the work is done, for people and the journal."""
+    may_fail: bool
+    """Whether an episode may fail."""
 
     def evaluate(
         self,
@@ -113,10 +120,17 @@ class Backend(Protocol):
         seeds: Sequence[int],
         on_progress: Progress,
         meanwhile: Callable[[], None] | None = None,
+        on_results: OnResults | None = None,
     ) -> Results:
         """Run every controller in an episode of every seed.
 
-        meanwhile: work of the caller's, done once, where possible while the evaluation is under way.
+        Args:
+            controllers: of the candidates.
+            seeds: of the episodes.
+            on_progress: told how far it is.
+            meanwhile: work of the caller's, done once, where possible while the evaluation is under way.
+            on_results: gets the results of candidates as they come, at least those of the first `FIRST`
+                before all others are waited for; candidates are counted from 0.
         """
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:

@@ -15,7 +15,16 @@ from swarmwright.core.errors import SimulationError, engine_errors
 from swarmwright.core.processes import use_threads
 from swarmwright.core.server_use import ServerUses
 from swarmwright.core.untrusted import one_line
-from swarmwright.evaluation.base import Controllers, Feed, Progress, Results, apply_expression, metrics_of
+from swarmwright.evaluation.base import (
+    FIRST,
+    Controllers,
+    Feed,
+    OnResults,
+    Progress,
+    Results,
+    apply_expression,
+    metrics_of,
+)
 from swarmwright.evaluation.code_failures import CodeFailures
 from swarmwright.evaluation.repetition import Failed, Repetition, Value
 from swarmwright.experiment.derived import fitness_expression
@@ -46,6 +55,7 @@ class InProcessBackend:
         self.parameters = experiment.parameters
         self._expression = fitness_expression(experiment)
         self.metrics = metrics_of(self._expression, metrics)
+        self.may_fail = self._expression is not None
         self._failed = 0
         self._evaluator: tuple[dict[str, Any], _engine.Evaluator] | None = None  # of the last architecture
 
@@ -55,9 +65,13 @@ class InProcessBackend:
         seeds: Sequence[int],
         on_progress: Progress,
         meanwhile: Callable[[], None] | None = None,
+        on_results: OnResults | None = None,
     ) -> Results:
         """Return the results; an episode fails where the fitness expression or the simulation's code does."""
-        return self._evaluate(controllers, seeds, on_progress, meanwhile=meanwhile)
+        results = self._evaluate(controllers, seeds, on_progress, meanwhile=meanwhile)
+        if on_results is not None:
+            on_results(range(len(results.fitness)), results)
+        return results
 
     def _evaluate(
         self,
@@ -172,6 +186,7 @@ class PythonBackend(InProcessBackend):
 
     def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
         super().__init__(experiment, metrics)
+        self.may_fail = True
         self.tell: Callable[[str, str], None] = _tell
         """Gets (reason, traceback) of a failure, once for each reason."""
         self._held: list[tuple[str, str]] = []
@@ -190,6 +205,34 @@ class PythonBackend(InProcessBackend):
         for reason, stack in self._held:
             self.tell(reason, stack)
         self._held.clear()
+
+    def evaluate(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None = None,
+        on_results: OnResults | None = None,
+    ) -> Results:
+        """Return the results; where they are wanted as they come, those of the first candidates first."""
+        count = len(controllers.weights)
+        if on_results is None or count <= FIRST:
+            return super().evaluate(controllers, seeds, on_progress, meanwhile, on_results)
+        parts: list[Results] = []
+        for first, end in ((0, FIRST), (FIRST, count)):
+
+            def progress(done: int, _: int, waiting_for: str, before: int = first * len(seeds)) -> None:
+                on_progress(before + done, count * len(seeds), waiting_for)
+
+            part = Controllers(controllers.architecture, controllers.weights[first:end])
+            parts.append(self._evaluate(part, seeds, progress, first, meanwhile))
+            on_results(range(first, end), parts[-1])
+            meanwhile = None
+        journal = Journal()
+        for one in parts:
+            journal.extend(one.journal, 0)
+        fitness, metrics = ([getattr(one, name) for one in parts] for name in ("fitness", "metrics"))
+        return Results(np.concatenate(fitness), np.concatenate(metrics), journal)
 
     def evaluator(self, architecture: dict[str, Any]) -> None:
         """Return None: code in Python is evaluated by Python."""

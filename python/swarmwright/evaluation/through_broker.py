@@ -16,9 +16,11 @@ from swarmwright.core.simulation_names import is_command
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.evaluation import reports
 from swarmwright.evaluation.base import (
+    FIRST,
     OUTPUT,
     Controllers,
     Feed,
+    OnResults,
     Progress,
     Results,
     StartedServers,
@@ -37,6 +39,8 @@ from swarmwright.store import Journal
 
 class BrokerBackend:
     """Evaluates on simulation servers through a broker."""
+
+    may_fail = True
 
     def __init__(
         self,
@@ -160,8 +164,13 @@ class BrokerBackend:
         seeds: Sequence[int],
         on_progress: Progress,
         meanwhile: Callable[[], None] | None = None,
+        on_results: OnResults | None = None,
     ) -> Results:
         """Return the results, NaN where it failed, and what the pool did for them."""
+        if on_results is not None:
+            if meanwhile is not None:
+                meanwhile()
+            return self._as_they_come(controllers, seeds, on_progress, on_results)
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self.check()
@@ -179,6 +188,41 @@ class BrokerBackend:
         self.check()
         results = Results(fitness, metrics, self.journal(attempts, warnings))
         return self._valued(results, range(len(fitness)))
+
+    def _as_they_come(
+        self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress, on_results: OnResults
+    ) -> Results:
+        """Evaluate as `evaluate`; the results of each candidate are told when it has been evaluated.
+
+        All but the first `FIRST` candidates wait until one of these has succeeded, or all have been
+        evaluated: servers that each of them takes down would be started again for every other one as well.
+        """
+        count, weights = controllers.weights.shape
+        first = Controllers(controllers.architecture, controllers.weights[:FIRST])
+        others = np.ascontiguousarray(controllers.weights[FIRST:])
+        told = 0
+        fitness = np.full((count, len(seeds)), np.nan)
+        metrics = np.full((count, len(seeds), len(self.metrics)), np.nan)
+        journal = Journal()
+        no_more = np.empty((0, weights), dtype=np.float32)
+
+        def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32]:
+            nonlocal told, others
+            rows = list(candidates)
+            fitness[rows], metrics[rows] = results.fitness, results.metrics
+            journal.extend(results.journal, 0)
+            on_results(candidates, results)
+            told += len(rows)
+            if len(others) and (told == len(first.weights) or np.isfinite(results.fitness).any()):
+                more, others = others, no_more
+                return more
+            return no_more
+
+        def progress(done: int, _: int, waiting_for: str) -> None:
+            on_progress(done, count * len(seeds), waiting_for)
+
+        self.stream(first, seeds, feed, progress)
+        return Results(fitness, metrics, journal)
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
+from swarmwright.evaluation.base import Backend, Controllers, OnResults, Progress, Results
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.optimization.raced import race
 from swarmwright.optimization.two_simulations import TwoSimulations, descriptor_columns, evaluate_both
@@ -31,9 +31,10 @@ class Evaluator:
         seeds: Sequence[int],
         on_progress: Progress,
         meanwhile: Callable[[], None] | None,
+        on_results: OnResults | None = None,
     ) -> Results:
         """Evaluate a generation; arguments as those of `Backend.evaluate`."""
-        return backend.evaluate(controllers, seeds, on_progress, meanwhile)
+        return backend.evaluate(controllers, seeds, on_progress, meanwhile, on_results)
 
     def fitness(self, results: Results, genomes: Genomes) -> Fitness:
         """Return what the ranking makes of the results of a generation."""
@@ -44,8 +45,7 @@ class Evaluator:
 
         Called before `fitness`, from which a ranking may learn.
         """
-        found: NDArray[np.bool_] = self.failed_episodes(results).any(axis=1)
-        return found
+        return np.asarray(self.failed_episodes(results).any(axis=1))
 
     def why_failed(self, results: Results) -> str:
         """Return why candidates failed none of whose episodes did; empty where another reason is known."""
@@ -75,9 +75,10 @@ class RaceEvaluator(Evaluator):
         seeds: Sequence[int],
         on_progress: Progress,
         meanwhile: Callable[[], None] | None,
+        on_results: OnResults | None = None,
     ) -> Results:
         """Evaluate a generation; see `Evaluator.evaluate`."""
-        return race(self._race, backend, controllers, seeds, on_progress, meanwhile)
+        return race(self._race, backend, controllers, seeds, on_progress, meanwhile, on_results)
 
     def failed_episodes(self, results: Results) -> NDArray[np.bool_]:
         """Return which episodes failed, of those that candidates went through."""
@@ -105,11 +106,12 @@ class TwoSimulationsEvaluator(Evaluator):
         seeds: Sequence[int],
         on_progress: Progress,
         meanwhile: Callable[[], None] | None,
+        on_results: OnResults | None = None,
     ) -> Results:
         """Evaluate a generation; see `Evaluator.evaluate`."""
         assert isinstance(backend, TwoSimulations)
         both = self._slow, self._descriptor, backend
-        return evaluate_both(*both, controllers, seeds, on_progress, meanwhile)
+        return evaluate_both(*both, controllers, seeds, on_progress, meanwhile, on_results)
 
     def failed_candidates(self, results: Results) -> NDArray[np.bool_]:
         """Return which candidates failed in an episode of either simulation."""

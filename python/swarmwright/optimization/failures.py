@@ -13,6 +13,7 @@ import numpy as np
 
 from swarmwright.core.attempts import NOT_FINISHED, SAME_END_S, is_overtaken, is_server_end
 from swarmwright.core.formatting import counted
+from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Results
 from swarmwright.store import Journal, WarningEntry
 from swarmwright.store.rows import AttemptEntry
@@ -90,8 +91,9 @@ class Failures:
                 same.
             first: what the journal counts candidates from, which the run counts from 0.
         """
-        failures = list(_failures(results, rows))
+        failures = list(failures_of(results, rows))
         if not failures:
+            self._hint = self._hint or self._hint_without_value(results, seeds, generation, first)
             return results
         warnings = [one for one in results.journal.warnings if not one.text.startswith(_UNATTRIBUTED)]
         warnings = _without_quarantine(warnings, failures)
@@ -110,17 +112,30 @@ class Failures:
             _log.warning("%s", self._hint)
 
     def _hint_at(self, failure: Failure, seeds: Sequence[int], generation: int | None, first: int) -> str:
-        candidate = f"{first + failure.candidate}"
-        whose = f"candidate {candidate}"
+        return self._hint_of(first + failure.candidate, generation, failure.text(seeds))
+
+    def _hint_without_value(
+        self, results: Results, seeds: Sequence[int], generation: int | None, first: int
+    ) -> str:
+        """Return how an episode is repeated for which the fitness expression has no value; empty without."""
+        for one in results.journal.warnings:
+            if one.error is not None and one.candidate is not None and one.episode is not None:
+                what = f"episode {one.episode} (seed {seeds[one.episode]}) failed: {one_line(one.error)}"
+                return self._hint_of(first + one.candidate, generation, what)
+        return ""
+
+    def _hint_of(self, candidate: int, generation: int | None, what: str) -> str:
+        whose, name = f"candidate {candidate}", f"{candidate}"
         if generation is not None:
-            whose, candidate = f"generation {generation}, {whose}", f"{generation}:{candidate}"
+            whose, name = f"generation {generation}, {whose}", f"{generation}:{candidate}"
         return (
-            f"{whose}, {failure.text(seeds)}; repeat it: swarmwright evaluate {self._run} --candidate "
-            f"{candidate}; all failures: swarmwright runs show {self._run}"
+            f"{whose}, {what}; repeat it: swarmwright evaluate {self._run} --candidate {name}; all failures: "
+            f"swarmwright runs show {self._run}"
         )
 
 
-def _failures(results: Results, rows: Mapping[int, int] | None) -> Iterator[Failure]:
+def failures_of(results: Results, rows: Mapping[int, int] | None) -> Iterator[Failure]:
+    """Yield the episodes that failed in all attempts; rows: as in `Failures.named`."""
     failed = np.isnan(results.fitness)
     if not failed.any():
         return

@@ -4,8 +4,8 @@ A resumed run passes through the stored generations by the same code as a new on
 """
 
 import logging
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
 from swarmwright.optimization.checks import check_plug_ins
 from swarmwright.optimization.evaluators import evaluator_of
 from swarmwright.optimization.failures import Failures
+from swarmwright.optimization.first_evaluations import FirstEvaluations, FirstFailedError
 from swarmwright.optimization.fitness_checks import FitnessChecks
 from swarmwright.optimization.generation import OnGeneration, Told
 from swarmwright.optimization.memory import LARGE_POPULATION, candidates, progress
@@ -66,6 +67,7 @@ class Loop:
         self._asked = 0
         self._next: tuple[Genomes, list[int]] | None = None  # asked for and not evaluated yet
         self._large = candidates(experiment) >= LARGE_POPULATION
+        self._first = FirstEvaluations(self._ranking.options.failure_fitness)
         self._ahead: Ahead | None = None  # where the engine evolves by itself
 
     @property
@@ -204,40 +206,70 @@ class Loop:
     ) -> bool:
         """Work to the end; return whether a callback ended it before."""
         watched = self._recorder.watched(on_progress)
-        if not self._large:
-            self._ahead = Ahead.of(
-                *(self._method, self._ranking, self._representation, backend, watched),
-                first_seed=self._first_seed,
-                run=self._name,
-            )
-        if self._ahead is not None:
-            with closing(self._ahead):
-                return self._continue_ahead(self._ahead, backend, on_generation, on_progress)
-        while self.ended is None:
-            number = self._method.generation
-            self._say(f"generation {number}: making candidates")
-            genomes, seeds = self._next or self._ask()
-            self._next = None
-            self._check_first(len(genomes))
-            self._announce(backend, number)
-            self._say(f"generation {number}: evaluating {len(genomes):,} candidates")
-            sample = self._method.sample
-            controllers = Controllers.of(self._representation, genomes, sample)
-            results = self._evaluator.evaluate(
-                backend, controllers, seeds, watched, self._recorder.store_last
-            )
-            results = self._failures.named(results, seeds, number)
-            self._say(f"generation {number}: ranking and storing them")
-            with self._recorder.journal_kept(number, results.journal):
-                told = self._tell(genomes, seeds, results)
-            self._failures.tell()
-            self._fitness_checks.add(number, results.fitness)
-            if sample is not None and self._recorder.keeps(sample, genomes):
-                told = told._replace(found=told.found._replace(genomes=sample))
-            self._recorder.hold(told._replace(found=told.found.digested()))
-            if on_generation is not None and not self._recorder.report_last(on_generation):
+        if self._account.evaluations or self._large or not backend.may_fail:
+            self._first.close()
+        ahead_is_tried = self._large
+        while True:
+            if self._account.evaluations and self.ended is not None:
+                return False
+            # What the engine evaluates by itself is seen when a generation is complete.
+            if not ahead_is_tried and not self._first.is_open:
+                ahead_is_tried = True
+                self._recorder.store_last()
+                self._ahead = Ahead.of(
+                    *(self._method, self._ranking, self._representation, backend, watched),
+                    first_seed=self._first_seed,
+                    run=self._name,
+                )
+                if self._ahead is not None:
+                    with closing(self._ahead):
+                        return self._continue_ahead(self._ahead, backend, on_generation, on_progress)
+            if not self._next_generation(backend, on_generation, watched):
                 return True
-        return False
+
+    def _next_generation(
+        self, backend: Backend, on_generation: OnGeneration | None, watched: Progress
+    ) -> bool:
+        """Make, evaluate and rank a generation; return whether to go on."""
+        number = self._method.generation
+        self._say(f"generation {number}: making candidates")
+        genomes, seeds = self._next or self._ask()
+        self._next = None
+        self._check_first(len(genomes))
+        self._announce(backend, number)
+        self._say(f"generation {number}: evaluating {len(genomes):,} candidates")
+        sample = self._method.sample
+        controllers = Controllers.of(self._representation, genomes, sample)
+        results = self._evaluated(backend, controllers, seeds, watched)
+        results = self._failures.named(results, seeds, number)
+        self._say(f"generation {number}: ranking and storing them")
+        with self._recorder.journal_kept(number, results.journal):
+            told = self._tell(genomes, seeds, results)
+        self._failures.tell()
+        self._fitness_checks.add(number, results.fitness)
+        if sample is not None and self._recorder.keeps(sample, genomes):
+            told = told._replace(found=told.found._replace(genomes=sample))
+        self._recorder.hold(told._replace(found=told.found.digested()))
+        return on_generation is None or self._recorder.report_last(on_generation)
+
+    def _evaluated(
+        self, backend: Backend, controllers: Controllers, seeds: Sequence[int], watched: Progress
+    ) -> Results:
+        """Evaluate a generation. Raises RunError early where the first evaluations of the run all fail."""
+        on_results = self._first.of_generation() if self._first.is_open else None
+        with self._first_kept(self._method.generation):
+            return self._evaluator.evaluate(
+                backend, controllers, seeds, watched, self._recorder.store_last, on_results
+            )
+
+    @contextmanager
+    def _first_kept(self, generation: int) -> Iterator[None]:
+        """Keep the journal where the first evaluations of the run all fail, and name the reason."""
+        try:
+            yield
+        except FirstFailedError as error:
+            with self._recorder.journal_kept(generation, error.journal):
+                raise
 
     def _continue_ahead(
         self,

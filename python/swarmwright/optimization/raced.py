@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
+from swarmwright.evaluation.base import Backend, Controllers, OnResults, Progress, Results
 from swarmwright.rankings.race import Race
 from swarmwright.store import Journal
 
@@ -16,6 +16,7 @@ def race(
     seeds: Sequence[int],
     on_progress: Progress,
     meanwhile: Callable[[], None] | None,
+    on_results: OnResults | None = None,
 ) -> Results:
     """Evaluate a generation; NaN where an episode failed, or the candidate did not go through it.
 
@@ -39,8 +40,8 @@ def race(
         def progress(done: int, total: int, waiting_for: str, before: int = before) -> None:  # noqa: ARG001
             on_progress(before + done, count * len(seeds), waiting_for)
 
-        results = backend.evaluate(part, seeds[which], progress, meanwhile)
-        meanwhile = None
+        results = backend.evaluate(part, seeds[which], progress, meanwhile, on_results)
+        meanwhile = on_results = None
         fitness[who, which] = results.fitness
         metrics[who, which] = results.metrics
         extend(journal, results.journal, who.tolist(), which.start)

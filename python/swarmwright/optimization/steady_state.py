@@ -94,12 +94,15 @@ class SteadyLoop(Loop):
     ) -> bool:
         stopped = False
         first = self._method.evaluations  # the backend counts from 0
+        on_results = self._first.of_generation() if not first and backend.may_fail else None
 
         def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32] | None:
             nonlocal stopped
             rows = {candidate: row for row, candidate in enumerate(candidates)}
             results = self._failures.named(results, self._seeds, rows=rows, first=first)
             self._journal.extend(results.journal, first)
+            if on_results is not None:
+                on_results(candidates, results)
             for row, candidate in enumerate(candidates):
                 self._early[first + candidate] = (results.fitness[row], results.metrics[row])
             while not self._method.done and self._method.evaluations in self._early:
@@ -116,7 +119,8 @@ class SteadyLoop(Loop):
         done, whole = (count * len(self._seeds) for count in (first, self._account.most))
         self._announce(backend, None, (done, whole))  # several are under way
         controllers = Controllers.of(self._representation, np.array(self._flying, dtype=np.float32))
-        backend.stream(controllers, self._seeds, feed, self._recorder.watched(on_progress))
+        with self._first_kept(0):
+            backend.stream(controllers, self._seeds, feed, self._recorder.watched(on_progress))
         return stopped and not self._over and not self._method.done
 
     def _used_up(self) -> Ended:

@@ -17,6 +17,7 @@ from swarmwright.evaluation.base import (
     Backend,
     Controllers,
     Feed,
+    OnResults,
     Progress,
     Results,
     Servers,
@@ -51,6 +52,7 @@ class TwoSimulations:
         self.fast, self.slow, self.name = fast, slow, name
         self.sensors, self.actuators = fast.sensors, fast.actuators
         self.metrics = (*fast.metrics, METRIC)
+        self.may_fail = fast.may_fail or slow.may_fail
         self.description = f"{fast.description}; {name}: {slow.description}"
 
     def evaluate(
@@ -59,9 +61,10 @@ class TwoSimulations:
         seeds: Sequence[int],
         on_progress: Progress,
         meanwhile: Callable[[], None] | None = None,
+        on_results: OnResults | None = None,
     ) -> Results:
         """Evaluate in the fast simulation."""
-        return self.fast.evaluate(controllers, seeds, on_progress, meanwhile)
+        return self.fast.evaluate(controllers, seeds, on_progress, meanwhile, on_results)
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
         """Return that of the fast simulation."""
@@ -245,6 +248,7 @@ def evaluate_both(
     seeds: Sequence[int],
     on_progress: Progress,
     meanwhile: Callable[[], None] | None,
+    on_results: OnResults | None = None,
 ) -> Results:
     """Evaluate a generation; its last metric is the fitness in the slow simulation, NaN where there is none.
 
@@ -258,7 +262,7 @@ def evaluate_both(
     def progress(part: int, _: int, waiting_for: str) -> None:
         on_progress(min(done + part, whole - 1), whole, waiting_for)
 
-    fast = backend.fast.evaluate(controllers, seeds, progress, meanwhile)
+    fast = backend.fast.evaluate(controllers, seeds, progress, meanwhile, on_results)
     slow = np.full((count, episodes), np.nan)
     journal = Journal()
     extend(journal, fast.journal, list(range(count)), 0)

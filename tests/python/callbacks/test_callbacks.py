@@ -163,6 +163,7 @@ def generation(number: int, **changes: Any) -> Generation:
         "mean": math.nan,
         "best_so_far": 2.0,
         "failed": 0,
+        "failed_so_far": 0,
         "evaluations": 10,
         "seconds": 1.0,
         "evaluations_per_second": 10.0,

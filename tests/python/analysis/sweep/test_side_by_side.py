@@ -232,7 +232,8 @@ def test_how_far_a_run_is_counts_what_limits_it(tmp_path: Path) -> None:
 
 def generation(number: int, *, seconds: float, left: float) -> Generation:
     return Generation(
-        generation=number, generations=10, best=0.0, mean=0.0, best_so_far=0.0, failed=0, evaluations=1,
+        generation=number, generations=10, best=0.0, mean=0.0, best_so_far=0.0, failed=0,
+        failed_so_far=0, evaluations=1,
         seconds=seconds, evaluations_per_second=1.0, seconds_left=left, waiting_for="",
         share=(number + 1) / 10,
     )  # fmt: skip
