@@ -57,7 +57,7 @@ class FirstEvaluations:
                 return
             journal.extend(results.journal, 0)
             waiting.update(self._outcomes(candidates, results))
-            while self.is_open and place in waiting:
+            while place in waiting:
                 is_last = self._add(waiting.pop(place))
                 place += 1
                 if is_last:
@@ -75,7 +75,7 @@ class FirstEvaluations:
             return False
         self._kinds |= kinds
         self._failed += 1
-        self.is_open = len(self._kinds) <= 1
+        self.is_open = self.is_open and len(self._kinds) <= 1
         return self.is_open and self._failed >= FIRST
 
     def _outcomes(self, candidates: Sequence[int], results: Results) -> Iterable[tuple[int, set[str] | None]]:

@@ -25,7 +25,7 @@ def test_every_run_has_a_row(tmp_path: Path) -> None:
     with path.open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == [
-        "task", "group", "run", "seed", "evaluations", "episodes", "fitness", "held_out_fitness",
+        "task", "group", "run", "seed", "evaluations", "episodes", "failed", "fitness", "held_out_fitness",
         "held_out_episodes", "held_out_standard_error", "held_out_low", "held_out_high", "seconds",
         "record_sha256", "parameters.maxSteps", "method.kind",
     ]  # fmt: skip
