@@ -28,6 +28,9 @@ _LARGEST_MESSAGE_BYTES = 1 << 20
 """Of the keeper's answer."""
 _ANSWER_S = 30.0
 """Seconds in which the keeper answers, when the machine is slow."""
+_LOOK_S = 0.25
+"""Seconds of waiting for an answer between two looks whether the keeper was stopped."""
+_NO_KEEPER = "the process that starts commands has ended, and all commands with it"
 _MARK = "SWARMWRIGHT_COMMAND"
 """Variable of the environment by which processes are found whose keeper was killed."""
 _LOOKS = 3
@@ -123,12 +126,29 @@ class Processes:
         except (OSError, CommandFailure):
             return Ended(-9, ())
 
+    def check(self) -> None:
+        """Raise CommandFailure where the keeper was stopped, as by a command that stops its parent."""
+        stopped = os.WSTOPPED | os.WNOHANG | os.WNOWAIT
+        if self._end.alive and os.waitid(os.P_PID, self._keeper.pid, stopped) is not None:
+            self._keeper.kill()
+            self.close()
+            raise CommandFailure(
+                "the process that starts commands was stopped by a signal, perhaps the command's own (kill "
+                "-STOP $PPID), so all commands were ended"
+            )
+
     def _answer(self) -> dict[str, Any]:
-        readable, _, _ = select.select([self.channel], [], [], _ANSWER_S)
+        if not self._end.alive:
+            raise CommandFailure(_NO_KEEPER)
+        readable, until = False, time.monotonic() + _ANSWER_S
+        while not readable and time.monotonic() < until:
+            readable = bool(select.select([self.channel], [], [], _LOOK_S)[0])
+            if not readable:
+                self.check()
         data = self.channel.recv(_LARGEST_MESSAGE_BYTES) if readable else b""
         if not data:
             self.close()
-            raise CommandFailure("the process that starts commands has ended, and all commands with it")
+            raise CommandFailure(_NO_KEEPER)
         answer: dict[str, Any] = json.loads(data)
         return answer
 

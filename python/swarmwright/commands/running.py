@@ -46,8 +46,8 @@ class Limits:
 class Watch:
     """Looks after the limits of a process while it runs."""
 
-    def __init__(self, folder: Path, limits: Limits) -> None:
-        self._folder, self._limits = folder, limits
+    def __init__(self, folder: Path, limits: Limits, processes: Processes) -> None:
+        self._folder, self._limits, self._processes = folder, limits, processes
         self._looked, self._pause = time.monotonic(), _SIZE_CHECK_S
         self.deadline = time.monotonic() + limits.timeout
 
@@ -70,6 +70,7 @@ class Watch:
         if printed.is_too_much:
             raise CommandFailure(f"printed more than {limits.output:g} MB (simulation.output), and was ended")
         if now - self._looked >= self._pause:
+            self._processes.check()
             self.check_disk()
             took = time.monotonic() - now
             self._looked, self._pause = now, max(_SIZE_CHECK_S, 20 * took)
@@ -102,7 +103,7 @@ def run(
         finally:
             os.close(writing)
             os.close(nothing)
-        watch = Watch(folder, limits)
+        watch = Watch(folder, limits, processes)
         ended = _attended(processes, reading, printed, watch)
         check_end(ended, limits)
         watch.check_disk()

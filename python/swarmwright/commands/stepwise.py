@@ -291,7 +291,7 @@ class Dialogue:
         self._ended, self._episodes = None, 0
         self._lines, self._ids = Lines(), MessageIds()
         self.printed = Printed(self._limits.most_output)
-        self._watch = Watch(start.folder, self._limits)
+        self._watch = Watch(start.folder, self._limits, self._processes)
         try:
             self._processes.start(
                 start.command, start.folder, start.environment, self._limits.largest, theirs

@@ -391,6 +391,25 @@ def test_the_keeper_is_killed(traced: Traced) -> None:
     assert traced.left(within=5) == []
 
 
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        ("kill -KILL $PPID; sleep 1000", "the process that starts commands has ended"),
+        ("kill -STOP $PPID; sleep 1000", "the process that starts commands was stopped by a signal"),
+        (f"kill -STOP $PPID; {WELL}", "the process that starts commands was stopped by a signal"),
+    ],
+)
+def test_a_command_that_kills_or_stops_the_keeper_fails_at_once(
+    traced: Traced, script: str, words: str
+) -> None:
+    began = time.monotonic()
+    with pytest.raises(RunError, match=words):
+        simulate(traced.shell(script, timeout=1000.0))
+    assert time.monotonic() - began < 25, "not the time-out of the episode, nor that of an answer"
+    assert traced.left(within=5) == []
+    assert simulate(traced.shell(WELL)) == 1.5
+
+
 def test_the_keeper_ends_where_a_report_was_not_read(
     traced: Traced, capfd: pytest.CaptureFixture[str]
 ) -> None:
