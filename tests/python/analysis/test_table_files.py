@@ -26,8 +26,8 @@ def test_every_run_has_a_row(tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == [
         "task", "group", "run", "seed", "evaluations", "episodes", "failed", "fitness", "held_out_fitness",
-        "held_out_episodes", "held_out_failed", "held_out_standard_error", "held_out_low", "held_out_high", "seconds",
-        "record_sha256", "parameters.maxSteps", "method.kind",
+        "held_out_episodes", "held_out_failed", "held_out_standard_error", "held_out_low", "held_out_high",
+        "seconds", "record_sha256", "parameters.maxSteps", "method.kind",
     ]  # fmt: skip
     assert [float(row["fitness"]) for row in rows] == [5, 6, 7.5, 1, 2, 3, 4, 5]
     assert [row["task"] for row in rows] == ["maxSteps 10"] * 6 + ["maxSteps 20"] * 2

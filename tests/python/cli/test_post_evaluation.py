@@ -136,8 +136,8 @@ def test_a_fitness_without_chance_is_said_to_be_so(program: Any, noisy: Path) ->
         text = program("optimize", noisy, "--out", f"run {given}", *fixed).stdout
         assert (
             f"All {count} held-out episodes gave the recorded fitness: it does not seem to depend on the "
-            "seed. Report the recorded fitness as that of this controller; how good the method is takes several "
-            "runs with other seeds (`swarmwright sweep`)."
+            "seed. Report the recorded fitness as that of this controller; how good the method is takes "
+            "several runs with other seeds (`swarmwright sweep`)."
         ) in text
         last = json.loads(program("runs", "show", f"run {given}", "--json").stdout)
         assert last["unseen"] is None
