@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from swarmwright.adapters import NEW_EACH_EPISODE
 from swarmwright.adapters._restoring import SECONDS, Actions, Restoring, close, found_by_trials
 from swarmwright.core.errors import InputError, SimulationError, explained
+from swarmwright.core.untrusted import paths_elsewhere
 from swarmwright.core.warn_once import warn_once
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.calls import short
@@ -166,6 +167,7 @@ class Environment(Simulation):
     def _new_environment(self, parameters: dict[str, Any], *, rendering: bool) -> Any:  # noqa: ANN401 - types of libraries
         """Return a new environment. Raises InputError where there is none with these parameters."""
         label = f"{type(self).__name__} {self.environment}"
+        check_paths(label, self.environment, parameters)
         try:
             shown = {"render_mode": _ARRAY} if rendering else {}
             with self._modules():
@@ -243,6 +245,16 @@ class Environment(Simulation):
             f"{', '.join(parameters)}: with it agents have {found} instead of {before}; put it into the "
             f"simulation's name, as {self.environment}?{'&'.join(f'{name}=..' for name in parameters)}"
         )
+
+
+def check_paths(label: str, environment: str, parameters: Mapping[str, Any]) -> None:
+    """Raise InputError for paths that lead elsewhere: parameters may come from a peer, a name does not."""
+    for name, value in parameters.items():
+        for path in paths_elsewhere(value):
+            raise InputError(
+                f"{name}: {label}: {path!r} found, but parameters name files below the server's folder only; "
+                f"put it into the simulation's name, as {environment}?{name}=.."
+            )
 
 
 def _check_flags(env: Any, given: Mapping[str, Any], label: str) -> None:  # noqa: ANN401 - types of libraries

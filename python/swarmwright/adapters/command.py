@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.adapters import _controller_files
 from swarmwright.adapters._stepped_episodes import SteppedEpisodes
-from swarmwright.commands import builds, folders, logs, parameter_file, work_files
+from swarmwright.commands import builds, folders, logs, parameter_file, placeholders, work_files
 from swarmwright.commands.definition import STANDARD_OUTPUT, CommandOptions
 from swarmwright.commands.failure import CommandFailure, ReportedFailure
 from swarmwright.commands.output import Printed
-from swarmwright.commands.placeholders import IN_A_COMMAND, filled, filled_file, names_in
+from swarmwright.commands.placeholders import IN_A_COMMAND, Values, is_choice, names_in
 from swarmwright.commands.process import Processes, resolved_word
 from swarmwright.commands.reductions import Reduction
 from swarmwright.commands.running import Limits, run
@@ -32,6 +32,7 @@ from swarmwright.core.temporary import private_place, remove
 from swarmwright.experiment.fitness import OWN, FitnessExpression
 from swarmwright.representations.controller import Controller
 from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.parameters import Parameter
 from swarmwright.user_code.command_sources import digest
 
 _log = logging.getLogger("swarmwright")
@@ -99,6 +100,11 @@ class CommandSimulation(Simulation):
             self.metrics = [name for name in self._reductions or named if name != OWN]
         if not self.parameters and self.options.parameters is not None:
             self.parameters = parameter_file.defaults(self._here / self.options.parameters)
+        own = {name: one for name, one in self.parameters.items() if isinstance(one, Parameter)}
+        self._choices = self.options.choices | {
+            name: one.choices for name, one in own.items() if one.choices is not None
+        }
+        self._declared = {**self.parameters, **{name: one.default for name, one in own.items()}}
         self._limits = Limits(
             self.options.timeout, self.options.output, self.options.disk, self.options.children
         )
@@ -136,9 +142,8 @@ class CommandSimulation(Simulation):
 
     def setEnvironment(self, environment: Mapping[str, str]) -> None:  # noqa: N802 - D6.1's name
         """Set variables of the command's environment, with their placeholders filled in."""
-        values = self._values
         self.environment = {
-            name: filled(text, values, f"environment.{name}") for name, text in environment.items()
+            name: placeholders.variable(name, text).filled(self._values) for name, text in environment.items()
         }
 
     def setParameters(self, parameters: Mapping[str, Any]) -> None:  # noqa: N802 - D6.1's name
@@ -152,7 +157,7 @@ class CommandSimulation(Simulation):
             data = work_files.read(path)
             text = work_files.text_of(data)
             if text is not None:
-                data = filled_file(text, self._values).encode("utf-8", "surrogateescape")
+                data = placeholders.file(name, text).filled(self._values).encode("utf-8", "surrogateescape")
             target = self._write(name, data)
             if os.access(path, os.X_OK):
                 target.chmod(target.stat().st_mode | 0o100)
@@ -204,6 +209,7 @@ class CommandSimulation(Simulation):
         """Run the episode, or begin one that is stepped; see `Simulation.reset`."""
         self.seed = seed
         self._measured, self._unusable = {}, {}
+        self._check_choices(parameters)
         if self._stepped is not None:
             stepped, processes = self._stepped, self._ready()[1]
             return self._sensed(lambda: stepped.reset(processes, parameters, seed))
@@ -289,7 +295,8 @@ class CommandSimulation(Simulation):
         for log in self.options.log:
             (self.folder / log).parent.mkdir(parents=True, exist_ok=True)
         # A parameter of the program with the name of a placeholder is in the parameter file alone.
-        self._values = {**parameters, "seed": self.seed} | self._placeholders(instance, number)
+        own = {"seed": self.seed} | self._placeholders(instance, number)
+        self._values = Values(own, parameters, self._choices, self._declared)
         self._printed = Printed(self._limits.most_output, keep=STANDARD_OUTPUT in self.options.log)
         try:
             self._check_names(parameters)
@@ -318,6 +325,15 @@ class CommandSimulation(Simulation):
             raise
         self._put_away()
 
+    def _check_choices(self, parameters: Mapping[str, Any]) -> None:
+        """Raise InputError for a value that is none of those that the definition declares."""
+        for name, choices in self._choices.items():
+            if name in parameters and not is_choice(parameters[name], choices):
+                raise InputError(
+                    f"{name}: {parameters[name]!r} found, expected one of {', '.join(map(repr, choices))} "
+                    "(simulation.choices)"
+                )
+
     def _check_names(self, parameters: Mapping[str, Any]) -> None:
         """Raise CommandFailure where a value of the experiment has the name of a placeholder that is used.
 
@@ -339,7 +355,7 @@ class CommandSimulation(Simulation):
         options = self.options
         texts = [*options.command, *options.environment.values(), *(options.compile or ())]
         texts += options.visual or ()
-        texts += work_files.texts(options.files, self._here)
+        texts += [text for _, text in work_files.texts(options.files, self._here)]
         used = frozenset(name for text in texts for name in names_in(text))
         return used & IN_A_COMMAND.keys() - {"seed"}
 
@@ -417,7 +433,10 @@ class CommandSimulation(Simulation):
         return {**dict.fromkeys(("TMPDIR", "TMP", "TEMP"), str(folder)), **self.environment}
 
     def _command(self, words: list[str]) -> list[str]:
-        return [resolved_word(filled(word, self._values, "command"), self._here) for word in words]
+        return [
+            resolved_word(template.filled(self._values), self._here)
+            for template in placeholders.command(tuple(words))
+        ]
 
     def _ready(self) -> tuple[folders.Instance, Processes]:
         """Return the instance and its processes, which are made where there are none."""
@@ -468,7 +487,7 @@ class CommandSimulation(Simulation):
     def _start(self) -> Start:
         instance = self._ready()[0]
         self.folder = instance.new_folder("stepwise")
-        self._values = self._placeholders(instance, next(self._episodes))
+        self._values = Values(self._placeholders(instance, next(self._episodes)))
         self.setEnvironment(self.options.environment)
         return Start(self._command(self.options.command), self.folder, self._variables)
 

@@ -10,11 +10,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+from numpy.typing import ArrayLike
+
 from swarmwright.adapters.command import CommandSimulation
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.folders import Instance
+from swarmwright.commands.placeholders import Placeholder, Template, Values, command
 from swarmwright.commands.process import resolved_word
-from swarmwright.commands.ros_definition import ATTACHMENT, DOMAINS, RosOptions
+from swarmwright.commands.ros_definition import ATTACHMENT, DOMAINS, OF_AN_INSTANCE, RosOptions
 from swarmwright.commands.stepwise import Start
 from swarmwright.core.errors import InputError
 from swarmwright.core.ranges import Range
@@ -90,12 +93,30 @@ class RosSimulation(CommandSimulation):
 
     def _attachment(self) -> dict[str, Any]:
         """Return what the program reads: the definition, with what only this instance knows."""
-        here = Path(self._definition.folder)
         attachment = self._definition.attachment()
         if self._definition.start is not None:
             attachment["start"] = self._command(self._definition.start)
-        reset = attachment["reset"]
-        if reset["command"] is not None:
-            reset["command"] = [resolved_word(word, here) for word in reset["command"]]
-        values = {name: str(value) for name, value in self._values.items() if name != "episode"}
+        attachment["reset"]["command"] = [self._reset_parts(word) for word in self._reset_command] or None
+        values = {name: str(value) for name, value in self._values.own.items() if name != "episode"}
         return {**attachment, "values": values}
+
+    @property
+    def _reset_command(self) -> tuple[Template, ...]:
+        return command(tuple(self._definition.reset.command or ()), "reset.command")
+
+    def _reset_parts(self, word: Template) -> list[str | dict[str, str]]:
+        """Return a word as JSON has it, so that the program parses nothing: text and names of placeholders.
+
+        Text that is a word of its own may name a file.
+        """
+        here = Path(self._definition.folder)
+        if len(word.parts) == 1 and isinstance(word.parts[0], str):
+            return [resolved_word(word.parts[0], here)]
+        return [{"name": part.name} if isinstance(part, Placeholder) else part for part in word.parts]
+
+    def reset(self, parameters: dict[str, Any], seed: int, controller: str | None = None) -> ArrayLike:
+        """Begin an episode. Raises InputError for text that would decide what `reset.command` runs."""
+        given = Values(dict.fromkeys(OF_AN_INSTANCE), parameters, self._choices)
+        for word in self._reset_command:
+            word.check(given)
+        return super().reset(parameters, seed, controller)

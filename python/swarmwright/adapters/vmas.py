@@ -13,7 +13,7 @@ import torch
 import vmas
 from numpy.typing import NDArray
 
-from swarmwright.adapters._environment import environment_seed
+from swarmwright.adapters._environment import check_paths, environment_seed
 from swarmwright.adapters._spaces import ranges
 from swarmwright.core.errors import InputError, explained
 from swarmwright.core.ranges import common
@@ -93,6 +93,7 @@ class Vmas(BatchSimulation):
         self.actuator_ranges = common([ranges(*_middle_and_half(one)) for one in self._env.action_space])
 
     def _make(self, episodes: int, parameters: dict[str, Any]) -> Any:  # noqa: ANN401 - a type of VMAS
+        check_paths(f"Vmas {self.environment}", self.environment, parameters)
         given = {"max_steps": 100, **self.options, **parameters}
         try:
             with warnings.catch_warnings():

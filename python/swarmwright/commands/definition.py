@@ -7,7 +7,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    StrictBool,
+    StrictFloat,
+    StrictInt,
+    StrictStr,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
 from swarmwright.commands import work_files
 from swarmwright.commands.reductions import Reduction
@@ -63,6 +73,7 @@ _METRICS = {
 }
 _COMMAND = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
 Command = Annotated[Any, BeforeValidator(_words), WithJsonSchema(_COMMAND)]
+Choices = dict[str, Annotated[list[StrictStr | StrictBool | StrictInt | StrictFloat], Field(min_length=1)]]
 Texts = Annotated[list[str], BeforeValidator(_texts), WithJsonSchema(_COMMAND)]
 
 
@@ -111,7 +122,8 @@ class CommandOptions(Definition):
     `files` may hold placeholders: {parameters}, {controller}, {weights}, {log} (paths of these files),
     {folder} (the work folder), {build} (the folder of what was compiled), {here} (the folder of the
     experiment file), {seed}, {episode}, {instance}, {port}, and the simulation's parameters by their names.
-    {{name}} in a command stands for {name}.
+    {{name}} in a command stands for {name}. Parameters that are numbers can stand anywhere; for text see
+    `choices`.
     """
 
     prefix: ClassVar[str] = SimulationName.COMMAND
@@ -126,6 +138,9 @@ class CommandOptions(Definition):
     """A YAML or JSON file with the program's own parameters and their values: names that can be set and
     evolved, with their defaults; those of nested mappings are written with points, pid.kp. Default: any name
     can be set, and there are no defaults."""
+    choices: Choices = Field(default={})
+    """All values that a parameter may have: mode: [fast, exact]. Text can be put into words of the command
+    and into files only if its choices are declared here, so that no optimization tool decides what is run."""
     parameters_format: Literal["yaml", "json", "ros2"] = "yaml"
     """Format of the file {parameters}, which has all parameters, and the episode's seed as `seed`. ros2: YAML
     below `/**: ros__parameters:`, as nodes of ROS 2 read it."""

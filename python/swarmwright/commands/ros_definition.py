@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from swarmwright.commands import ros_checks
-from swarmwright.commands.definition import Command, CommandOptions, Definition
+from swarmwright.commands.definition import Choices, Command, CommandOptions, Definition
 from swarmwright.commands.ros_sections import (
     GET_ENTITIES_STATES,
     SCOPES,
@@ -30,6 +30,8 @@ _TRIGGERS = ("std_srvs/Trigger", "std_srvs/Empty")
 """Types of services by default: of a step, of a reset."""
 ATTACHMENT = "attachment.json"
 """What the program reads, in the folder of an instance."""
+OF_AN_INSTANCE = ("instance", "port", "domain", "folder", "here")
+"""Placeholders that are set when the program starts."""
 DOMAINS = 100
 """DDS domains that instances get; beyond about 100 their ports may be taken by other programs on Linux."""
 MOST_ROBOTS = 1000
@@ -122,6 +124,8 @@ class RosOptions(Definition):
     """Seconds that an episode may take."""
     recycle: int = Field(default=0, ge=0)
     """Episodes after which the program, and what `start` has started, is started again; 0 for never."""
+    choices: Choices = Field(default={})
+    """All values that a parameter may have, as for commands; needed for text in `reset.command`."""
     environment: dict[str, str] = Field(default={})
     """Environment variables in addition to the inherited ones: ROS_MASTER_URI, ROS_DOMAIN_ID, .. Values
     may hold {instance}, {port}, {domain}, {folder} and {here}."""
@@ -233,6 +237,7 @@ class RosOptions(Definition):
             controller="stepwise",
             sensors=len(self.sensors) or None,
             actuators=len(self.actuators) or None,
+            choices=self.choices,
             metrics=dict.fromkeys(self.metrics, "last"),
             fitness=self.fitness,
             dimensions=self.dimensions,

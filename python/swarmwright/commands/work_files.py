@@ -87,12 +87,12 @@ def text_of(data: bytes) -> str | None:
     return None if b"\0" in data else data.decode("utf-8", "surrogateescape")
 
 
-def texts(files: Mapping[str, str], folder: Path) -> Iterator[str]:
-    """Yield the texts of the files that may have placeholders, as far as they can be read."""
-    for path in named(files, folder).values():
+def texts(files: Mapping[str, str], folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield the files that may have placeholders, with their texts, as far as they can be read."""
+    for name, path in named(files, folder).items():
         try:
             text = text_of(read(path))
         except InputError:  # reported where it is copied
             continue
         if text is not None:
-            yield text
+            yield name, text

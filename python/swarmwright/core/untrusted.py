@@ -5,6 +5,9 @@ sequences (ESC and C1), line breaks, and Unicode's direction marks.
 """
 
 import re
+from collections.abc import Iterator, Mapping
+from pathlib import PurePath
+from typing import Any
 
 _BEYOND_C0 = (
     "\x7f-\x9f"  # DEL, C1
@@ -32,6 +35,24 @@ def lines(text: str) -> list[str]:
 def in_json(encoded: str) -> str:
     r"""Return JSON with those characters that JSON leaves alone as `\u009b`: it means the same."""
     return _IN_JSON.sub(lambda found: f"\\u{ord(found[0]):04x}", encoded)
+
+
+def leads_elsewhere(text: str) -> bool:
+    """Return whether a text that is used as a path leads out of the folder that it is relative to."""
+    return text.startswith(("/", "~")) or ".." in PurePath(text).parts
+
+
+def paths_elsewhere(value: Any) -> Iterator[str]:  # noqa: ANN401 - any JSON value
+    """Yield the texts in a value that lead out of a folder where they are used as paths."""
+    if isinstance(value, str):
+        if leads_elsewhere(value):
+            yield value
+    elif isinstance(value, Mapping):
+        for one in value.values():
+            yield from paths_elsewhere(one)
+    elif isinstance(value, list | tuple):
+        for one in value:
+            yield from paths_elsewhere(one)
 
 
 def _escape(character: str) -> str:

@@ -1,24 +1,32 @@
 """Experiments whose simulation is run by a command: from its mapping to a name, and whether the rest fits."""
 
 import importlib.util
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.commands import bags, fmu_definition, logs, parameter_file, process, work_files
+from swarmwright.commands import (
+    bags,
+    fmu_definition,
+    logs,
+    parameter_file,
+    placeholders,
+    process,
+    work_files,
+)
 from swarmwright.commands.checking import definition_of_name, read_definition
 from swarmwright.commands.definition import CommandOptions, Definition
 from swarmwright.commands.fmu_definition import FmuOptions
-from swarmwright.commands.placeholders import IN_A_COMMAND, names_in
-from swarmwright.commands.ros_definition import RosOptions
-from swarmwright.core.problems import Report
+from swarmwright.commands.placeholders import IN_A_COMMAND, Template, Values, is_choice, names_in
+from swarmwright.commands.ros_definition import OF_AN_INSTANCE, RosOptions
+from swarmwright.core.problems import Report, shown
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Path_
 from swarmwright.experiment.expression import ExpressionError
 from swarmwright.experiment.fitness import OWN, FitnessExpression
 from swarmwright.plug_ins import REGISTRIES
-from swarmwright.representations.parameter_set import ParameterSetOptions
+from swarmwright.representations.parameter_set import CategoricalParameter, ParameterSetOptions
 from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:
@@ -184,17 +192,30 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
     if options.controller == "stepwise":
         parameters = []
     known = [*IN_A_COMMAND, *parameters]
-    places: list[tuple[Path_, str]] = [(("simulation", "command"), word) for word in options.command]
-    places += [(("simulation", "environment", name), text) for name, text in options.environment.items()]
-    places += [(("simulation", "compile"), word) for word in options.compile or ()]
-    places += [(("simulation", "visual"), word) for word in options.visual or ()]
-    for path, text in places:
-        for name in names_in(text):
+    templates: list[tuple[Path_, Template]] = [
+        (("simulation", key), word)
+        for key, words in (
+            ("command", options.command),
+            ("compile", options.compile),
+            ("visual", options.visual),
+        )
+        for word in placeholders.command(tuple(words or ()), key)
+    ]
+    templates += [
+        (("simulation", "environment", name), placeholders.variable(name, text))
+        for name, text in options.environment.items()
+    ]
+    for path, template in templates:
+        for name in template.names:
             if name not in known:
                 hint = did_you_mean(name, known) or f"; available: {', '.join(known)}"
                 report(path, f"{{{name}}} is not a placeholder, and no parameter has this name{hint}")
     if options.controller != "stepwise":
-        used = {name for text in [*(text for _, text in places), *_files(options)] for name in names_in(text)}
+        files: list[tuple[Path_, Template]] = [
+            (("simulation", "files"), placeholders.file(path, text)) for path, text in _files(options)
+        ]
+        _check_text(checked, [*templates, *files], IN_A_COMMAND, options.choices, report)
+        used = {name for _, template in [*templates, *files] for name in template.names}
         given: list[Path_] = [("parameters", name) for name in checked["parameters"]]
         given += [("controller", "parameters", name) for name in evolved]
         for path in given:
@@ -207,8 +228,52 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
                 )
 
 
-def _files(options: CommandOptions) -> Iterator[str]:
-    """Yield the texts of the files that are put into the work folder, as far as they can be read."""
+def _check_text(
+    checked: Mapping[str, Any],
+    templates: Sequence[tuple[Path_, Template]],
+    own: Iterable[str],
+    choices: Mapping[str, Sequence[Any]],
+    report: Report,
+) -> None:
+    """Check that values are among the declared choices, and that text stands only where it decides nothing.
+
+    own: names that never stand for parameters.
+    """
+    controller = checked.get("controller")
+    evolved = controller.parameters if isinstance(controller, ParameterSetOptions) else {}
+    values: list[tuple[Path_, str, Any]] = [
+        (("parameters", name), name, value) for name, value in checked["parameters"].items()
+    ]
+    values += [
+        (("controller", "parameters", name, "choices"), name, choice)
+        for name, one in evolved.items()
+        if isinstance(one, CategoricalParameter)
+        for choice in one.choices
+    ]
+    known = catalogue.description(checked["simulation"])["parameters"]
+    declared = {name: one["default"] for name, one in known.items()}
+    given = {name for _, name, _ in values} | set(evolved)
+    defaults = [
+        (("simulation", "parameters"), name, one) for name, one in declared.items() if name not in given
+    ]
+    for path, name, value in [*values, *defaults]:
+        if name in choices and not is_choice(value, choices[name]):
+            listed = ", ".join(map(shown, choices[name]))
+            report(path, f"{shown(value)} found, expected one of {listed} (simulation.choices.{name})")
+            continue
+        found = Values(dict.fromkeys(own), {name: value}, choices, declared)
+        problems = [
+            template.problem(name, found)
+            for _, template in templates
+            if name in template.names and name not in found.own
+        ]
+        reason = next(filter(None, problems), None)
+        if reason is not None:
+            report(path, reason)
+
+
+def _files(options: CommandOptions) -> Iterator[tuple[str, str]]:
+    """Yield the files that are put into the work folder, with their texts, as far as they can be read."""
     return work_files.texts(options.files, Path(options.folder))
 
 
@@ -222,7 +287,8 @@ def _without_effect(experiment: "Experiment", options: Definition) -> str | None
     """Return what does not reach a simulation's command, as a warning; None where all parameters do."""
     if not isinstance(options, CommandOptions) or options.controller == "stepwise":
         return None
-    texts = [*options.command, *options.environment.values(), *(options.compile or ()), *_files(options)]
+    texts = [*options.command, *options.environment.values(), *(options.compile or ())]
+    texts += [text for _, text in _files(options)]
     used = {name for text in texts for name in names_in(text)}
     file = parameter_file.FILES[options.parameters_format]
     if "parameters" in used or _is_named(file, options):
@@ -290,7 +356,7 @@ def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> 
     evolved = controller.parameters if isinstance(controller, ParameterSetOptions) else {}
     parameters = [*checked["parameters"], *evolved]
     of_reset = [*parameters, "seed"]
-    at_start = ("instance", "port", "domain", "folder", "here")
+    at_start = OF_AN_INSTANCE
     places: list[tuple[Path_, str, list[str]]] = [
         (("simulation", "environment", name), text, list(at_start))
         for name, text in options.environment.items()
@@ -304,7 +370,17 @@ def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> 
                 hint = did_you_mean(name, known) or f"; available: {', '.join(known)}"
                 report(path, f"{{{name}}} is not a placeholder{hint}")
     used = {name for word in reset for name in names_in(word)}
+    words = [
+        (("simulation", "reset", "command"), word)
+        for word in placeholders.command(tuple(reset), "reset.command")
+    ]
+    _check_text(checked, words, (*at_start, "seed"), options.choices, report)
     for name in parameters:
+        if name in at_start and name in used:
+            report(
+                ("parameters" if name in checked["parameters"] else "controller", name),
+                f"{{{name}}} in simulation.reset.command is not this parameter; rename the parameter",
+            )
         if options.reset.parameters is None and name not in used:
             section = "parameters" if name in checked["parameters"] else "controller"
             report(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import subprocess
 import time
 from typing import Any, Callable, Iterator, Mapping, Sequence
@@ -23,7 +22,6 @@ _SETTLE_S = 0.2
 """Seconds after the first connections, for others that are not aware of them yet."""
 _DRAIN_S = 0.05
 """Seconds for what a reset may have published."""
-_PLACE = re.compile(r"\{(\w[\w.]*)\}")
 
 
 class Failure(Exception):  # noqa: N818 - an episode has failed, the program has not
@@ -287,7 +285,8 @@ class Robots:
         elif reset["service"] is not None:
             self._simulation.reset(int(reset["scope"]), wait)
         if reset["command"] is not None:
-            values = {**self._definition["values"], **parameters, "seed": seed}
+            # The own ones go before parameters: {here} and {port} are not a peer's to set.
+            values = {**parameters, **self._definition["values"], "seed": seed}
             _run([_filled(word, values) for word in reset["command"]], self._startup)
         spawn = self._definition["spawn"]
         if spawn is not None and (reset["despawns"] or not self._spawned):
@@ -395,12 +394,16 @@ def _entry(name: str, place: Mapping[str, Any]) -> SensorMapping:
     return SensorMapping(**{**vars(entry), "place": where})
 
 
-def _filled(word: str, values: Mapping[str, Any]) -> str:
-    def value(match: re.Match[str]) -> str:
-        found = values.get(match[1], match[0])
-        return str(found).lower() if isinstance(found, bool) else str(found)
+def _filled(parts: Sequence[Any], values: Mapping[str, Any]) -> str:
+    """Return a word, given its parts: text, or {"name": of a value}."""
+    return "".join(part if isinstance(part, str) else _plain(values, part["name"]) for part in parts)
 
-    return _PLACE.sub(value, word)
+
+def _plain(values: Mapping[str, Any], name: str) -> str:
+    if name not in values:
+        raise Failure(f"simulation.reset.command: {{{name}}}: no parameter has this name")
+    found = values[name]
+    return str(found).lower() if isinstance(found, bool) else str(found)
 
 
 def _run(words: Sequence[str], seconds: float) -> None:

@@ -236,8 +236,11 @@ class Host(Calls[Simulation | BatchSimulation]):
         given = dict(parameters)
         try:
             seed = _seed(given.pop("seed", 0))
-            values = filled_in(self.description.parameters, given, sent=True)
             self._notice_unknown(given)
+            known = self.description.parameters
+            values = filled_in(
+                known, {name: one for name, one in given.items() if not known or name in known}, sent=True
+            )
             if self.has_groups:
                 self._groups = counted(self.description.groups, values)
             if self._object is None:
@@ -247,7 +250,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         return values, seed
 
     def _notice_unknown(self, given: Mapping[str, Any]) -> None:
-        """Warn of parameters that the class does not declare, once for each.
+        """Warn of parameters that the class does not declare, once for each; they do not reach it.
 
         Tools that have the class refuse them; those that know its title alone cannot. By the protocol servers
         ignore what they do not know, so that they are no reason to refuse the work.
