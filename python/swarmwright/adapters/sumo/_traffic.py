@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.adapters.sumo._files import checked
+from swarmwright.adapters.sumo._files import Outputs, checked
 from swarmwright.core.errors import EpisodeError, InputError
+from swarmwright.core.warn_once import warn_once
 from swarmwright.display import Body, Scene, Wall
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.parameters import Parameter
@@ -43,8 +44,9 @@ class Traffic(Simulation):
     copies = False  # libsumo has one simulation in a process
     determinism = "bitwise"
     metrics = {  # noqa: RUF012 - as in the base class
-        "speed": "Mean speed of the vehicles, m/s, over vehicles and steps.",
-        "waiting": "Seconds slower than 0.1 m/s, mean over the vehicles that have departed.",
+        "speed": "Mean speed of the vehicles, m/s, over vehicles and steps; 0 before they can enter.",
+        "waiting": "Seconds slower than 0.1 m/s or unable to enter, mean over all vehicles that were due.",
+        "backlog": "Vehicles that were due but could not enter the network by the end.",
         "arrived": "Vehicles that have arrived.",
         "collisions": "Collisions, counted in each step of SUMO.",
         "teleported": "Vehicles that SUMO moved on, since they waited too long or collided.",
@@ -58,6 +60,7 @@ class Traffic(Simulation):
     def __init__(self) -> None:
         self.sumo = _library()
         self._config = ""
+        self._outputs = Outputs()
 
     @abstractmethod
     def begin(self, parameters: dict[str, Any], lately: list[str]) -> NDArray[np.float64]:
@@ -80,9 +83,9 @@ class Traffic(Simulation):
     def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
         """Go to the start of an episode."""
         if parameters["config"] != self._config or not self._config:
-            self._path = checked(parameters["config"])
-            self._config = parameters["config"]
+            self._read(parameters["config"])
         options = ["-c", str(self._path), "--seed", str((seed ^ seed >> 32) & _LARGEST_SEED)]
+        options += [*self._files.options, *self._outputs.options]
         try:
             self.sumo.load([*options, "--no-step-log", "--no-warnings", "--duration-log.disable"])
         except self.sumo.TraCIException as error:
@@ -96,6 +99,7 @@ class Traffic(Simulation):
             )
         self._taken = 0
         self._speeds = self._seen = self._waited = self._departed = 0.0
+        self._outside: set[str] = set()
         self._counts = dict.fromkeys(("arrived", "collisions", "teleported"), 0)
         self.vehicles: tuple[str, ...] = ()
         return self.begin(parameters, self._advance(1))  # vehicles depart in a step
@@ -110,6 +114,10 @@ class Traffic(Simulation):
         self._speeds += sum(speeds)
         self._seen += len(speeds)
         self._waited += self.interval * sum(speed < HALTING for speed in speeds)
+        # Vehicles that cannot enter stand, too: blocking the entry must not pay.
+        self._outside |= set(self.sumo.simulation.getPendingVehicles())
+        self._seen += len(self._outside)
+        self._waited += self.interval * len(self._outside)
         return self.look(lately)
 
     def done(self) -> bool:
@@ -120,7 +128,8 @@ class Traffic(Simulation):
         """Return the metrics."""
         return {
             "speed": self._speeds / max(self._seen, 1),
-            "waiting": self._waited / max(self._departed, 1),
+            "waiting": self._waited / max(self._departed + len(self._outside), 1),
+            "backlog": len(self._outside),
             **self._counts,
         }
 
@@ -153,6 +162,16 @@ class Traffic(Simulation):
         """Return what pictures call a vehicle: waiting or driving."""
         return "waiting" if self.sumo.vehicle.getSpeed(vehicle) < HALTING else "driving"
 
+    def _read(self, config: str) -> None:
+        """Check the files of a configuration; say which of its options have no effect here."""
+        self._files = checked(config)
+        self._path, self._config = self._files.path, config
+        if self._files.overridden:
+            warn_once(
+                f"config: {self._path}: without effect here: {', '.join(self._files.overridden)}; episodes "
+                "follow from their seed alone, in lock-step, and SUMO writes no files"
+            )
+
     def _advance(self, ticks: int) -> list[str]:
         """Let SUMO go on; return the vehicles that have departed and are still there, sorted."""
         simulation, counts = self.sumo.simulation, self._counts
@@ -167,6 +186,7 @@ class Traffic(Simulation):
             counts["collisions"] += len(simulation.getCollisions())
             counts["teleported"] += simulation.getStartingTeleportNumber()
         self._departed += len(departed)
+        self._outside.difference_update(departed)
         self.vehicles = self.sumo.vehicle.getIDList()
         there = set(self.vehicles)
         return sorted(one for one in departed if one in there)

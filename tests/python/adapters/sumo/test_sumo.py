@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, optimize, simulate
+from swarmwright.core import warn_once
 from tests.python.adapters.sumo.roads import crossing, drivers, flows, ring, written
 from tests.python.records import same_record
 
@@ -107,8 +108,84 @@ def test_an_episode_ends_when_nobody_is_left(tmp_path: Path) -> None:
         acted(lights, -1)
     assert lights.done()
     assert lights.measure() == {
-        "speed": pytest.approx(13, abs=1.5), "waiting": 0, "arrived": 1, "collisions": 0, "teleported": 0,
+        "speed": pytest.approx(13, abs=1.5), "waiting": 0, "backlog": 0,
+        "arrived": 1, "collisions": 0, "teleported": 0,
     }  # fmt: skip
+
+
+def test_vehicles_that_cannot_enter_wait_too(tmp_path: Path) -> None:
+    """Lights that let fewer vehicles into the network do not score better."""
+    config = written(tmp_path, crossing(), flows(0.25, 0.25))
+    found = []
+    for period in (10, 40):
+        lights, _ = started("TrafficLights", config, 7, steps=300)
+        for step in range(1, 301):
+            acted(lights, 1.0 if step % period == 0 else -1.0)
+        measured = lights.measure()
+        pending = set(lights.sumo.simulation.getPendingVehicles())
+        assert measured["backlog"] == len(pending)
+        assert lights.fitness() == -measured["waiting"]
+        found.append((measured["waiting"], measured["backlog"], measured["speed"]))
+    (often, seldom) = found
+    assert often[1] > seldom[1] + 5
+    assert often[0] > seldom[0] + 5
+    assert often[2] < seldom[2]
+
+
+def test_a_vehicle_that_gives_up_has_not_been_served(tmp_path: Path) -> None:
+    config = written(tmp_path, crossing(), flows(0.5, 0))
+    text = Path(config).read_text()
+    measured = []
+    for delay in ("-1", "5"):
+        Path(config).write_text(text.replace("<step-", f'<max-depart-delay value="{delay}"/><step-', 1))
+        lights, _ = started("TrafficLights", config, steps=100)
+        acted(lights, 1, steps=10)
+        acted(lights, -1, steps=90)  # red for those from the north
+        measured.append(lights.measure())
+    patient, impatient = measured
+    assert impatient["backlog"] >= 10
+    assert impatient["waiting"] == pytest.approx(patient["waiting"], rel=0.2)
+
+
+def test_options_of_a_configuration_that_break_episodes_have_no_effect(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Chance, a port that is waited for, files beside the configuration, sockets."""
+    monkeypatch.setattr(warn_once, "_given", set())
+    monkeypatch.chdir(tmp_path)
+    config = written(tmp_path, crossing(), flows(0.2, 0.3))
+    plain, first = started("TrafficLights", config, 3)
+    expected = [first.tolist(), acted(plain, -1, steps=50).tolist(), plain.measure()]
+    detectors = (
+        '<additional><inductionLoop id="d" lane="n_c_0" pos="10" period="10" file="detected.xml"/>'
+        '<timedEvent type="SaveTLSStates" source="c" dest="states.xml"/></additional>'
+    )
+    (tmp_path / "add.xml").write_text(detectors)
+    options = (
+        '<random value="true"/><remote-port value="8813"/><gui-settings-file value="nowhere.xml"/>'
+        '<tripinfo-output value="trips.xml"/><summary-output value="localhost:1"/><log value="log.txt"/>'
+        '<save-state.times value="10"/><tripinfo-output.write-unfinished value="true"/>'
+        '<additional-files value="add.xml"/><device.ssm.probability value="1"/>'
+        '<device.ssm.file value="ssm.xml"/>'
+    )
+    Path(config).write_text(Path(config).read_text().replace("</conf", f"<output>{options}</output></conf"))
+    for _ in range(2):
+        lights, seen = started("TrafficLights", config, 3)
+        assert [seen.tolist(), acted(lights, -1, steps=50).tolist(), lights.measure()] == expected
+    lights.sumo.close()
+    assert {one.name for one in tmp_path.iterdir()} == {"net.xml", "rou.xml", "town.sumocfg", "add.xml"}
+    (said,) = [one.getMessage() for one in caplog.records]
+    for name in ("random", "remote-port", "gui-settings-file", "tripinfo-output", "summary-output", "log,",
+                 "save-state.times", "inductionLoop d", "timedEvent", "device.ssm.file"):  # fmt: skip
+        assert name in said
+    assert "write-unfinished" not in said
+    # Said only where they would do something.
+    caplog.clear()
+    Path(config).write_text(
+        Path(config).read_text().replace(options, '<random value="false"/><remote-port value="0"/>')
+    )
+    started("TrafficLights", config, 3)
+    assert not caplog.records
 
 
 def test_episodes_are_the_same_to_the_bit_and_follow_from_the_seed(tmp_path: Path) -> None:
@@ -178,6 +255,8 @@ def test_a_picture_has_roads_and_vehicles(tmp_path: Path) -> None:
     [
         ({}, "config: missing; expected the path of a configuration of SUMO"),
         ({"config": "nowhere.sumocfg"}, "config: .*nowhere.sumocfg: No such file or directory"),
+        ({"config": "."}, "config: .*: is not a file"),
+        ({"config": "/dev/zero"}, "config: /dev/zero: is not a file"),
         ({"config": "empty"}, "config: .*town.sumocfg: it names no net-file"),
         ({"config": "broken-net"}, "config: .*net.xml: not valid XML: unclosed token: line 1"),
         ({"config": "no-routes"}, "config: .*rou.xml: No such file or directory"),
@@ -198,7 +277,7 @@ def test_mistakes(parameters: dict[str, Any], words: str, tmp_path: Path) -> Non
     elif config == "wrong-edge":
         written(tmp_path, ring(), '<vehicle id="v" depart="0"><route edges="e0 e7"/></vehicle>')
     if config:
-        path = str(tmp_path / config) if config.endswith("cfg") else path
+        path = str(tmp_path / config) if config.endswith(("cfg", ".", "zero")) else path
         parameters = {**parameters, "config": path}
     one = Experiment.from_mapping(
         {"simulation": "swarmwright.adapters.sumo:Vehicles", "parameters": parameters}
