@@ -162,13 +162,12 @@ class CommandOptions(Definition):
     """What the program writes, relative to the work folder: a path, a pattern such as `agent_*.csv`, or a
     list; the rows of all are taken together. `stdout`: what it prints."""
     log_format: Literal["auto", "csv", "tsv", "agents", "jsonl", "json", "rosbag", "mcap"] = "auto"
-    """auto: by the ending of the log's name. csv and tsv have a line with the names of the columns;
-    lines that begin with # and are
-    no rows are comments; agents are files without names, one for each agent,
-    lines of a step, a tab and a value, of which each is a row with the columns steps (how many), first and
-    last; jsonl has an object a line; json an object, or a list of objects, whose nested values have names
-    such as pose.x; rosbag, a file or folder of ROS 1 or 2, and mcap have messages, whose values are columns
-    such as /robot_1/pose.position.x."""
+    """auto: by the ending of the log's name. csv and tsv have a line with the names of the columns; lines
+    that begin with # are comments, and a row of units below the names does not count; agents are files
+    without names, one for each agent, lines of a step, a tab and a value, of which each is a row with the
+    columns steps (how many), first and last; jsonl has an object a line; json an object, or a list of
+    objects, whose nested values have names such as pose.x; rosbag, a file or folder of ROS 1 or 2, and mcap
+    have messages, whose values are columns such as /robot_1/pose.position.x."""
     metrics: Annotated[dict[str, str], BeforeValidator(_reduced), WithJsonSchema(_METRICS)] = Field(
         default={}
     )

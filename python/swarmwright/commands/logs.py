@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from swarmwright.commands import bags
+from swarmwright.commands import bags, units
 from swarmwright.commands.failure import CommandFailure
 from swarmwright.core.formatting import counted
 from swarmwright.core.suggestions import did_you_mean
@@ -177,19 +177,20 @@ def _text(name: str, file: Path | bytes) -> str:
 def _table(delimiter: str) -> Reader:
     def rows(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[Row]:
         names, before, text = _header(name, _text(name, file), delimiter, wanted)
-        lines = csv.reader(io.StringIO(text), delimiter=_sign(names or text, delimiter))
+        source = _Lines(text, before)
+        lines = csv.reader(source, delimiter=_sign(names or text, delimiter))
         header = None if names is None else _named_once(name, _words(names, delimiter), wanted)
+        row: tuple[str, list[str]] | None = None
+        count = 0
         try:
             for line in lines:
+                source.is_between = True
                 if not line or (len(line) == 1 and not line[0].strip()):
                     continue
-                place = f"{name}:{before + lines.line_num}"
+                place = f"{name}:{source.number}"
                 if header is None:
                     names = ",".join(line)
                     header = _named_once(name, [_word(word) for word in line], wanted)
-                    continue
-                # With as many values it may be a row, the first of them text that is not used.
-                if line[0].lstrip().startswith("#") and (len(line) != len(header) or header[0] in wanted):
                     continue
                 if len(line) != len(header):
                     there = "is" if len(header) == 1 else "are"
@@ -198,11 +199,39 @@ def _table(delimiter: str) -> Reader:
                         f"{counted(len(header), 'column')}; "
                         + ("was the log cut off?" if len(line) < len(header) else _taken(names or ""))
                     )
-                yield place, dict(zip(header, line, strict=True))
+                if row is not None and not (count == 1 and units.is_row(row[1], line)):
+                    yield row[0], dict(zip(header, row[1], strict=True))
+                row, count = (place, line), count + 1
+            if row is not None and header is not None:
+                yield row[0], dict(zip(header, row[1], strict=True))
         except csv.Error as error:
-            raise _no_table(f"{name}:{before + lines.line_num}", error) from None
+            raise _no_table(f"{name}:{source.number}", error) from None
 
     return rows
+
+
+class _Lines:
+    """The lines of a table without comments, lines that begin with # other than within quotes.
+
+    Args:
+        text: the table.
+        number: of the last line before it.
+    """
+
+    def __init__(self, text: str, number: int) -> None:
+        self._lines = iter(io.StringIO(text))
+        self.number = number
+        """Of the last line that was read, from 1 on."""
+        self.is_between = True
+        """Whether the next line begins a row, rather than continues a value in quotes."""
+
+    def __iter__(self) -> Iterator[str]:
+        for line in self._lines:
+            self.number += 1
+            if self.is_between and line.lstrip().startswith("#"):
+                continue
+            self.is_between = False
+            yield line
 
 
 def _no_table(place: str, error: csv.Error) -> CommandFailure:
