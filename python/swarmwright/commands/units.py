@@ -14,13 +14,11 @@ _UNIT = (
 _PRODUCT = rf"(?:1/)?{_UNIT}(?:[ */.\u00b7]{_UNIT})*"
 _CELL = re.compile(rf"\s*(?:[-\u2013]?|{_PRODUCT}|\[[^\[\]\d]*(?:{_PRODUCT})?\]|\((?:-|{_PRODUCT})\))\s*")
 
-_NUMBER = re.compile(
-    r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*|\s*[+-]?(?:nan|inf(?:inity)?)\s*", re.IGNORECASE
-)
+_NUMBER = re.compile(r"\s*[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf)\s*", re.IGNORECASE)
 
 
 def is_row(values: Sequence[str], following: Sequence[str]) -> bool:
-    """Return whether a row has units, such as m/s, [rad] or %, and the one that follows numbers below them."""
+    """Return whether a row has units, such as m/s, [rad] or %, and the next one numbers."""
     return (
         any(value.strip(" -\u2013") for value in values)
         and all(map(_CELL.fullmatch, values))
