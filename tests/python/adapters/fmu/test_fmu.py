@@ -7,7 +7,7 @@ import re
 import shutil
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -27,10 +27,15 @@ from swarmwright import (
     simulate,
 )
 from swarmwright.core import warn_once
+from swarmwright.core.errors import engine_errors
 from swarmwright.core.random_numbers import Stream
 from swarmwright.evaluation.base import Servers
 from swarmwright.export import EXPORTERS
 from swarmwright.export.writing import write
+from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.host import Host
+from swarmwright.simulations.loading import load
+from tests.python.commands.test_hostile_parameters import HOSTILE
 from tests.python.export.specifications import ALL, subject
 
 SMALL = {"kind": "nnga", "population": 6, "generations": 3}
@@ -54,6 +59,13 @@ def controller_of(experiment: Experiment) -> Controller:
 def score(experiment: Experiment, seed: int | None = None) -> float:
     """The fitness of an episode in this process, always with the same controller."""
     return simulate(experiment, controller_of(experiment), servers="in-process", seed=seed)
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_text_of_a_peer_is_no_number(fmus: Path, text: str) -> None:
+    host = Host(cast(type[Simulation], load(vehicle(fmus).simulation)))
+    with pytest.raises(InputError, match=r"^mass: .* found, expected"), engine_errors():
+        host.reset({"mass": text})
 
 
 def test_every_step_is_that_of_fmpy(fmus: Path, tmp_path: Path) -> None:
