@@ -16,6 +16,7 @@ from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.parameters import declared
+from tests.python.adapters.sumo.roads import ring, written
 from tests.python.commands.test_hostile_parameters import HOSTILE
 from tests.python.commands.test_ros_definition import with_
 
@@ -42,12 +43,15 @@ def test_declared_parameters(
             pytest.skip(str(error))
     monkeypatch.chdir(tmp_path)
     kind: type[Simulation] = getattr(import_module(module), name)
+    town = tmp_path / "town"
+    town.mkdir()
+    given = {"config": written(town, ring(), "")} if library == "libsumo" else {}
     host = Host(kind)
     for parameter in declared(kind.parameters, name):
         for text in HOSTILE:
             with pytest.raises(InputError, match=rf"^{parameter}: "), engine_errors():
-                host.reset({parameter: text})
-    assert not any(tmp_path.iterdir())
+                host.reset({**given, parameter: text})
+    assert list(tmp_path.iterdir()) == [town]
 
 
 def test_parameters_that_are_not_declared_do_not_reach_a_simulation() -> None:
@@ -112,9 +116,7 @@ def test_a_reset_command_of_ros_gets_no_text(tmp_path: Path, monkeypatch: pytest
         ros(["./reset", "a:={speed}"]).replace(parameters={"speed": "a"})
     ros(["./reset", "a:={speed}"], choices={"speed": ["a", 1]}).replace(parameters={"speed": "a"})
     with pytest.raises(InputError, match=r"^speed: 'b' found, but .* has other choices"):
-        load(ros(["./reset", "a:={speed}"], choices={"speed": ["a", 1]}).simulation)().reset(
-            {"speed": "b"}, 1
-        )
+        made(ros(["./reset", "a:={speed}"], choices={"speed": ["a", 1]})).reset({"speed": "b"}, 1)
 
 
 def test_the_words_of_a_reset_command_are_parsed_once(tmp_path: Path) -> None:
