@@ -4,6 +4,7 @@ A machine: `--fsm-config --nstates 2 --s0 4 --att0 5 ..`. A tree, as AutoMoDe-Ma
 --nroot 3 --nchildroot 1 --n0 0 --nchild0 2 --n00 6 --c00 5 --p00 0.26 --n01 5 --a01 1 --p01 0`.
 """
 
+import shlex
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,6 +30,11 @@ _NODES = {
 _SELECTOR, _SEQUENCE, _ACTION, _CONDITION = 0, 3, 5, 6
 
 
+def is_command_line(text: str) -> bool:
+    """Whether a text is the parameters of AutoMoDe's programs, or a whole command line, and not a path."""
+    return text.lstrip().startswith("--") or _MACHINE in text or _TREE in text
+
+
 def machine_of(text: str) -> dict[str, Any]:
     """Return a machine as a mapping, see `machine_mappings.states_from`.
 
@@ -36,7 +42,7 @@ def machine_of(text: str) -> dict[str, Any]:
     """
     if _is_tree(text):
         raise InputError("AutoMoDe's --bt-config describes a tree; set form: tree")
-    values = _Values(_without(text, _MACHINE))
+    values = _Values(_parameters_of(text, _MACHINE))
     count = values.choice("nstates", MOST_STATES + 1)
     states = []
     for index in range(count):
@@ -79,7 +85,7 @@ def tree_of(text: str) -> dict[str, Any]:
     """
     if not _is_tree(text):
         raise InputError("AutoMoDe's --fsm-config describes a machine; leave out form: tree")
-    values = _Values(_without(text, _TREE))
+    values = _Values(_parameters_of(text, _TREE))
     values.node("nroot", _SEQUENCE)
     subtrees = []
     for index in range(values.choice("nchildroot", MOST_SUBTREES + 1)):
@@ -152,20 +158,32 @@ def _condition_words(one: Transition, place: str) -> list[str]:
 
 
 def _is_tree(text: str) -> bool:
-    words = text.split()
-    return _TREE in words[:1] or "--nroot" in words
+    words = _words(text)
+    return _TREE in words or "--nroot" in words
 
 
-def _without(text: str, option: str) -> str:
-    """Return the parameters behind the option of AutoMoDe's programs, if that is there."""
-    return text.strip().removeprefix(option)
+def _words(text: str) -> list[str]:
+    """Split a command line, which may go over several lines, into its words, without quotes."""
+    try:
+        return " ".join(shlex.split(text)).split()
+    except ValueError as error:  # a quote that is not closed
+        raise InputError(f"{text[:60]!r}: {error}") from None
+
+
+def _parameters_of(text: str, option: str) -> list[str]:
+    """Return the parameters behind an option of AutoMoDe's programs, or all words where it is not there.
+
+    What stands before the option, `automode_main -c mission.argos --seed 3`, describes the experiment.
+    """
+    words = _words(text)
+    return words[words.index(option) + 1 :] if option in words else words
 
 
 class _Values:
     """The parameters that have not been asked for."""
 
-    def __init__(self, text: str) -> None:
-        words = text.split()
+    def __init__(self, words: list[str]) -> None:
+        text = " ".join(words)
         if len(words) % 2 or any(not name.startswith("--") for name in words[::2]):
             raise InputError(f"{text[:60]!r}: expected pairs such as --nstates 2 --s0 4 --att0 5")
         self._values = dict(zip(words[::2], words[1::2], strict=True))

@@ -32,9 +32,32 @@ SIMULATORS = {
 }
 """Titles that servers of other simulators have, as they come with Swarmwright -> page that describes them."""
 
+_SIMULATOR_FILES = {
+    ".argos": ("ARGoS", "attach-argos.md"),
+    ".sdf": ("Gazebo", "attach-gazebo.md"),
+    ".world": ("Gazebo or Stage", "attach-gazebo.md and docs/how-to/attach-stage.md"),
+    ".sumocfg": ("SUMO", "attach-sumo.md"),
+    ".net.xml": ("SUMO", "attach-sumo.md"),
+    ".rou.xml": ("SUMO", "attach-sumo.md"),
+    ".wbt": ("Webots", "attach-webots.md"),
+    ".ttt": ("CoppeliaSim", "attach-coppeliasim.md"),
+    ".urdf": ("robots in PyBullet, Gazebo and others", "attach-pybullet.md"),
+    ".mjcf": ("MuJoCo", "attach-mujoco.md"),
+    ".launch": ("ROS", "attach-ros.md"),
+}
+"""Ending of a file that a simulator reads -> the simulator, and the page that attaches it."""
+
 _ENVIRONMENT = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]*)(?:\?(\S*))?")
 _DEFINED = re.compile(r"(command|fmu|ros):\{")
 _CLASS = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
+
+
+def simulator_file(name: str) -> str | None:
+    """Say that a file belongs to a simulator, and which page attaches that; None for other files."""
+    for ending, (simulator, page) in _SIMULATOR_FILES.items():
+        if name.lower().endswith(ending):
+            return f"is a file of {simulator}; docs/how-to/{page} shows how to attach the simulator"
+    return None
 
 
 @dataclass(frozen=True)

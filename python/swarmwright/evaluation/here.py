@@ -2,7 +2,7 @@
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.notebook import in_notebook
-from swarmwright.core.simulation_names import SIMULATORS, is_command, is_python
+from swarmwright.core.simulation_names import SIMULATORS, is_command, is_python, simulator_file
 from swarmwright.core.warn_once import warn_once
 from swarmwright.evaluation.base import (
     HERE,
@@ -60,6 +60,8 @@ def require_here(experiment: Experiment) -> None:
             raise InputError(f"{where}{class_missing(simulation, folder)}")
         from swarmwright.simulations.near_names import unknown_simulation  # noqa: PLC0415 - as above
 
+        if simulator_file(simulation) is not None:
+            raise InputError(f"{where}{unknown_simulation(simulation, folder)}")
         hint = f"any other needs a broker on which a server offers it, as {', '.join(SIMULATORS)}"
         if simulation in SIMULATORS:
             hint = "name the broker on which one does"

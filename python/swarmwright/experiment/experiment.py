@@ -108,8 +108,9 @@ class Experiment:
         """
         file = path_of("path", path, "an experiment file")
         listed("settings", settings, "settings such as method.generations=50")
-        if file.suffix == ".py" and file.is_file():
-            raise InputError(no_experiment(file))
+        other = no_experiment(file) if file.is_file() else None
+        if other is not None:
+            raise InputError(other)
         return cls._checked(apply(read(file), parse_settings(settings)), file, new=True)
 
     def with_settings(

@@ -7,6 +7,7 @@ from typing import Any
 from swarmwright.core import json_source, xml
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import IS_UTF16, contents, first_character, is_utf16
+from swarmwright.core.simulation_names import simulator_file
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.models import (
     abstractions,
@@ -35,6 +36,9 @@ def load(path: Path) -> Part:
     """
     if path.suffix.lower() == ".onnx":
         raise InputError(f"{path}: is an ONNX model, from which no controller can be made; {_expected()}")
+    of_a_simulator = simulator_file(path.name)
+    if of_a_simulator is not None:
+        raise InputError(f"{path}: {of_a_simulator}")
     first = first_character(path)
     if first == "<":
         return _load_xml(path)

@@ -8,7 +8,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, ModelWrapValidatorHandler, ValidationInfo, field_validator, model_validator
 
 from swarmwright.core import machine_mappings, modules
-from swarmwright.core.automode import machine_of, tree_of
+from swarmwright.core.automode import is_command_line, machine_of, tree_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.yaml import path_of, read
 from swarmwright.modules.registered import module
@@ -52,7 +52,8 @@ class ModulesOptions(RepresentationOptions):
     machine: dict[str, Any] | str | None = None
     """A machine to start from: {states: [{behaviour, transitions: [{to, condition}]}]}, with the parameters
     of each behaviour and condition beside it; the path of a YAML file with that, as `swarmwright export --to
-    machine` writes it; or the text that AutoMoDe's programs are called with, --nstates 2 --s0 4 --att0 5 ..
+    machine` writes it; or the text that AutoMoDe's programs are called with, --nstates 2 --s0 4 --att0 5 ..,
+    also with all that stands before it, automode_main -c mission.argos --fsm-config ..
     A tree is {subtrees: [{condition, behaviour}]}, such a file, or AutoMoDe's --nroot 3 --nchildroot 2 .. The
     text may be in a file, too. Evolution begins with it and with mutants of it, of up to 8 changes each, or
     around it where a method samples from a distribution. Default: random ones."""
@@ -67,7 +68,7 @@ class ModulesOptions(RepresentationOptions):
     @field_validator("machine", mode="before")
     @classmethod
     def _plain(cls, value: Any) -> Any:  # noqa: ANN401 - whatever the file says
-        if isinstance(value, str) and not value.lstrip().startswith("--"):
+        if isinstance(value, str) and not is_command_line(value):
             try:
                 source = read(Path(value))
             except InputError as error:

@@ -6,7 +6,7 @@ from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
-from swarmwright.core.simulation_names import LIBRARIES, SIMULATORS
+from swarmwright.core.simulation_names import LIBRARIES, SIMULATORS, simulator_file
 from swarmwright.core.suggestions import did_you_mean, nearest
 from swarmwright.simulations import catalogue
 
@@ -21,6 +21,9 @@ def unknown_simulation(name: str, folder: Path | None = None) -> str:
 
     folder: in which classes are looked for, without importing them; default: the working folder.
     """
+    of_a_simulator = simulator_file(name)
+    if of_a_simulator is not None:
+        return f"{name!r} {of_a_simulator}"
     meant = _meant(name, folder or Path())
     if meant is None and name in SIMULATORS:
         return f"{name!r} is not built in: servers of another simulator offer it, see {SIMULATORS[name]}"
@@ -37,8 +40,13 @@ def alike(simulation: str) -> str:
     return "" if catalogue.is_here(simulation) or simulation in known else did_you_mean(simulation, known)
 
 
-def no_experiment(path: Path) -> str:
-    """Say that a file of Python is not an experiment, and how one names the class in it."""
+def no_experiment(path: Path) -> str | None:
+    """Say what a file is instead of an experiment; None where its name does not tell."""
+    of_a_simulator = simulator_file(path.name)
+    if of_a_simulator is not None:
+        return f"{path}: {of_a_simulator}"
+    if path.suffix != ".py":
+        return None
     found = next((f"{path.name}:{one}" for one, _ in _classes(path)), f"{path.name}:CLASS")
     return (
         f"{path}: is a program in Python, not an experiment; write an experiment file with the line "

@@ -33,6 +33,28 @@ def test_machines_in_automodes_form() -> None:
 
 
 @pytest.mark.parametrize(
+    "line",
+    [
+        "-c mission.argos --seed 3 --fsm-config {}",
+        "./automode_main -n -c my-missions/aac.argos --seed 1234 -t 12 --fsm-config {}\n",
+        "automode_main \\\n  -c 'a mission.argos' \\\n  --fsm-config \\\n  {}",
+        '--fsm-config "{}"',
+    ],
+)
+def test_whole_command_lines_of_automode_are_read(line: str, tmp_path: Path) -> None:
+    plain = AUTOMODE.replace("--fsm-config", "").strip()
+    text = line.format(plain)
+    assert machine_of(text) == machine_of(AUTOMODE)
+    (tmp_path / "fsm.txt").write_text(text)
+    for machine in (text, str(tmp_path / "fsm.txt")):
+        read = ModulesOptions(machine=machine).machine
+        assert isinstance(read, str)
+        assert machine_of(read) == machine_of(AUTOMODE)
+    tree = f"-c mission.argos --seed 3 {AUTOMODE_TREE}"
+    assert tree_of(tree) == tree_of(AUTOMODE_TREE)
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("--nstates 2 --s0", "expected pairs such as"),

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Experiment, InputError, optimize, simulate
-from swarmwright.core.simulation_names import SIMULATORS
+from swarmwright.core.simulation_names import _SIMULATOR_FILES, SIMULATORS
+from swarmwright.models._files import load
 from swarmwright.simulations.near_names import alike, unknown_simulation
 
 SOURCE = """
@@ -70,6 +71,24 @@ def test_every_simulator_that_has_servers_is_known(root: Path) -> None:
         for title in re.findall(r'"((?:arena-[a-z0-9]+)|argos|stage)"', source.read_text(encoding="utf-8"))
     }
     assert found == set(SIMULATORS)
+
+
+@pytest.mark.parametrize("ending", _SIMULATOR_FILES)
+def test_files_of_other_simulators_name_the_page_that_attaches_them(
+    root: Path, tmp_path: Path, ending: str
+) -> None:
+    file = tmp_path / f"my{ending}"
+    file.write_text('<?xml version="1.0"?>\n<a:b c="d: e"/>\n')
+    (tmp_path / "one.yaml").write_text(f"simulation: {file.name}\n")
+    for attempt in (
+        lambda: optimize(Experiment.load(tmp_path / "one.yaml"), servers="local", out=tmp_path / "run"),
+        lambda: Experiment.load(file),
+        lambda: load(file),
+    ):
+        with pytest.raises(InputError, match=r"is a file of .*; docs/how-to/\S+\.md") as raised:
+            attempt()
+        for page in re.findall(r"docs/\S+\.md", str(raised.value)):
+            assert (root / page).is_file()
 
 
 @pytest.mark.parametrize(("title", "page"), SIMULATORS.items())
