@@ -14,6 +14,7 @@ from swarmwright.analysis.comparison import Group as ComparedGroup
 from swarmwright.analysis.comparison import Pair, Task
 from swarmwright.analysis.groups import RunGroup
 from swarmwright.analysis.indicators import Indicator
+from swarmwright.analysis.left_out import LeftOut
 from swarmwright.analysis.significance import Difference, Kruskal
 from swarmwright.analysis.sweep.result import Failure
 from swarmwright.analysis.transfer.result import GroupLoss, GroupPair, GroupTask
@@ -56,6 +57,7 @@ __all__ = [
     "GroupTask",
     "Indicator",
     "Kruskal",
+    "LeftOut",
     "Observation",
     "Outside",
     "Pair",

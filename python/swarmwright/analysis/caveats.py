@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from swarmwright.analysis.episodes import episodes_of, episodes_to_begin, limit
 from swarmwright.analysis.indicators import Indicator, shared_indicators
 from swarmwright.analysis.significance import FEW_RUNS
-from swarmwright.analysis.table import Tested
+from swarmwright.analysis.table import Tested, span
 from swarmwright.analysis.tasks import (
     Distinguished,
     different_tasks,
@@ -38,7 +38,7 @@ _FITNESS_CODE = {"code", "code.simulation", "code.ranking"}
 
 def _command(groups: Sequence["Group"], option: str) -> str:
     """Return the command that compares the runs otherwise; what lies beside them is not named."""
-    paths = [run.path for one in groups for run in one.runs]
+    paths = [run.path for one in groups for run in (*one.runs, *one.left_out)]
     folder = paths[0].parent
     everything = {path.name for path in folder.iterdir() if path.is_dir()} if folder.is_dir() else set()
     all_of_it = {path.parent for path in paths} == {folder} and everything <= {path.name for path in paths}
@@ -73,7 +73,7 @@ def _costs(groups: Sequence["Group"], tasks: Sequence["Task"], *, compare_at: bo
         )
 
 
-def _lengths(groups: Sequence["Group"], indicator: Indicator) -> Iterator[str]:
+def _lengths(groups: Sequence["Group"], indicator: Indicator, *, held_out: bool) -> Iterator[str]:
     """Yield that runs, which are compared at their ends, have unlike numbers of evaluations."""
     shortest = min(one.evaluations[0] for one in groups)
     longest = max(one.evaluations[1] for one in groups)
@@ -82,10 +82,42 @@ def _lengths(groups: Sequence["Group"], indicator: Indicator) -> Iterator[str]:
     at = {episodes_of(run, min(shortest, run.evaluations)) for one in groups for run in one.runs}
     taken = f", which took {min(at):,} to {max(at):,} episodes" if max(at) > _SIMILAR_RATIO * min(at) else ""
     command = _command(groups, f"{indicator.options} --at {shortest}".lstrip())
+    if held_out:
+        of = "; ".join(f"{one.label}: {span(one.counts)}" for one in groups)
+        which = f" ({of})" if len(groups) <= _NAMED else ""
+        yield (
+            f"budgets are unequal: the runs have {shortest:,} to {longest:,} evaluations{which}, and the "
+            f"best at the end of each was validated; {command} compares recorded fitness after as "
+            f"many{taken}, and `swarmwright evaluate RUN --curve 20` evaluates the best so far of a run on "
+            "held-out seeds over its evaluations"
+        )
+        return
     yield (
         f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its end; {command} "
         f"compares all after as many{taken}"
     )
+
+
+def budgets(groups: Sequence[Distinguished]) -> Iterator[str]:
+    """Yield that runs had unlike numbers of evaluations, and which have not finished.
+
+    groups: of runs that are compared otherwise than by `compare`.
+    """
+    counts = [run.evaluations for one in groups for run in one.runs]
+    if max(counts) > _SIMILAR_RATIO * min(counts) and len(groups) > 1:
+        yield f"budgets are unequal: the runs have {min(counts):,} to {max(counts):,} evaluations"
+    yield from _early([run for one in groups for run in one.runs if run.interrupted])
+
+
+def _early(interrupted: Sequence[Run]) -> Iterator[str]:
+    """Yield which runs count though they have not finished."""
+    running = [run for run in interrupted if run.state == "running"]
+    for words, some in (
+        ("still running", running),
+        ("ended early", [run for run in interrupted if run not in running]),
+    ):
+        if some:
+            yield f"{words}: {', '.join(str(run.path) for run in some)}"
 
 
 def _tasks(groups: Sequence["Group"], tasks: Sequence["Task"]) -> Iterator[str]:
@@ -333,8 +365,8 @@ def caveats(
         found.append(f"with fewer than {FEW_RUNS} runs in a group ({counts}) a test has little power")
     found += _limited(groups, at, at_episodes)
     if at_episodes is None:
-        if at is None and not held_out and len(groups) > 1:
-            found += _lengths(groups, indicator)
+        if at is None and len(groups) > 1:
+            found += _lengths(groups, indicator, held_out=held_out)
         found += _costs(groups, tasks, compare_at=indicator.by == "fitness" and not held_out)
     found += _tasks(groups, tasks)
     found += _failures(groups, held_out=held_out)
@@ -347,12 +379,5 @@ def caveats(
             f"{indicator.words} that different code computed is compared: `swarmwright runs show` names the "
             "files"
         )
-    interrupted = [run for one in groups for run in one.runs if run.interrupted]
-    running = [run for run in interrupted if run.state == "running"]
-    for words, some in (
-        ("still running", running),
-        ("ended early", [run for run in interrupted if run not in running]),
-    ):
-        if some:
-            found.append(f"{words}: {', '.join(str(run.path) for run in some)}")
+    found += _early([run for one in groups for run in one.runs if run.interrupted])
     return found

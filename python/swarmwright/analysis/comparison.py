@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import combinations, islice
 from os import PathLike
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.analysis import left_out as leaving_out
 from swarmwright.analysis.after_evaluations import fitness_at
 from swarmwright.analysis.caveats import HELD_OUT, caveats
 from swarmwright.analysis.comparison_checks import (
@@ -22,8 +23,10 @@ from swarmwright.analysis.comparison_checks import (
 from swarmwright.analysis.episodes import episodes_of, limit
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.indicators import FITNESS, By, Indicator, measure, quick_indicators
+from swarmwright.analysis.left_out import LeftOut, left_out
+from swarmwright.analysis.order import Order, check_order, in_order, tasks_in_order
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
-from swarmwright.analysis.sweep_folders import runs_of_all
+from swarmwright.analysis.sweep_folders import runs_of_all, variant_of
 from swarmwright.analysis.tasks import TaskGroups, by_task
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
@@ -54,6 +57,8 @@ class Group:
     """Episodes that these evaluations took: `ranking.episodes` each, without those that a race left out."""
     failed: tuple[int, ...]
     """How many of these evaluations failed, in at least one episode."""
+    left_out: tuple[LeftOut, ...] = ()
+    """Runs of the group that do not count, because they have not finished, for example."""
 
     @property
     def held_out_failed(self) -> tuple[int, ...]:
@@ -132,6 +137,7 @@ class Comparison:
     """
 
     groups: tuple[Group, ...]
+    """Groups with a run that counts, task by task, in the order that was asked for."""
     tasks: tuple[Task, ...]
     """The groups by the task that they solve; tests are within a task. One with all groups where these solve
     the same, or differ in nothing but parameters other than the mission."""
@@ -148,6 +154,10 @@ class Comparison:
     """What is compared, in words, where it is one of several comparisons of the same runs by fitness."""
     at_episodes: int | None = None
     """Episodes after which runs are compared, instead of evaluations."""
+    left_out: tuple[LeftOut, ...] = ()
+    """Runs that do not count: those that have not finished, have no generation, or cannot be read."""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    """Other names for groups, tasks and designs."""
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
@@ -191,10 +201,10 @@ class Comparison:
         x: "evaluations" or "generations". Where hypervolume takes long, with more than four objectives,
         fitness included, or large fronts of three or four, best fitness is drawn over `x`.
         """
-        from swarmwright.analysis.designs import designs_of, in_order
+        from swarmwright.analysis.designs import designs_of
         from swarmwright.figures.comparison import draw
 
-        return draw(self, in_order(self.tasks), designs_of(self.tasks), x=x)
+        return draw(self, designs_of(self.tasks, self.labels), x=x)
 
     @checked
     def plot(self, path: str | PathLike[str], *, x: str = "evaluations") -> Path:
@@ -211,12 +221,13 @@ class Comparison:
         """Write a table; return its path. The ending of the file says which.
 
         .csv: a row for each run: task, group, run (its folder, relative to that of the table), seed,
-        evaluations and episodes that count, failed (of these evaluations), fitness (the best recorded one of
-        these), the indicator that is compared if any, held_out_fitness, held_out_episodes, held_out_failed
-        (of these, which held_out_fitness leaves out unless `ranking.failed` is a number),
-        held_out_standard_error, held_out_low and held_out_high (95 % interval; empty before a run's end and
-        where the run was not validated), seconds
-        of the whole run, record_sha256, and the keys that differ; nan where no candidate could be evaluated.
+        left_out (why the run does not count; empty for those that do), evaluations and episodes that count,
+        failed (of these evaluations), fitness (the best recorded one of these), the indicator that is
+        compared if any, held_out_fitness, held_out_episodes, held_out_failed (of these, which
+        held_out_fitness leaves out unless `ranking.failed` is a number), held_out_standard_error,
+        held_out_low and held_out_high (95 % interval; empty before a run's end and where the run was not
+        validated), seconds of the whole run, record_sha256, and the keys that differ; nan where no candidate
+        could be evaluated. Runs that do not count come last, without values.
         .tex: groups and tests of each task as LaTeX tables, for the package booktabs.
 
         Raises InputError for another ending or a file that cannot be written.
@@ -236,6 +247,9 @@ def compare(
     by: By = "fitness",
     reference: Mapping[str, float] | None = None,
     offset: float | None = None,
+    unfinished: bool = False,
+    order: Order = "rank",
+    labels: Mapping[str, str] | None = None,
 ) -> Comparison:
     """Compare runs: group them by what differs between their experiments, and test whether groups differ.
 
@@ -243,7 +257,15 @@ def compare(
     The best fitness of each run is compared by Mann and Whitney's test, with Vargha and Delaney's A12 as the
     size of the effect and Hodges and Lehmann's estimate of the difference with its 95 % confidence interval;
     three groups and more by Kruskal and Wallis' test as well, and p of pairs is corrected after Holm.
-    One group alone is described and not tested. Groups of different simulations, parameters of the simulation
+    One group alone is described and not tested.
+
+    Runs count when they have finished. Others are left out, are named in a note, and are in `left_out`: those
+    that failed, were interrupted or killed or are still running, that have no finished generation, and those
+    that a sweep lacks or that cannot be read. With `at` and `at_episodes`, runs that had so many evaluations
+    or episodes count, whatever came of them. `print(comparison)` has the number of runs left out of each
+    group, and all caveats.
+
+    Groups of different simulations, parameters of the simulation
     or definitions of fitness, such as those of a sweep over methods and missions, solve different tasks: then
     tests are within a task, and p is corrected for the pairs of that task. Runs that differ only in the
     reference model of the arena's e-puck (`e-puck-rm1.1`, `e-puck-rm1.2`) have the same task, since both
@@ -256,7 +278,7 @@ def compare(
 
     Args:
         runs: run folders, folders of sweeps, whose runs are meant, or runs; or the folder of one sweep alone.
-            Files are left out, and runs that a sweep lacks, with a warning.
+            Files are ignored with a warning.
         at: compare the best of the first so many evaluations instead of that at each run's end. Runs that
             ended earlier count with what they had, and those whose candidates are evaluated again (racing,
             `reevaluate`) with their last generation that was finished by then.
@@ -272,47 +294,68 @@ def compare(
             point is -0.1 in each.
         offset: of the QD score, the worst possible fitness. Default: 0, or the lowest fitness of an elite of
             these runs where that is negative.
+        unfinished: count runs that have not finished as well, with what they have.
+        order: of the groups of a task in tables and figures: "rank" (by their median, the best first),
+            "name", "given" (as in `runs`), or a list of labels; groups that it does not name come after
+            these, by rank. The first of a pair is the one that comes first.
+        labels: other names of groups, or of what the legend of the figure calls them, and of tasks: the
+            present name -> the new one.
 
     Raises:
-        InputError: no run is given, a folder is not a run, a run holds no finished generation, `at` or
-            `at_episodes` is below 1 or one had none yet by then, with `held_out` a run has no validation, or
-            a run does not have what is compared.
+        InputError: no run is given, a folder is not a run, no run counts, `at` or `at_episodes` is below 1
+            or a run had no finished generation yet by then, with `held_out` a run has no validation, a run
+            does not have what is compared, or `order` or `labels` name a group that there is not.
     """
-    given = runs_of_all(runs)
+    given, unreadable = runs_of_all(runs)
     check_options(at, at_episodes, by, reference, offset, held_out=held_out)
-    return _compared(
+    return compare_opened(
         given,
+        unreadable,
         at=at,
         at_episodes=at_episodes,
         held_out=held_out,
         by=by,
         reference=reference,
         offset=offset,
+        unfinished=unfinished,
+        order=order,
+        labels=labels,
     )
 
 
-def compare_all(runs: Sequence[Run]) -> list[Comparison]:
+def compare_all(runs: Sequence[Run], unreadable: Sequence[LeftOut] = ()) -> list[Comparison]:
     """Return the comparisons that a sweep ends with, the one to report first.
 
-    By fitness on held-out seeds, where every run was validated and fitness depends on the seed; by recorded
-    fitness; then by the indicators that all runs have and that take little time.
+    By fitness on held-out seeds, where every run that counts was validated and fitness depends on the seed;
+    by recorded fitness; then by the indicators that all runs have and that take little time. None where no
+    run counts.
+
+    unreadable: runs of the sweep that are missing or cannot be read.
     """
-    if not runs:
+    count = counting(runs)
+    if not count:
         return []
     validated = held_out_known(runs)
-    quick = quick_indicators(runs)
-    first = [_compared(runs, held_out=True, beside=quick)] if validated else []
-    recorded = _compared(runs, beside=[*[HELD_OUT] * validated, *quick])
-    return [*first, recorded, *(_compared(runs, by=by) for by in quick)]
+    quick = quick_indicators(count)
+    first = [compare_opened(runs, unreadable, held_out=True, beside=quick)] if validated else []
+    recorded = compare_opened(runs, unreadable, beside=[*[HELD_OUT] * validated, *quick])
+    return [*first, recorded, *(compare_opened(runs, unreadable, by=by) for by in quick)]
+
+
+def counting(runs: Iterable[Run]) -> list[Run]:
+    """Return the runs that count in a comparison of runs at their ends."""
+    return [run for run in runs if left_out(run, "", None, None, unfinished=False) is None]
 
 
 def held_out_known(runs: Sequence[Run]) -> bool:
-    """Return whether every run was validated, and fitness of any depends on the seed."""
-    return all(run.validation is not None for run in runs) and any(run.unseen is not None for run in runs)
+    """Return whether every run that counts was validated, and fitness of any depends on the seed."""
+    count = counting(runs)
+    return all(run.validation is not None for run in count) and any(run.unseen is not None for run in count)
 
 
-def _compared(
+def compare_opened(
     opened: Sequence[Run],
+    unreadable: Sequence[LeftOut] = (),
     *,
     at: int | None = None,
     at_episodes: int | None = None,
@@ -320,44 +363,150 @@ def _compared(
     by: By = "fitness",
     reference: Mapping[str, float] | None = None,
     offset: float | None = None,
+    unfinished: bool = False,
+    order: Order = "rank",
+    labels: Mapping[str, str] | None = None,
     beside: Collection[str] = (),
 ) -> Comparison:
-    """Compare runs as `compare` does. beside: what they are also compared by, next to this."""
+    """Compare runs as `compare` does.
+
+    Args:
+        opened: runs.
+        unreadable: runs that are missing or cannot be read.
+        at: as in `compare`, like all others.
+        at_episodes: ..
+        held_out: ..
+        by: ..
+        reference: ..
+        offset: ..
+        unfinished: ..
+        order: ..
+        labels: ..
+        beside: what the runs are also compared by, next to this.
+    """
     if not opened:
         raise InputError("there are no runs to compare; name run folders such as runs/minisim-1")
-    for run in opened:
-        if not run.history:
-            raise InputError(f"{run.path}: holds no finished generation to compare")
-    if held_out:
-        check_validated(opened, at)
-    if at is not None:
-        check_begun(opened, at)
-    if at_episodes is not None:
-        check_begun_in_episodes(opened, at_episodes)
     grouped, notes = group(opened)
+    kept, without = _counted(grouped, unreadable, at, at_episodes, unfinished=unfinished)
+    runs = [run for one in kept for run in one.runs]
+    if held_out:
+        check_validated(runs, at)
+    if at is not None:
+        check_begun(runs, at)
+    if at_episodes is not None:
+        check_begun_in_episodes(runs, at_episodes)
     indicator = FITNESS
     if by == "fitness":
         found = [
             (_validated(run), run.evaluations) if held_out else fitness_at(run, limit(run, at, at_episodes))
-            for one in grouped
-            for run in one.runs
+            for run in runs
         ]
     else:
-        kept = [run for one in grouped for run in one.runs]
-        indicator, measured = measure(by, kept, at, reference=reference, offset=offset)
-        counts = [run.evaluations if at is None else min(at, run.evaluations) for run in kept]
+        indicator, measured = measure(by, runs, at, reference=reference, offset=offset)
+        counts = [run.evaluations if at is None else min(at, run.evaluations) for run in runs]
         found = list(zip(measured, counts, strict=True))
     values = iter(found)
-    groups = tuple(_group(one, list(islice(values, len(one.runs)))) for one in grouped)
+    groups = [_group(one, list(islice(values, len(one.runs))), without) for one in kept]
+    check_order(order, groups)
     tasks = tuple(
-        _task(one, [groups[index] for index in one.indices])
-        for one in by_task(grouped, by=by, held_out=held_out)
+        _task(one, in_order([groups[index] for index in one.indices], order))
+        for one in tasks_in_order(by_task(kept, by=by, held_out=held_out), order)
     )
+    if labels:
+        tasks = _renamed(tasks, labels, without)
+    groups = [one for task in tasks for one in task.groups]
     found_caveats = caveats(
         groups, tasks, at, indicator, at_episodes=at_episodes, held_out=held_out, beside=beside
     )
-    heading = _RECORDED if HELD_OUT in beside else ""
-    return Comparison(groups, tasks, at, (*notes, *found_caveats), held_out, indicator, heading, at_episodes)
+    return Comparison(
+        tuple(groups),
+        tasks,
+        at,
+        (*notes, *leaving_out.notes(without), *found_caveats),
+        held_out,
+        indicator,
+        _RECORDED if HELD_OUT in beside else "",
+        at_episodes,
+        tuple(without),
+        dict(labels or {}),
+    )
+
+
+def _counted(
+    grouped: Sequence[RunGroup],
+    unreadable: Sequence[LeftOut],
+    at: int | None,
+    at_episodes: int | None,
+    *,
+    unfinished: bool,
+) -> tuple[list[RunGroup], list[LeftOut]]:
+    """Return the groups with the runs that count, and the runs that do not.
+
+    Raises InputError where no run counts.
+    """
+    kept: list[RunGroup] = []
+    without: list[LeftOut] = []
+    labels = {str(run.path): one.label for one in grouped for run in one.runs}
+    for one in grouped:
+        counts = []
+        for run in one.runs:
+            found = left_out(run, one.label, at, at_episodes, unfinished=unfinished)
+            if found is None:
+                counts.append(run)
+            else:
+                without.append(found)
+        if counts:
+            kept.append(replace(one, runs=tuple(counts)))
+    if not kept:
+        raise InputError(_none_counts(without))
+    for lacking in unreadable:
+        label, folders = variant_of(lacking.path) or (lacking.label, [])
+        label = next((labels[str(one)] for one in folders if str(one) in labels), label)
+        without.append(replace(lacking, label=label))
+    return kept, without
+
+
+def _none_counts(without: Sequence[LeftOut]) -> str:
+    """Return that no run counts, why, and what helps."""
+    first = without[0]
+    if not any(one.evaluations for one in without):
+        return f"{first.path}: {first.reason} to compare"
+    most = max(one.evaluations for one in without)
+    return (
+        f"no run has finished, so none is compared: {first.path} ({first.reason})"
+        + (f" and {len(without) - 1:,} more" if len(without) > 1 else "")
+        + f"; continue them with `swarmwright resume RUN`, compare them after as many evaluations (at: up to "
+        f"{most:,}), or ask for unfinished ones as they are (unfinished)"
+    )
+
+
+def _renamed(
+    tasks: Sequence[Task], labels: Mapping[str, str], without: Sequence[LeftOut]
+) -> tuple[Task, ...]:
+    """Return tasks with other names. Raises InputError for one that there is not, or that two would have."""
+    from swarmwright.analysis.designs import designs_of
+
+    groups = [one.label for task in tasks for one in task.groups]
+    known = [*groups, *(one.label for one in without), *(task.label for task in tasks)]
+    known += [design.name for design in designs_of(tasks)]
+    unknown = [name for name in labels if name not in known]
+    if unknown:
+        names = ", ".join(repr(name) for name in dict.fromkeys(known) if name)
+        raise InputError(f"labels: there is no {unknown[0]!r} to be called otherwise; there are {names}")
+    named = [labels.get(label, label) for label in groups]
+    twice = next((name for name in named if named.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"labels: two groups would be called {twice!r}; give them different names")
+    renamed = []
+    for task in tasks:
+        members = {one.label: replace(one, label=labels.get(one.label, one.label)) for one in task.groups}
+        pairs = tuple(
+            replace(pair, first=members[pair.first.label], second=members[pair.second.label])
+            for pair in task.pairs
+        )
+        label = labels.get(task.label, task.label)
+        renamed.append(replace(task, label=label, groups=tuple(members.values()), pairs=pairs))
+    return tuple(renamed)
 
 
 def _task(one: TaskGroups, groups: Sequence[Group]) -> Task:
@@ -377,13 +526,20 @@ def _task(one: TaskGroups, groups: Sequence[Group]) -> Task:
     )
 
 
-def _group(one: RunGroup, found: Sequence[tuple[float, int]]) -> Group:
-    """found: of each run what is compared, and after how many evaluations it is."""
+def _group(one: RunGroup, found: Sequence[tuple[float, int]], without: Sequence[LeftOut]) -> Group:
+    """Return a group with its values.
+
+    Args:
+        one: the group.
+        found: of each run what is compared, and after how many evaluations it is.
+        without: runs that do not count, of all groups.
+    """
     final = np.array([value for value, _ in found], dtype=np.float64)
     counts = tuple(count for _, count in found)
     episodes = tuple(map(episodes_of, one.runs, counts))
     failed = tuple(map(failed_within, one.runs, counts))
-    return Group(one.label, one.differs, one.runs, final, counts, episodes, failed)
+    lacking = tuple(run for run in without if run.label == one.label)
+    return Group(one.label, one.differs, one.runs, final, counts, episodes, failed, lacking)
 
 
 def _validated(run: Run) -> float:

@@ -23,23 +23,27 @@ class Design:
     """Groups that differ in nothing but their task."""
 
     number: int
-    """Its place among the designs of a figure, by which it has a colour."""
+    """Its place among the designs by name, by which it has a colour, whatever the order of the groups is."""
     name: str
     """What distinguishes it from other designs, in words."""
     groups: "tuple[Group, ...]"
 
     @property
     def entry(self) -> str:
-        """Its name with the number of runs of its groups."""
+        """Its name with the number of runs of its groups, and of those left out."""
         counts = sorted({len(one.runs) for one in self.groups})
         few = "" if len(counts) == 1 else f"{counts[0]} to "
-        return f"{self.name} ({few}{counted(counts[-1], 'run')})"
+        lacking = sum(len(one.left_out) for one in self.groups)
+        without = f", {lacking:,} left out" if lacking else ""
+        return f"{self.name} ({few}{counted(counts[-1], 'run')}{without})"
 
 
-def designs_of(tasks: "Sequence[Task]") -> list[Design]:
-    """Return the designs of the groups of tasks, in an order that does not depend on that of the groups.
+def designs_of(tasks: "Sequence[Task]", labels: Mapping[str, str] | None = None) -> list[Design]:
+    """Return the designs of the groups of tasks, in the order in which these have them.
 
     Keys in which tasks differ are left out, and numbers of sensors and actuators, which follow from others.
+
+    labels: other names of designs.
     """
     groups = [one for task in tasks for one in task.groups]
     keys = _keys(tasks)
@@ -56,16 +60,13 @@ def designs_of(tasks: "Sequence[Task]") -> list[Design]:
         names = [name_of(groups[0].runs[0].experiment)]
     else:
         names = names_of([(differs, members[0].runs[0]) for differs, members in ordered])
-    return [
+    renamed = [(labels or {}).get(name, name) for name in names]
+    found_designs = [
         Design(number, shortened(name, _NAME_CHARACTERS), tuple(members))
-        for number, (name, (_, members)) in enumerate(zip(names, ordered, strict=True))
+        for number, (name, (_, members)) in enumerate(zip(renamed, ordered, strict=True))
     ]
-
-
-def in_order(tasks: "Sequence[Task]") -> "list[Task]":
-    """Return tasks in an order that does not depend on that of the runs."""
-    keys = {key for task in tasks for key in task.differs}
-    return sorted(tasks, key=lambda task: sort_key(task.differs, keys))
+    places = {id(one): place for place, one in enumerate(groups)}
+    return sorted(found_designs, key=lambda design: min(places[id(one)] for one in design.groups))
 
 
 def _keys(tasks: "Sequence[Task]") -> set[str]:

@@ -190,7 +190,7 @@ def _title_of(what: str, experiment: Experiment) -> str:
 
 
 def _without_repetitions(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
-    """Leave out runs that are the same as another one; of two, the longer one stays."""
+    """Leave out runs that are the same as another one; of two, the finished or else the longer one stays."""
     kept: dict[str, Run] = {}
     copies: dict[str, list[Run]] = {}
     places: dict[str, Run] = {}
@@ -206,12 +206,16 @@ def _without_repetitions(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
         if other is None:
             kept[same] = run
             continue
-        longer, shorter = (run, other) if run.evaluations > other.evaluations else (other, run)
+        longer, shorter = (run, other) if _weight(run) > _weight(other) else (other, run)
         kept[same] = longer
         copies.setdefault(same, []).append(shorter)
     notes = [_given_twice(list(again.values()))] if again else []
     notes += [_not_counted(kept[same], left_out) for same, left_out in copies.items()]
     return list(kept.values()), notes
+
+
+def _weight(run: Run) -> tuple[bool, int]:
+    return not run.interrupted, run.evaluations
 
 
 def _given_twice(runs: Sequence[Run]) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from swarmwright.analysis.left_out import LeftOut
 from swarmwright.core.arguments import listed, path_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import contents
@@ -90,41 +91,86 @@ def missing_words(missing: list[Path]) -> str:
     return f"{named}{more}: missing; the same sweep runs {'it' if len(missing) == 1 else 'them'}"
 
 
-def runs_of_all(runs: Iterable[Run | str | os.PathLike[str]] | str | os.PathLike[str]) -> list[Run]:
-    """Return runs that are given as such, as their folders, or as the folders of sweeps.
+def as_missing(folders: Iterable[Path]) -> list[LeftOut]:
+    """Return runs of sweeps that are not there as runs that do not count."""
+    return [LeftOut(one, "missing", "missing; the same sweep runs it") for one in folders]
 
-    Files are left out, and runs of sweeps that are missing: these, and files other than a sweep's, are named
-    in a warning. Raises InputError where a folder is neither a run's nor a sweep's, or the record of a sweep
-    cannot be read.
+
+def as_unreadable(folder: Path, error: InputError) -> LeftOut:
+    """Return a run that cannot be read as one that does not count."""
+    return LeftOut(folder, "unreadable", str(error).removeprefix(f"{folder}: "))
+
+
+def variant_of(folder: Path) -> tuple[str, list[Path]] | None:
+    """Return the label of the variant of a sweep that a run belongs to, and the folders of its runs.
+
+    None where no sweep names it, or the record cannot be read.
+    """
+    file = folder.parent / SWEEP
+    try:
+        if not file.is_file():
+            return None
+        for one in json.loads(contents(file))["variants"]:
+            names = names_of(one["runs"])
+            if folder.name in names:
+                return str(one["label"]), [file.parent / name for name in names]
+    except (InputError, ValueError, KeyError, TypeError, RecursionError):
+        pass
+    return None
+
+
+def runs_of_all(
+    runs: Iterable[Run | str | os.PathLike[str]] | str | os.PathLike[str],
+) -> tuple[list[Run], list[LeftOut]]:
+    """Return runs that are given as such, as their folders, or as the folders of sweeps; and those left out.
+
+    Left out are runs that a sweep lacks, and those of a sweep that cannot be read. These are named in a
+    warning, as are files other than a sweep's. Raises InputError where a folder is neither a run's nor a
+    sweep's, or the record of a sweep cannot be read.
     """
     if isinstance(runs, str | os.PathLike):
         if runs_of(path_of("runs", runs, "a folder")) is None:
             listed("runs", runs, "run folders")  # raises: one run is no list
         runs = [runs]
     listed("runs", runs, "run folders")
+    given = [one if isinstance(one, Run) else path_of("runs", one, "a run folder") for one in runs]
+    files = [one for one in given if isinstance(one, Path) and one.is_file()]
     found: list[Run] = []
     missing: list[Path] = []
-    files: list[Path] = []
-    for one in runs:
-        path = one.path if isinstance(one, Run) else path_of("runs", one, "a run folder")
+    unreadable: list[LeftOut] = []
+    for one in given:
         if isinstance(one, Run):
             found.append(one)
-        elif path.is_file():
-            files.append(path)
-        else:
-            folders, lacking = expanded([path])
-            found += map(Run.open, folders)
-            missing += lacking
+        elif one not in files:
+            _open(one, found, missing, unreadable)
     if files and not found:
         raise InputError(f"{files[0]}: is not a folder; name a run folder such as runs/minisim-1")
     if missing and not found:
         raise InputError(missing_words(missing))
+    if unreadable and not found:
+        raise InputError(f"{unreadable[0].path}: {unreadable[0].reason}")
     for words in (
         *(f"{path}: is a file, not a run folder" for path in files if not is_of_sweep(path)),
         *([missing_words(missing)] if missing else []),
+        *(f"{one.path}: {one.reason}" for one in unreadable),
     ):
         logging.getLogger("swarmwright").warning("left out: %s", words)
-    return found
+    return found, [*as_missing(missing), *unreadable]
+
+
+def _open(folder: Path, found: list[Run], missing: list[Path], unreadable: list[LeftOut]) -> None:
+    """Open a run, or the runs of a sweep, of which those that cannot be opened are told apart."""
+    asked = runs_of(folder)
+    for run in [folder] if asked is None else asked:
+        if asked is not None and not run.exists():
+            missing.append(run)
+            continue
+        try:
+            found.append(Run.open(run))
+        except InputError as error:
+            if asked is None:
+                raise
+            unreadable.append(as_unreadable(run, error))
 
 
 def is_of_sweep(path: Path) -> bool:

@@ -17,6 +17,10 @@ _METHODS = {"exact": "exact", "permutations": "of 100,000 permutations", "chi-sq
 """How p of Kruskal and Wallis' test was computed, in words."""
 
 
+_UNKNOWN = "group not known"
+"""Label of runs that cannot be read."""
+
+
 class Labelled(Protocol):
     """A group that is compared."""
 
@@ -56,12 +60,15 @@ def table(comparison: "Comparison") -> str:
     for task in comparison.tasks:
         if several:
             lines += [""] * bool(lines) + [f"Task: {one_line(task.label)}", ""]
-        lines += columns(_group_rows(task.groups, held_out=comparison.held_out))
+        lines += columns(_group_rows(task.groups, comparison))
         if task.kruskal is not None:
             which = "All groups of the task" if several else "All groups"
             lines += ["", f"{which}: {kruskal_words(task.kruskal)}"]
         if task.pairs:
             lines += ["", *pairs_table(task.pairs)]
+    lacking = lacking_rows(comparison) if several else []
+    if lacking:
+        lines += ["", *columns([["group", "runs", "left out"], *lacking])]
     if several:
         lines.append("")
     if comparison.held_out:
@@ -80,7 +87,7 @@ def html_of(comparison: "Comparison") -> str:
         what = "Mean fitness of each run's best candidate on held-out seeds"
     parts = [html.facts(f"Comparison of {len(comparison.groups)} groups. {what}", [])]
     for task in comparison.tasks:
-        head, *rows = _group_rows(task.groups, held_out=comparison.held_out)
+        head, *rows = _group_rows(task.groups, comparison)
         parts.append(html.facts(f"Task: {task.label}", []) if several else "")
         parts.append(html.table(head, rows))
         if task.kruskal is not None:
@@ -90,32 +97,49 @@ def html_of(comparison: "Comparison") -> str:
             parts.append(html.table(head, rows))
             hidden = len(task.pairs) - len(rows)
             parts.append(html.facts(f"and {hidden} pairs with larger p", []) if hidden else "")
+    lacking = lacking_rows(comparison) if several else []
+    parts.append(html.table(["group", "runs", "left out"], lacking) if lacking else "")
     notes = [("Note", f"{one_line(note)}.") for note in comparison.notes]
     return "".join([*parts, html.facts("", notes) if notes else ""])
 
 
-def _group_rows(groups: Sequence["Group"], *, held_out: bool) -> list[list[str]]:
+def _group_rows(groups: Sequence["Group"], comparison: "Comparison") -> list[list[str]]:
+    """Return the rows of groups below a heading; with one task also those of groups without a run."""
     # Where each evaluation is one episode, or nothing failed, a column would say nothing.
     episodes = any(one.episodes != one.counts for one in groups)
     failed = any(any(one.failed) for one in groups)
-    lost = held_out and any(any(one.held_out_failed) for one in groups)
+    lost = comparison.held_out and any(any(one.held_out_failed) for one in groups)
+    lacking = bool(comparison.left_out)
     rows = [
         [
-            "group", "runs", "evaluations", *["failed"] * failed, *["episodes"] * episodes,
-            *["held-out failed"] * lost, "median", "quartiles", "worst", "best",
+            "group", "runs", *["left out"] * lacking, "evaluations", *["failed"] * failed,
+            *["episodes"] * episodes, *["held-out failed"] * lost, "median", "quartiles", "worst", "best",
         ]
     ]  # fmt: skip
     for one in groups:
         low, high = one.quartiles
         rows.append(
             [
-                one.label, str(len(one.runs)), span(one.counts), *[span(one.failed)] * failed,
-                *[span(one.episodes)] * episodes, *[span(one.held_out_failed)] * lost,
-                number(one.median), f"{number(low)} to {number(high)}", number(one.quantile(0.0)),
-                number(one.quantile(1.0)),
+                one.label, str(len(one.runs)), *[str(len(one.left_out))] * lacking, span(one.counts),
+                *[span(one.failed)] * failed, *[span(one.episodes)] * episodes,
+                *[span(one.held_out_failed)] * lost, number(one.median), f"{number(low)} to {number(high)}",
+                number(one.quantile(0.0)), number(one.quantile(1.0)),
             ]
         )  # fmt: skip
+    if len(comparison.tasks) == 1:
+        rows += [[*row, *[""] * (len(rows[0]) - len(row))] for row in lacking_rows(comparison)]
     return rows
+
+
+def lacking_rows(comparison: "Comparison") -> list[list[str]]:
+    """Return label, 0 and the number of runs left out of each group of which no run counts."""
+    there = {run.path for one in comparison.groups for run in one.left_out}
+    without: dict[str, int] = {}
+    for run in comparison.left_out:
+        if run.path not in there:
+            label = run.label or _UNKNOWN
+            without[label] = without.get(label, 0) + 1
+    return [[comparison.labels.get(label, label), "0", str(count)] for label, count in without.items()]
 
 
 def span(counts: Sequence[int]) -> str:
@@ -208,6 +232,7 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
                         strict=True,
                     )
                 ],
+                "left_out": len(one.left_out),
                 "median": one.median,
                 "quartiles": list(one.quartiles),
                 "worst": one.quantile(0.0),
@@ -226,6 +251,7 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
             for task in comparison.tasks
         ],
         "pairs": [pair_mapping(pair) for pair in comparison.pairs],
+        "left_out": [one.to_mapping() for one in comparison.left_out],
         "notes": list(comparison.notes),
     }  # fmt: skip
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from swarmwright.analysis.after_evaluations import fitness_at
 from swarmwright.analysis.groups import flattened_of
 from swarmwright.analysis.option_columns import option_columns
-from swarmwright.analysis.table import effect_words, kruskal_words, number, span
+from swarmwright.analysis.table import effect_words, kruskal_words, lacking_rows, number, span
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.core.formatting import p_value
@@ -53,13 +53,13 @@ def write(comparison: "Comparison", path: Path) -> Path:
 
 
 def csv_text(comparison: "Comparison", folder: Path) -> str:
-    """Return a row for each run.
+    """Return a row for each run, last those that do not count, which have no values.
 
     Columns: task (empty where there is one), group, run (its folder, relative to that of the table), seed,
-    evaluations and episodes that count, how many of these evaluations failed, the best recorded fitness of
-    these, the indicator that is compared if
-    any, fitness on held-out seeds, seconds of the whole run, SHA-256 of its record, then the keys that differ
-    between the groups, see `option_columns`. nan: no candidate could be evaluated; empty: not known.
+    left_out (why a run does not count, else empty), evaluations and episodes that count, how many of these
+    evaluations failed, the best recorded fitness of these, the indicator that is compared if any, fitness on
+    held-out seeds, seconds of the whole run, SHA-256 of its record, then the keys that differ between the
+    groups, see `option_columns`. nan: no candidate could be evaluated; empty: not known.
 
     folder: of the table.
     """
@@ -78,7 +78,8 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
             row = {
                 "task": tasks[one.label], "group": one.label,
                 "run": os.path.relpath(run.path.resolve(), folder.resolve()),
-                "seed": run.experiment.seed, "evaluations": count, "episodes": episodes, "failed": failed,
+                "seed": run.experiment.seed, "left_out": None, "evaluations": count, "episodes": episodes,
+                "failed": failed,
                 "fitness": value if best else fitness_at(run, comparison.at)[0],
             }  # fmt: skip
             if by != "fitness":
@@ -86,6 +87,15 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
             # The candidate that is the best at the run's end was validated.
             row |= _held_out(run.validation if at_end else None)
             rows.append({**row, "seconds": run.seconds, "record_sha256": run.digest, **keys})
+    for lacking in comparison.left_out:
+        label = comparison.labels.get(lacking.label, lacking.label)
+        rows.append(
+            {
+                "task": tasks.get(label), "group": label,
+                "run": os.path.relpath(lacking.path.resolve(), folder.resolve()),
+                "seed": lacking.seed, "left_out": lacking.reason,
+            }
+        )  # fmt: skip
     text = io.StringIO()
     table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     table.writeheader()
@@ -114,7 +124,7 @@ def latex_text(comparison: "Comparison") -> str:
             lines.append(f"% task: {one_line(task.label)}")
         if task.kruskal is not None:
             lines.append(f"% {kruskal_words(task.kruskal)}")
-        lines += _groups(task.groups, held_out=comparison.held_out)
+        lines += _groups(task.groups, comparison)
         if task.pairs:
             lines += _pairs(task.pairs)
     lines += [f"% {one_line(note)}" for note in comparison.notes]
@@ -136,21 +146,25 @@ def _when(comparison: "Comparison") -> str:
     return "at its end" if comparison.at is None else f"after {comparison.at:,} evaluations"
 
 
-def _groups(groups: Sequence["Group"], *, held_out: bool) -> list[str]:
+def _groups(groups: Sequence["Group"], comparison: "Comparison") -> list[str]:
     failed = any(any(one.failed) for one in groups)
-    lost = held_out and any(any(one.held_out_failed) for one in groups)
+    lost = comparison.held_out and any(any(one.held_out_failed) for one in groups)
+    lacking = bool(comparison.left_out)
     rows = [
         [
-            one.label, str(len(one.runs)), span(one.counts), span(one.episodes),
-            *[span(one.failed)] * failed, *[span(one.held_out_failed)] * lost, number(one.median),
-            *map(number, one.quartiles), number(one.quantile(0.0)), number(one.quantile(1.0)),
+            one.label, str(len(one.runs)), *[str(len(one.left_out))] * lacking, span(one.counts),
+            span(one.episodes), *[span(one.failed)] * failed, *[span(one.held_out_failed)] * lost,
+            number(one.median), *map(number, one.quartiles), number(one.quantile(0.0)),
+            number(one.quantile(1.0)),
         ]
         for one in groups
     ]  # fmt: skip
     head = [
-        "group", "runs", "evaluations", "episodes", *["failed"] * failed, *["held-out failed"] * lost,
-        "median", "lower quartile", "upper quartile", "worst", "best",
+        "group", "runs", *["left out"] * lacking, "evaluations", "episodes", *["failed"] * failed,
+        *["held-out failed"] * lost, "median", "lower quartile", "upper quartile", "worst", "best",
     ]  # fmt: skip
+    if groups == comparison.tasks[-1].groups:  # below the last table: their task is not known
+        rows += [[*row, *[""] * (len(head) - len(row))] for row in lacking_rows(comparison)]
     return _tabular(head, rows, words=1)
 
 

@@ -1,9 +1,9 @@
 """Output of commands that compare runs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
@@ -13,11 +13,14 @@ from swarmwright.cli._runs import reading_progress
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Comparison
     from swarmwright.analysis.indicators import By
+    from swarmwright.analysis.left_out import LeftOut
+    from swarmwright.analysis.order import Order
     from swarmwright.runs.run import Run
 
 
+_ORDERS = ("rank", "name", "given")
 INCOMPLETE = 1
-"""Exit status where runs were left out that cannot be read."""
+"""Exit status where runs were left out."""
 
 
 def folders_of(paths: Sequence[Path]) -> list[Path]:
@@ -57,30 +60,42 @@ def run_folders(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     return found, missing
 
 
-def readable_runs(folders: Sequence[Path]) -> "tuple[list[Run], bool]":
-    """Return the runs that can be compared, and whether others were left out, as a sweep leaves them out.
+def single_run(paths: Sequence[Path]) -> Path | None:
+    """Return the folder of the run that is named alone, or is the only one of a sweep; None for several.
 
-    Those are named on standard error. Raises InputError when there is nothing else.
+    Raises as `run_folders`.
+    """
+    from swarmwright.analysis.sweep_folders import expanded
+
+    found, missing = expanded(path for path in paths if path.is_dir())
+    if missing or len({run.resolve() for run in found}) != 1:
+        return None
+    folders_of(paths)  # names files among them
+    return found[0]
+
+
+def readable_runs(folders: Sequence[Path]) -> "tuple[list[Run], list[LeftOut]]":
+    """Return the runs that can be read, and the others, which are named on standard error.
+
+    Raises InputError when there is nothing else.
     """
     from swarmwright import InputError, Run
+    from swarmwright.analysis.sweep_folders import as_unreadable
 
     runs: list[Run] = []
-    errors: list[InputError] = []
+    errors: dict[Path, InputError] = {}
     with reading_progress(len(folders)) as begin:
         for number, folder in enumerate(folders):
             begin(number)
             try:
-                run = Run.open(folder)
-                if not run.history:
-                    raise InputError(f"{folder}: holds no finished generation to compare")
-                runs.append(run)
+                runs.append(Run.open(folder))
             except InputError as error:
-                errors.append(error)
+                errors[folder] = error
     if errors and not runs:
-        raise errors[0]
-    for one in errors:
+        raise next(iter(errors.values()))
+    for one in errors.values():
         complain(f"left out: {one}")
-    return runs, bool(errors)
+    return runs, [as_unreadable(folder, error) for folder, error in errors.items()]
 
 
 @dataclass(frozen=True)
@@ -93,6 +108,18 @@ class Compared:
     reference: tuple[tuple[str, float], ...] = ()
     offset: float | None = None
     at_episodes: int | None = None
+    unfinished: bool = False
+    order: "Order" = "rank"
+    labels: tuple[tuple[str, str], ...] = ()
+
+    @classmethod
+    def of(cls, options: dict[str, Any]) -> Self:
+        """Take the options of `compare_options` out of those of a command."""
+        given = {name: options.pop(name) for name in (one.name for one in fields(cls))}
+        order = given["order"]
+        if len(order) == 1 and order[0] in _ORDERS:
+            order = order[0]
+        return cls(**{**given, "order": order or "rank"})
 
     def check(self) -> None:
         """Raise UsageError for options that contradict each other."""
@@ -117,25 +144,31 @@ class Compared:
             raise click.UsageError("--offset is for --by qd_score; leave it out, or give --by qd_score.")
 
 
-def show_comparison(output: Output, folders: Sequence[Path], what: Compared) -> "tuple[Comparison, int]":
+def show_comparison(output: Output, paths: Sequence[Path], what: Compared) -> "tuple[Comparison, int]":
     """Compare runs and print it, as a table or as one JSON object; return it, and the exit status.
 
     That is 1 where runs were left out. Raises InputError, and UsageError for options that contradict each
     other.
     """
-    from swarmwright.analysis.comparison import compare
+    from swarmwright.analysis.comparison import compare_opened
+    from swarmwright.analysis.sweep_folders import as_missing
 
     what.check()
-    runs, incomplete = readable_runs(folders)
-    comparison = compare(
+    folders, missing = run_folders(paths)
+    runs, unreadable = readable_runs(folders)
+    comparison = compare_opened(
         runs,
+        [*as_missing(missing), *unreadable],
         at=what.at,
         at_episodes=what.at_episodes,
         held_out=what.held_out,
         by=what.by,
         reference=dict(what.reference) or None,
         offset=what.offset,
+        unfinished=what.unfinished,
+        order=what.order,
+        labels=dict(what.labels),
     )
     output.block(str(comparison))
     output.json(comparison.to_mapping())
-    return comparison, INCOMPLETE if incomplete else 0
+    return comparison, INCOMPLETE if comparison.left_out else 0

@@ -10,6 +10,7 @@ from swarmwright.cli._parameter_types import (
     CandidateId,
     FiniteNumber,
     ObjectiveValue,
+    Renamed,
     ServerCount,
     WholeNumber,
 )
@@ -162,8 +163,35 @@ _BY_OPTIONS: tuple[Decorator, ...] = (
 )
 
 
-def by_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """`--by`, `--reference` and `--offset`: what of runs is compared."""
-    for option in reversed(_BY_OPTIONS):
+_SHOWN_OPTIONS: tuple[Decorator, ...] = (
+    click.option(
+        "--unfinished",
+        is_flag=True,
+        help="Also count runs that failed, were interrupted or are still running, with what they have. "
+        "Without it, they are left out and named, except those that had as many evaluations or episodes as "
+        "--at or --at-episodes ask for.",
+    ),
+    click.option(
+        "--order",
+        multiple=True,
+        metavar="ORDER",
+        help="Order of the groups in tables and figures: rank (by their median, the best first), name, "
+        "given (as the runs are), or labels of groups, each with an --order of its own. Default: rank.",
+    ),
+    click.option(
+        "--label",
+        "labels",
+        type=Renamed(),
+        multiple=True,
+        metavar="GROUP=NAME",
+        help="Call a group, or a task, otherwise: --label nnga='genetic algorithm'. Repeatable.",
+    ),
+)
+
+
+def compare_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add what commands that compare runs have in common: the fields of `_comparison.Compared`."""
+    every = (*_BY_OPTIONS, at_option, at_episodes_option, held_out_option, *_SHOWN_OPTIONS)
+    for option in reversed(every):
         command = option(command)
     return command

@@ -253,6 +253,26 @@ class CandidateId(click.ParamType[tuple[int | None, int]]):
         )
 
 
+class Renamed(click.ParamType[tuple[str, str]]):
+    """A name and another one for it."""
+
+    name = "GROUP=NAME"
+
+    def convert(
+        self,
+        value: Any,  # noqa: ANN401 - click's signature
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> tuple[str, str]:
+        """Split it at the first equals sign."""
+        if isinstance(value, tuple):
+            return value
+        old, equals, new = str(value).partition("=")
+        if not old or not equals or not new.strip():
+            self.fail(f"{value!r} is not GROUP=NAME, such as nnga='genetic algorithm'.", param, ctx)
+        return old, new.strip()
+
+
 class ObjectiveValue(click.ParamType[tuple[str, float]]):
     """`NAME=VALUE`, a value of an objective."""
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from swarmwright.cli._output import Output
+from swarmwright.cli._output import Output, complain
 from swarmwright.core.formatting import counted
 
 
@@ -25,16 +25,26 @@ def with_sweeps(folders: list[Path]) -> list[tuple[Path, bool]]:
 
 
 def export_records(output: Output, folder: Path, file: Path) -> int:
-    """Write the records of the runs of a sweep as one table; return the exit status, 1 where some lack."""
+    """Write the records of the runs of a sweep as one table; return the exit status, 1 where some lack.
+
+    Unlike comparisons, it has what runs that have not finished have recorded.
+    """
+    from swarmwright import InputError
     from swarmwright.analysis.sweep_table import write_records
     from swarmwright.cli._comparison import INCOMPLETE, readable_runs, run_folders
 
     folders, missing = run_folders([folder])
-    runs, incomplete = readable_runs(folders)
+    opened, unreadable = readable_runs(folders)
+    runs = [run for run in opened if run.history]
+    empty = [run for run in opened if not run.history]
+    for run in empty:
+        complain(f"left out: {run.path}: holds no finished generation to write")
+    if not runs:
+        raise InputError(f"{folder}: none of its runs holds a finished generation to write")
     write_records(runs, file)
     output.text(f"The records of {counted(len(runs), 'run')} are in {file}")
     output.json({"run": str(folder), "file": str(file), "runs": [str(run.path) for run in runs]})
-    return INCOMPLETE if missing or incomplete else 0
+    return INCOMPLETE if missing or unreadable or empty else 0
 
 
 def show_differences(output: Output, ones: Sequence[Path], others: Sequence[Path]) -> int:

@@ -67,7 +67,7 @@ def command(
         experiment = run.experiment
         drawn = figure(
             specification,
-            title=f"{experiment.label}: candidate {chosen.candidate} of generation {chosen.generation}, "
+            title=f"{experiment.subject}: candidate {chosen.candidate} of generation {chosen.generation}, "
             f"fitness {chosen.fitness + 0.0:.4g}",
             simulation=_described(simulation) if simulation else _described_by_run(run, chosen.generation),
             options=experiment.controller.model_dump(),

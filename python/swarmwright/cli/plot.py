@@ -2,17 +2,16 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import at_episodes_option, at_option, by_options, held_out_option, json_option
+from swarmwright.cli._options import compare_options, json_option
 from swarmwright.cli._output import Output
 from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOption
 
 if TYPE_CHECKING:
-    from swarmwright.analysis.indicators import By
     from swarmwright.cli._comparison import Compared
 
 
@@ -40,41 +39,32 @@ if TYPE_CHECKING:
     show_default=True,
     help="What the runs are drawn over.",
 )
-@by_options
-@at_option
-@at_episodes_option
-@held_out_option
+@compare_options
 @json_option
 def command(
     runs: tuple[Path, ...],
     file: Path | None,
     x: str,
-    by: "By",
-    reference: tuple[tuple[str, float], ...],
-    offset: float | None,
-    at: int | None,
-    at_episodes: int | None,
-    held_out: bool,
     as_json: bool,
+    **options: Any,  # noqa: ANN401 - see `Compared`
 ) -> int:
     """Plot a run, or compare several.
 
     One run: fitness and diversity over its evaluations. Several runs: those that differ only in the seed
     form a group. The groups are drawn on one axis, and their final fitness, or what --by names, is tested
     (Mann-Whitney, Kruskal-Wallis, with effect sizes). RUN can be the folder of a sweep, which stands for its
-    runs. Runs that are missing, damaged or without a generation are left out and named; the exit status is
-    then 1.
+    runs. Runs that have not finished, have no generation, are damaged or are missing in a sweep do not
+    count: they are named, tables have their number, and the exit status is 1.
     """
-    from swarmwright.cli._comparison import INCOMPLETE, Compared, run_folders
+    from swarmwright.cli._comparison import Compared, single_run
 
-    what = Compared(at, held_out, by, reference, offset, at_episodes)
+    what = Compared.of(options)
     output = Output(as_json=as_json)
-    folders, missing = run_folders(runs)
-    if len({run.resolve() for run in folders}) == 1 and not missing and what == Compared():
-        _draw_one(output, folders[0], file or folders[0] / "plot.png", x)
+    one = single_run(runs) if what == Compared() else None
+    if one is not None:
+        _draw_one(output, one, file or one / "plot.png", x)
         return 0
-    status = _draw_several(output, folders, file or Path("comparison.png"), x, what)
-    return INCOMPLETE if missing else status
+    return _draw_several(output, runs, file or Path("comparison.png"), x, what)
 
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:

@@ -3,18 +3,15 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
 from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import at_episodes_option, at_option, by_options, held_out_option, json_option
+from swarmwright.cli._options import compare_options, json_option
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._parameter_types import ExistingPath, FiniteNumber, OutputFile, SaveOption
 from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
-
-if TYPE_CHECKING:
-    from swarmwright.analysis.indicators import By
 
 
 @click.group(
@@ -188,10 +185,7 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
     "swarmwright runs compare fronts/* --by hypervolume --reference fitness=0 --reference speed=0.12",
 )
 @click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
-@by_options
-@at_option
-@at_episodes_option
-@held_out_option
+@compare_options
 @click.option(
     "--csv",
     "csv_file",
@@ -209,15 +203,10 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
 @json_option
 def compare(
     runs: tuple[Path, ...],
-    by: "By",
-    reference: tuple[tuple[str, float], ...],
-    offset: float | None,
-    at: int | None,
-    at_episodes: int | None,
-    held_out: bool,
     csv_file: Path | None,
     latex_file: Path | None,
     as_json: bool,
+    **options: Any,  # noqa: ANN401 - see `Compared`
 ) -> int:
     """Compare the best fitness that runs reached, or their fronts or archives.
 
@@ -226,24 +215,23 @@ def compare(
     the seed alone are a group. Fronts are compared by hypervolume where all runs have the same
     objectives, archives by QD score or coverage where all have the same measures, ranges and bins;
     reference point and offset are printed. RUN can be the folder of a sweep: then its runs are compared.
-    Files among the runs, which a pattern such as results/* also names, are ignored. Runs that are
-    missing in a sweep, damaged or hold no generation are left out and named, and the exit status is then
-    1. `swarmwright plot` draws it as well.
+    Files among the runs, which a pattern such as results/* also names, are ignored. Runs that have not
+    finished, have no generation, are damaged or are missing in a sweep do not count: they are named, tables
+    have their number, and the exit status is 1. `swarmwright plot` draws it as well.
     """
     from swarmwright.analysis import table_files
-    from swarmwright.cli._comparison import INCOMPLETE, Compared, run_folders, show_comparison
+    from swarmwright.cli._comparison import Compared, show_comparison
 
     output = Output(as_json=as_json)
-    what = Compared(at, held_out, by, reference, offset, at_episodes)
+    what = Compared.of(options)
     asked = ((csv_file, table_files.CSV), (latex_file, table_files.LATEX))
     files = [(file, ending) for file, ending in asked if file is not None]
     for file, ending in files:
         table_files.check(file, ending)
-    folders, missing = run_folders(runs)
-    comparison, status = show_comparison(output, folders, what)
+    comparison, status = show_comparison(output, runs, what)
     for file, _ in files:
         output.text(f"The table is in {comparison.export(file)}")
-    return INCOMPLETE if missing else status
+    return status
 
 
 @command.command(

@@ -79,9 +79,10 @@ def command(
 
     Every variant that FILE names is run with every seed, several runs at a time where they do not compete
     for servers. Finished runs are not repeated and interrupted ones are continued: after Ctrl-C, give the
-    same command again. A run that fails does not stop the others: it is named at the end, and the exit
-    status is 1. Several processes, on several machines too, can work on one sweep: each leaves the runs of
-    the others alone. A finished run is validated where FILE or --set ask for more than it has.
+    same command again. A run that fails does not stop the others: it is named at the end, comparisons leave
+    it out, as `runs compare` does, and the exit status is 1. Several processes, on several machines too, can
+    work on one sweep: each leaves the runs of the others alone. A finished run is validated where FILE or
+    --set ask for more than it has.
 
     At the end the variants are compared, by fitness on held-out seeds where all runs were validated and
     fitness depends on the seed, and by recorded fitness. The folder of the runs gets the figure
@@ -133,7 +134,7 @@ def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
     from swarmwright.analysis.indicators import quick_indicators, shared_indicators
 
     runs = outcome.finished
-    comparisons = compare_all(runs)
+    comparisons = compare_all(*outcome.compared())
     for one in comparisons:
         output.text()
         output.block(str(one))

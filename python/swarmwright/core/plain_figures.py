@@ -87,7 +87,15 @@ def _defaults() -> dict[str, Any]:
     # Letters that the font lacks are taken from the next one that has them, if need be in another weight.
     getLogger("matplotlib.font_manager").addFilter(_is_of_interest)
     families = [*known["font.family"], *(name for name in _FURTHER_FONTS if name in installed)]
-    return {key: value for key, value in known.items() if key != "backend"} | {"font.family": families}
+    return {
+        **{key: value for key, value in known.items() if key != "backend"},
+        "font.family": families,
+        # Publishers refuse Type 3 fonts, the default: 42 embeds TrueType.
+        "pdf.fonttype": 42,
+        "ps.fonttype": 42,
+        # Otherwise names of parts are drawn at random; the same figure is the same file.
+        "svg.hashsalt": "swarmwright",
+    }
 
 
 def _is_of_interest(record: LogRecord) -> bool:

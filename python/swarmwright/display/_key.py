@@ -46,7 +46,8 @@ class Key:
     """The legend of a recording: the same on all frames. more: inches that it needs beside a first row.
 
     states: what the states of controllers are called that give bodies their colours. kinds: names of kinds of
-    agents. shown: what is drawn of the recording.
+    agents. shown: what is drawn of the recording. still: whether the last scene alone is drawn, so that what
+    no body is in there has no entry.
     """
 
     def __init__(
@@ -59,8 +60,10 @@ class Key:
         states: Sequence[str] = (),
         kinds: Sequence[str] = (),
         shown: Shown | None = None,
+        still: bool = False,
     ) -> None:
         self._shown = shown or Shown()
+        self._scenes = recording.scenes[-1:] if still else recording.scenes
         self.scale = scale_of(recording) if valued else None
         self._states = states
         self._kinds = kinds
@@ -114,7 +117,7 @@ class Key:
         made = self._of_bodies(recording, looks, size)
         seen: dict[str, str] = {}
         walls = lights = False
-        for scene in recording.scenes:
+        for scene in self._scenes:
             for grey, name in floors(scene).items():
                 seen.setdefault(name, floor_color(grey))
             walls |= len(scene.walls) > 0
@@ -124,11 +127,11 @@ class Key:
             made.append(("wall", (_mark(BORDER, "s", edge=BORDER),)))
         if lights:
             made.append(("lamp", (_mark(ORANGE, "o", 8, edge=BORDER),)))
-        return made + self._lines(recording, looks)
+        return made + self._lines(looks)
 
-    def _lines(self, recording: Recording, looks: Looks) -> list[Entry]:
+    def _lines(self, looks: Looks) -> list[Entry]:
         """Return the entries of what is drawn as thin lines."""
-        every = [(Bodies.of(scene.bodies), scene) for scene in recording.scenes]
+        every = [(Bodies.of(scene.bodies), scene) for scene in self._scenes]
         made: list[Entry] = []
         owners = ((bodies, bodies.ray_body[0]) for bodies, _ in every if len(bodies.ray_body))
         owner = next(owners, None)
@@ -155,8 +158,9 @@ class Key:
         made: list[Entry] = []
         # By symbol: those whose colours mean something else are told apart by their shape alone.
         alike: dict[tuple[str, bool], list[tuple[str, str]]] = {}
+        drawn = self._looks()
         for look in looks.all():
-            if look == (LED, ""):
+            if look == (LED, "") or look not in drawn:
                 continue
             color, marker, _, _ = looks.marker(look, size)
             symbol = ("o", True) if look in headed else (marker, False)
@@ -168,6 +172,11 @@ class Key:
             (self._common(same), _symbol(FIELD, *symbol, edge=INK)) for symbol, same in alike.items()
         ] + made
         return made + [(name, (_mark(state_color(index), "o"),)) for index, name in enumerate(self._states)]
+
+    def _looks(self) -> set[tuple[str, str]]:
+        """Return the kinds and states that bodies have in what is drawn."""
+        every = [Bodies.of(scene.bodies) for scene in self._scenes]
+        return {bodies.looks[index] for bodies in every for index in np.unique(bodies.look)}
 
     def _common(self, alike: list[tuple[str, str]]) -> str:
         """Return what bodies are called that look alike because their colours mean something else."""

@@ -60,11 +60,13 @@ class Picture:
     """A figure on which scene after scene of one recording is drawn.
 
     shows: the recording, or with what is known of its controller. dpi: pixels an inch; a picture is 7 inches
-    wide. shown: what is drawn of it.
+    wide. shown: what is drawn of it. still: whether the last scene is drawn alone.
     """
 
     @plain()
-    def __init__(self, shows: Recording | Part, *, dpi: int, shown: Shown | None = None) -> None:
+    def __init__(
+        self, shows: Recording | Part, *, dpi: int, shown: Shown | None = None, still: bool = False
+    ) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -94,6 +96,7 @@ class Picture:
             states=names,
             kinds=part.kind_names,
             shown=self._shown,
+            still=still,
         )
         # The map fills the width; the height follows, within limits.
         inside = (WIDTH - LEFT - RIGHT) * min(max(first.height / first.width, 0.25), 1.1)

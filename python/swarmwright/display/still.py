@@ -20,7 +20,7 @@ def write(
     shown: Shown | None = None,
 ) -> None:
     """Write a PNG of 1008 pixels in width. Raises OSError."""
-    picture = Picture(part, dpi=144, shown=shown)
+    picture = Picture(part, dpi=144, shown=shown, still=True)
     recording = part.recording
     picture.draw(recording.scenes[-1], len(recording.scenes) - 1)
     buffer = io.BytesIO()

@@ -20,6 +20,7 @@ from swarmwright.experiment.budget import LIMITS, Budget, sets_limit
 from swarmwright.experiment.derived import given_source, steers_agents
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
 from swarmwright.experiment.fitting import announced_sizes, check_fits
+from swarmwright.experiment.robots import subject_of
 from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
 from swarmwright.experiment.start_from import start_genomes
 from swarmwright.experiment.unavailable import UnavailableOptions, copies, method_of, not_installed, require
@@ -296,6 +297,11 @@ class Experiment:
     def label(self) -> str:
         """What the simulation is called in figures and folders: its title, or its class."""
         return SimulationName.parse(self.simulation).label
+
+    @property
+    def subject(self) -> str:
+        """What titles of figures call the simulation: its label, with the title of its mission if any."""
+        return subject_of(self.simulation, self.label, self.parameters)
 
     @property
     def generations(self) -> int:

@@ -37,6 +37,21 @@ def mission_of(given: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - as the
     return next((parse(text, "").values for text in texts), None)
 
 
+def subject_of(simulation: str, label: str, parameters: Mapping[str, Any]) -> str:
+    """Return what titles of figures call a simulation: its label, with the title of its mission if any.
+
+    Args:
+        simulation: its name.
+        label: of the simulation, as `Experiment.label`.
+        parameters: of the experiment.
+    """
+    given = parameters.get("mission")
+    if catalogue.built_in(simulation) == catalogue.ARENA:
+        found = mission_of(given)
+        given = (found or {}).get("title") or (given if isinstance(given, str) else None)
+    return f"{label}, {given}" if isinstance(given, str) and given else label
+
+
 def mission_name(given: Any) -> Any:  # noqa: ANN401 - as the arena's parameter has it
     """Return the longer one of a built-in mission's two names; anything else as it is."""
     long = (one["also"] for one in _engine.missions() if one["also"] and one["name"] == given)

@@ -67,6 +67,8 @@ _AXIS_ALONE = 46
 """The same where there is one task, whose axes are higher."""
 _LEGEND_LINE_INCHES = 0.2
 """Inches of a line of the legend."""
+_MOST_SUBJECTS = 2
+"""Simulations with a mission that a title names; of more, it has the simulations alone."""
 _MOST_SHADED_GROUPS = 3
 """Groups up to which the worst and best runs are shaded as well; more would be illegible."""
 
@@ -74,7 +76,6 @@ _MOST_SHADED_GROUPS = 3
 @plain()
 def draw(
     comparison: "Comparison",
-    tasks: "Sequence[Task]",
     designs: "Sequence[Design]",
     *,
     x: str = "evaluations",
@@ -82,14 +83,13 @@ def draw(
     """Return the figure.
 
     Args:
-        comparison: what is drawn.
-        tasks: its tasks, in the order in which they are drawn.
-        designs: those of its groups, by which groups have colours and places.
+        comparison: what is drawn, in the order of its tasks and groups.
+        designs: those of its groups, by which groups have colours.
         x: "evaluations" or "generations".
     """
     design_of = {id(one): design for design in designs for one in design.groups}
-    # Fitness of unlike tasks has unlike units.
-    rows = [sorted(task.groups, key=lambda one: design_of[id(one)].number) for task in tasks]
+    tasks = comparison.tasks
+    rows = [list(task.groups) for task in tasks]  # fitness of unlike tasks has unlike units
     if len(tasks) > _MOST_TASKS:
         rows = [[one for row in rows for one in row]]
     named_designs = [[design_of[id(one)].name for one in row] for row in rows]
@@ -117,11 +117,14 @@ def draw(
             title = shortened(task.label, _TASK)
             left.set_title(title, loc="left", fontsize=11, color=INK, parse_math=False)
     if len(rows) == len(tasks):
-        for (_, right), task, row in zip(axes, tasks, rows, strict=True):
-            right.set_title(_verdict(task, row[0]), loc="left", fontsize=10, color=SOFT)
+        for (_, right), task in zip(axes, tasks, strict=True):
+            right.set_title(_verdict(task), loc="left", fontsize=10, color=SOFT)
     groups = comparison.groups
-    simulations = sorted({one.runs[0].experiment.label for one in groups})
-    entitle(figure, f"{', '.join(simulations)}: {counted(sum(len(one.runs) for one in groups), 'run')}")
+    experiments = [one.runs[0].experiment for one in groups]
+    subjects = sorted({one.subject for one in experiments})
+    if len(subjects) > _MOST_SUBJECTS:
+        subjects = sorted({one.label for one in experiments})
+    entitle(figure, f"{'; '.join(subjects)}: {counted(sum(len(one.runs) for one in groups), 'run')}")
     _legend(figure, designs, entries, _meaning(groups))
     return figure
 
@@ -177,8 +180,8 @@ def _row(
     right.grid(visible=False, axis="x")
 
 
-def _verdict(task: "Task", leftmost: "Group") -> str:
-    """Return the test of a task in words. leftmost: the group whose box is drawn first."""
+def _verdict(task: "Task") -> str:
+    """Return the test of a task in words, of the first box against the second as in the table."""
     if task.kruskal is not None:  # of all runs: it can be significant where those of each pair are too few
         return f"Kruskal-Wallis p {p_value(task.kruskal.p)}"
     if not task.pairs:
@@ -186,8 +189,7 @@ def _verdict(task: "Task", leftmost: "Group") -> str:
     pair = task.pairs[0]
     if pair.difference.interval is None:
         return "too few runs for a test"
-    effect = pair.difference.effect if pair.first is leftmost else 1.0 - pair.difference.effect
-    return f"Mann-Whitney p {p_value(pair.difference.p)}, A12 {effect:.2f}"
+    return f"Mann-Whitney p {p_value(pair.difference.p)}, A12 {pair.difference.effect:.2f}"
 
 
 class _Names(NamedTuple):

@@ -10,6 +10,8 @@ _BEGINNING_SHARE = 0.1
 """Share of the x axis that is a curve's beginning, which may be cut."""
 _LARGEST_SPAN_RATIO = 1.5
 """Up to how many times the span of the rest the whole axis is drawn uncut."""
+_LARGEST_DROP_RATIO = 2.0
+"""Up to how many times the height of a band a line may lie below it, so that an axis has both."""
 _FEWEST_POINTS = 8
 """Points of a curve below which nothing is cut."""
 
@@ -30,7 +32,30 @@ class Cut:
     @property
     def note(self) -> str:
         """What is left out, in words."""
-        return f"↓ the beginning reaches down to {self.least + 0.0:.4g}".replace("-", "−")
+        return _note("the beginning", self.least)
+
+
+def _note(what: str, least: float) -> str:
+    return f"↓ {what} reaches down to {least + 0.0:.4g}".replace("-", "−")
+
+
+def far_below(x: Values, low: Values, high: Values, line: Values) -> str | None:
+    """Return in words how far a line lies below a band, where the band would be squashed if an axis had both.
+
+    None where it is near, or where only its first tenth is so low, which `cut` leaves out.
+
+    x: ascending, (points,), like all others. low: of the band. high: of the band. line: what is tested.
+    """
+    known = np.isfinite(low) & np.isfinite(high) & np.isfinite(line)
+    if not known.any():
+        return None
+    later = known & (x >= x[known][0] + _BEGINNING_SHARE * (x[known][-1] - x[known][0]))
+    least, bottom, top = float(line[later].min()), float(low[later].min()), float(high[later].max())
+    span = top / _LARGEST_SPAN_RATIO - bottom / _LARGEST_SPAN_RATIO  # neither overflows
+    below = bottom / _LARGEST_SPAN_RATIO - least / _LARGEST_SPAN_RATIO
+    if span <= 0 or below <= _LARGEST_DROP_RATIO * span:
+        return None
+    return _note("the mean", float(line[known].min()))
 
 
 def cut(curves: Sequence[tuple[Values, Values, Values]]) -> Cut | None:

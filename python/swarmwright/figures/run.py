@@ -7,6 +7,7 @@ import numpy as np
 
 from swarmwright.core.formatting import counted
 from swarmwright.core.plain_figures import plain
+from swarmwright.figures.cut import far_below
 from swarmwright.figures.style import (
     AXES,
     COLORS,
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
 _BEST, _MEAN, _SPREAD = COLORS[2], COLORS[1], COLORS[0]
+_MARGIN = 0.14
+"""Room above and below curves, as a share of their height."""
 _ONE_ROW = 80
 """Characters of a legend of one row, fewer than this."""
 
@@ -81,7 +84,7 @@ def title_of(experiment: "Experiment") -> str:
     method: str = experiment.method.kind
     kind: str = experiment.controller.kind
     article = "an" if kind[0] in "aeiou" else "a"
-    return f"{experiment.label}: {method} evolves {article} {kind} controller"
+    return f"{experiment.subject}: {method} evolves {article} {kind} controller"
 
 
 def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
@@ -117,10 +120,14 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
         axes.vlines(places, *quartiles, linewidth=12, **half)
     else:
         axes.fill_between(places, *quartiles, linewidth=0, **half)
-    axes.plot(places, column("mean"), color=_MEAN, linewidth=1.4, marker=marker, label="mean", scaley=False)
     best = column("best_so_far")
     now = column("best")
     drawn = np.stack([quartiles[0], quartiles[1], best, now])
+    mean = column("mean")
+    outside = far_below(places, drawn.min(axis=0), drawn.max(axis=0), mean)
+    axes.plot(places, mean, color=_MEAN, linewidth=1.4, marker=marker, label="mean")
+    if outside is None:
+        drawn = np.vstack([drawn, mean])
     if not np.array_equal(now, best, equal_nan=True):  # elitist methods keep their best
         axes.step(
             places, now, where="post", color=_BEST, linewidth=1.0, marker=marker, alpha=0.6,
@@ -145,8 +152,12 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
     held_out = _held_out(axes, run, float(places[-1]))
     if held_out is not None:
         low[-1], high[-1] = np.fmin(low[-1], held_out[0]), np.fmax(high[-1], held_out[1])
-    axes.margins(x=0.02, y=0.14)
-    zoom(axes, [(places, low, high)])
+    axes.margins(x=0.02, y=_MARGIN)
+    if outside is not None:
+        bottom, top = float(np.nanmin(low)), float(np.nanmax(high))
+        spare = _MARGIN * top - _MARGIN * bottom
+        axes.set_ylim(bottom - spare, top + spare)
+    zoom(axes, [(places, low, high)], outside=outside)
 
 
 def _held_out(axes: "Axes", run: "Run", place: float) -> tuple[float, float] | None:

@@ -59,6 +59,10 @@ def _shown() -> "type[Figure]":
         def _repr_png_(self) -> bytes:
             return png_of(self)
 
+        @plain()
+        def savefig(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401 - as the library's
+            super().savefig(*arguments, **options)
+
     return ShownFigure
 
 
@@ -98,15 +102,22 @@ def without_offset(axis: Any) -> None:  # noqa: ANN401 - an axis of matplotlib
         form.set_useOffset(False)
 
 
-def zoom(axes: "Axes", curves: Sequence[tuple[Values, Values, Values]]) -> None:
-    """Cut off first values that dominate the axis, and label the cut; see `swarmwright.figures.cut.cut`."""
+def zoom(
+    axes: "Axes", curves: Sequence[tuple[Values, Values, Values]], *, outside: str | None = None
+) -> None:
+    """Cut off first values that dominate the axis, and label the cut; see `swarmwright.figures.cut.cut`.
+
+    outside: what else does not fit on the axis, in words.
+    """
     hidden = cut(curves)
-    if hidden is None:
+    if hidden is not None:
+        axes.set_ylim(hidden.low, hidden.high)
+    notes = [words for words in (None if hidden is None else hidden.note, outside) if words]
+    if not notes:
         return
-    axes.set_ylim(hidden.low, hidden.high)
     note = axes.text(
-        0.988, 0.02, hidden.note, transform=axes.transAxes, fontsize=10, color=SOFT, ha="right", va="bottom",
-        bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 1.5}, zorder=6,
+        0.988, 0.02, "\n".join(notes), transform=axes.transAxes, fontsize=10, color=SOFT, ha="right",
+        va="bottom", bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 1.5}, zorder=6,
     )  # fmt: skip
     note.set_in_layout(False)
 

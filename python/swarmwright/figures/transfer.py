@@ -39,7 +39,7 @@ def draw(transfer: "Transfer") -> "Figure":
     figure = new_figure(1.0 + 4.6 * count, 5.5 + 0.2 * lines)
     fields = figure.subplots(1, count, squeeze=False)[0]
     group_of = {str(run.path): index for index, group in enumerate(groups) for run in group.runs}
-    own = sorted({one.run.experiment.label for one in transfer.runs})
+    own = sorted({one.run.experiment.subject for one in transfer.runs})
     for axes, target in zip(fields, transfer.targets, strict=True):
         for one in transfer.runs:
             if one.target == target:

@@ -284,6 +284,11 @@ class Run:
         return self.state not in {"done", "stopped"}
 
     @property
+    def ended_since_opened(self) -> bool:
+        """Whether it has ended since it was opened, so that this object lacks its last generations."""
+        return self._outcome is None and not self.interrupted
+
+    @property
     def seconds(self) -> float:
         """Duration of all sessions together, of one without an outcome up to its last generation."""
         return math.fsum(session.seconds or 0.0 for session in self.sessions)

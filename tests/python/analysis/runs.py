@@ -55,6 +55,10 @@ class KnownRun(Run):
         return False
 
     @property
+    def ended_since_opened(self) -> bool:
+        return False
+
+    @property
     def seconds(self) -> float:
         return 1.5
 

@@ -1,6 +1,8 @@
+import csv
 import json
 import math
 import re
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import swarmwright
 from swarmwright import Comparison, Experiment, Generation, InputError, Run, compare, optimize
 from swarmwright.analysis.comparison import compare_all
 from swarmwright.figures.comparison import _names
+from swarmwright.figures.style import COLORS
 from tests.python.analysis.runs import KnownRun, runs
 
 SEARCH = {"kind": "random_search", "population": 4, "generations": 3}
@@ -186,7 +189,7 @@ def test_a_design_has_one_colour_and_name_in_all_tasks_whatever_the_order_of_run
             text.get_text(): line.get_color()
             for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
         }
-        assert list(shown) == ["population 4 (4 runs)", "population 10 (4 runs)"]
+        assert list(shown) == ["population 10 (4 runs)", "population 4 (4 runs)"]
         for axes in figure.axes[::2]:
             lines = {f"{line.get_label()} (4 runs)": line.get_color() for line in axes.get_lines()}
             assert shown.items() <= lines.items()
@@ -195,8 +198,63 @@ def test_a_design_has_one_colour_and_name_in_all_tasks_whatever_the_order_of_run
         verdicts = [axes.get_title(loc="left") for axes in figure.axes[1::2]]
         drawn.append((shown, titles, names, verdicts))
     assert drawn[0] == drawn[1] == drawn[2]
-    assert drawn[0][1:3] == (["maxSteps 10", "maxSteps 20"], [["population 4", "population 10"]] * 2)
-    assert all("A12 0.00" in one for one in drawn[0][3])
+    assert drawn[0][1:3] == (["maxSteps 10", "maxSteps 20"], [["population 10", "population 4"]] * 2)
+    assert all("A12 1.00" in one for one in drawn[0][3])
+    # Colours are those of names, so that a design has one in figures of other runs too.
+    assert drawn[0][0]["population 4 (4 runs)"] == COLORS[0]
+
+
+def test_tables_and_figures_have_one_order(tmp_path: Path) -> None:
+    made = [
+        run
+        for size, best in ((4, 2.0), (6, 9.0), (8, 1.0), (9, 9.0))
+        for run in runs(tmp_path, [best, best + 0.5], method={"population": size})
+    ]
+    for order, sizes in (
+        ("rank", "6948"),  # equals by name
+        ("name", "4689"),
+        ("given", "9864"),
+        (["population 8", "population 4"], "8469"),
+    ):
+        found = compare(made[::-1], order=order)
+        labels = [f"population {size}" for size in sizes]
+        assert [one.label for one in found.groups] == labels
+        assert [line.split("  ")[0] for line in str(found).splitlines()[1:5]] == labels
+        boxes = found.figure().axes[1]
+        assert [one.get_text() for one in boxes.get_xticklabels()] == labels
+        pairs = [(pair.first.label, pair.second.label) for pair in found.pairs]
+        assert pairs == list(combinations(labels, 2))
+    with pytest.raises(InputError, match=r"^order: there is no group 'population 5'; there are 'population"):
+        compare(made, order=["population 5"])
+    wrong: Any = "size"
+    with pytest.raises(InputError, match=r"^order: must be one of rank, name, given, or a list of labels"):
+        compare(made, order=wrong)
+
+
+def test_groups_tasks_and_designs_can_be_called_otherwise(tmp_path: Path) -> None:
+    made = [
+        run
+        for steps in (10, 20)
+        for size in (4, 6)
+        for run in runs(
+            tmp_path, [size, size + 1.0], method={"population": size}, parameters={"maxSteps": steps}
+        )
+    ]
+    one_task = compare(made[:4], labels={"population 4": "few"})
+    assert "few" in str(one_task)
+    assert "population 4" not in str(one_task)
+    assert {pair.second.label for pair in one_task.pairs} == {"few"}
+    names = {"maxSteps 10": "short", "population 4": "few", "maxSteps 10, population 6": "one of them"}
+    found = compare(made, labels=names)
+    assert [task.label for task in found.tasks] == ["short", "maxSteps 20"]
+    assert found.groups[0].label == "one of them"
+    assert [one.get_text() for one in found.figure().legends[0].get_texts()] == [
+        "population 6 (2 runs)", "few (2 runs)",
+    ]  # fmt: skip
+    with pytest.raises(InputError, match=r"^labels: there is no 'population 5' to be called otherwise;"):
+        compare(made, labels={"population 5": "x"})
+    with pytest.raises(InputError, match=r"^labels: two groups would be called 'population 6'"):
+        compare(made[:4], labels={"population 4": "population 6"})
 
 
 def test_names_of_boxes_leave_out_sensors_that_follow_from_the_robot_and_do_not_overlap(
@@ -235,7 +293,7 @@ def test_the_boxes_have_names_and_the_curves_are_not_squashed(tmp_path: Path) ->
     ]
     figure = compare(several).figure()
     curves, boxes = figure.axes
-    assert [text.get_text() for text in boxes.get_xticklabels()] == ["population 4", "population 9"]
+    assert [text.get_text() for text in boxes.get_xticklabels()] == ["population 9", "population 4"]
     bottom, top = curves.get_ylim()
     assert -300 < bottom < 0
     assert 9 < top < 100
@@ -259,9 +317,9 @@ def test_names_of_many_groups_are_slanted_and_whole_lists_stay_together(tmp_path
         for run in runs(tmp_path, [size], method={"population": size}, controller={"hidden": [size, 2]})
     ]
     ticks = compare(groups).figure().axes[1].get_xticklabels()
-    assert [text.get_text() for text in ticks][:1] == ["hidden [4, 2], population 4"]
+    assert [text.get_text() for text in ticks][:1] == ["hidden [13, 2], population 13"]
     assert {text.get_rotation() for text in ticks} == {40.0}
-    (first, *_) = compare(groups[:2]).figure().axes[1].get_xticklabels()
+    (first, *_) = compare(groups[:2], order="name").figure().axes[1].get_xticklabels()
     assert first.get_text() == "hidden [4, 2]\npopulation 4"
 
 
@@ -284,9 +342,9 @@ def test_slanted_names_are_below_the_last_task_where_all_have_the_same(tmp_path:
         return [[one.get_text() for one in axes.get_xticklabels()] for axes in found.figure().axes[1::2]]
 
     upper, lower = names({10: range(4, 14), 20: range(4, 14)})
-    assert (set(upper), lower[0]) == ({""}, "hidden [4, 2], population 4")
+    assert (set(upper), lower[-1]) == ({""}, "hidden [4, 2], population 4")
     upper, lower = names({10: range(4, 14), 20: range(5, 15)})
-    assert (upper[0], lower[0]) == ("hidden [4, 2], population 4", "hidden [5, 2], population 5")
+    assert (upper[-1], lower[-1]) == ("hidden [4, 2], population 4", "hidden [5, 2], population 5")
 
 
 def test_titles_of_tasks_begin_with_what_tells_them_apart(tmp_path: Path) -> None:
@@ -375,7 +433,7 @@ def test_runs_of_different_length_and_a_place_to_compare_at(tmp_path: Path) -> N
     assert "4 to 12 evaluations, and each is compared at its end" in found.notes[-1]
     drawn(found, tmp_path)
     for at, expected in ((3, 0.0), (4, 0.0), (8, 1.0), (9, 5.0), (12, 5.0), (99, 5.0)):
-        group = compare([long, short], at=at).groups[0]
+        group = compare([long, short], at=at, order="given").groups[0]
         assert (group.median, group.evaluations) == (expected, (min(at, 12),) * 2)
     assert "own end" not in str(compare([long, short], at=4))
 
@@ -430,7 +488,7 @@ def test_an_effect_has_a_word_where_the_test_finds_a_difference(tmp_path: Path) 
     assert "1.00  too few runs" in str(few)
     assert few.to_mapping()["pairs"][0]["magnitude"] is None
     alike = compare([*runs(tmp_path, [1, 3, 5, 7, 8.0]), *runs(tmp_path, [2, 4, 6, 9, 9.5], method=SEARCH)])
-    assert "0.36  not significant" in str(alike)
+    assert "0.64  not significant" in str(alike)
     # Of four runs each, p is 0.029, and of three such pairs 0.086.
     groups = [
         run
@@ -534,8 +592,7 @@ def test_the_same_figure_is_the_same_file(tmp_path: Path, ending: str, x: str) -
     for name in ("a", "b"):
         assert comparison.plot(tmp_path / f"{name}{ending}", x=x) == tmp_path / f"{name}{ending}"
     assert (tmp_path / f"a{ending}").read_bytes()[:4] in {b"\x89PNG", b"<?xm", b"%PDF"}
-    if ending != ".svg":  # whose names of parts are drawn at random
-        assert (tmp_path / f"a{ending}").read_bytes() == (tmp_path / f"b{ending}").read_bytes()
+    assert (tmp_path / f"a{ending}").read_bytes() == (tmp_path / f"b{ending}").read_bytes()
 
 
 def test_what_cannot_be_compared_or_written(tmp_path: Path) -> None:
@@ -591,7 +648,7 @@ def test_fitness_on_held_out_seeds_is_compared(tmp_path: Path) -> None:
     )
     recorded = compare([*raced, *searched])
     assert any("1 episode; the mean of all instances of racing" in note for note in recorded.notes)
-    found = compare([*raced, *searched], held_out=True)
+    found = compare([*raced, *searched], held_out=True, order="given")
     assert found.held_out
     assert not any("instances of racing" in note for note in found.notes)
     for one, made in zip(found.groups, (raced, searched), strict=True):
@@ -679,15 +736,70 @@ def test_runs_that_go_on_did_not_end_early(tmp_path: Path) -> None:
 
     def stop(generation: Generation) -> None:
         if generation.generation == 1:
-            notes.extend(compare([tmp_path / "live"]).notes)
+            with pytest.raises(InputError, match=r"^no run has finished, .*live \(still running, \d+ evalu"):
+                compare([tmp_path / "live"])
+            notes.extend(compare([tmp_path / "live"], unfinished=True).notes)
             raise KeyboardInterrupt
 
     optimize(long, stop, out=tmp_path / "live")
     assert f"still running: {tmp_path / 'live'}" in notes
     assert not any("ended early" in note for note in notes)
-    after = compare([tmp_path / "live"]).notes
+    after = compare([tmp_path / "live"], unfinished=True).notes
     assert f"ended early: {tmp_path / 'live'}" in after
     assert not any("running" in note for note in after)
+
+
+def test_runs_that_have_not_finished_do_not_count(tmp_path: Path) -> None:
+    def fail(generation: Generation) -> None:
+        if generation.generation == 1:
+            raise ZeroDivisionError
+
+    search = {"kind": "random_search", "population": 20, "generations": 4}
+    for name, method in (("search", search), ("other", {**search, "population": 10})):
+        noisy(tmp_path, name, 3, method=method, validate={"episodes": 20, "candidates": 1})
+    values = {**NOISY, "method": search, "seed": 9}
+    with pytest.raises(ZeroDivisionError):
+        optimize(Experiment.from_mapping(values), fail, out=tmp_path / "search-9")
+    given = sorted(tmp_path.iterdir())
+    whole = compare([path for path in given if path.name != "search-9"])
+    for held_out in (False, True):
+        found = compare(given, held_out=held_out)
+        (left,) = found.left_out
+        (of_group,) = [one for one in found.groups if one.left_out]
+        assert (left.path.name, left.seed, of_group.left_out) == ("search-9", 9, (left,))
+        assert left.reason == "failed, 40 evaluations"
+        assert "1 run is left out, not being finished: " in str(found)
+        assert re.search(r"group +runs +left out", str(found))
+        assert found.pairs[0].difference != compare(given, unfinished=True).pairs[0].difference
+    found = compare(given)
+    assert found.pairs[0].difference == whole.pairs[0].difference
+    legend = [text.get_text() for text in found.figure().legends[0].get_texts()]
+    assert sorted("left out)" in text for text in legend) == [False, True]
+    rows = list(csv.DictReader(found.export(tmp_path / "table.csv").read_text().splitlines()))
+    assert [(row["seed"], row["left_out"], row["fitness"]) for row in rows if row["left_out"]] == [
+        ("9", "failed, 40 evaluations", "")
+    ]
+    assert "left out" in found.export(tmp_path / "table.tex").read_text()
+    mapping = found.to_mapping()
+    assert sorted(one["left_out"] for one in mapping["groups"]) == [0, 1]
+    assert mapping["left_out"][0]["reason"] == "failed, 40 evaluations"
+    # It had 40 evaluations, so it counts where as many are compared.
+    assert compare(given, at=40).left_out == ()
+    assert len(compare(given, at=41).left_out) == 1
+
+
+def test_unequal_budgets_are_noted_whatever_is_compared(tmp_path: Path) -> None:
+    search = {"kind": "random_search", "population": 10}
+    made = [
+        *noisy(tmp_path, "short", 2, method={**search, "generations": 1}),
+        *noisy(tmp_path, "long", 2, method={**search, "generations": 20}),
+    ]
+    for held_out in (False, True):
+        (note,) = [one for one in compare(made, held_out=held_out).notes if "10 to 200 evaluations" in one]
+        assert note.startswith("budgets are unequal" if held_out else "the runs have")
+    assert [any("10 to 200 evaluations" in note for note in one.notes) for one in compare_all(made)] == [
+        True, True,
+    ]  # fmt: skip
 
 
 def test_other_definitions_of_fitness_are_noted(tmp_path: Path) -> None:
@@ -727,12 +839,12 @@ def test_a_part_of_a_mission_is_all_that_differs(tmp_path: Path) -> None:
     part = named.with_settings(["parameters.mission.robots=3"])
     made = [optimize(one, out=tmp_path / name) for name, one in (("named", named), ("part", part))]
     found = compare(made)
-    assert [one.label for one in found.groups] == ["robots not given", "robots 3"]
+    assert sorted(one.label for one in found.groups) == ["robots 3", "robots not given"]
     assert (
         "groups differ in the simulation's parameters, so they solve different tasks: mission" in found.notes
     )
     other = optimize(named.replace(parameters={"mission": "stop"}), out=tmp_path / "other")
-    assert [one.label for one in compare([made[0], other]).groups] == ["mission decision", "mission stop"]
+    assert [task.label for task in compare([made[0], other]).tasks] == ["mission decision", "mission stop"]
 
 
 def test_the_two_names_of_a_mission_are_one_mission(tmp_path: Path) -> None:

@@ -103,3 +103,12 @@ def test_maps_say_their_unit_and_have_a_frame(grid: bool) -> None:
 @pytest.mark.parametrize(("cells", "step"), [(1, 1), (12, 1), (13, 2), (24, 2), (30, 5), (1000, 100)])
 def test_numbers_of_cells_leave_each_other_room(cells: int, step: int) -> None:
     assert cell_step(cells) == step
+
+
+def test_the_legend_of_a_still_has_what_is_on_it() -> None:
+    """A film has one legend for all scenes; a still shows the last one."""
+    scenes = [Scene(3, 2, step, "", [Body("agent", 1, 1, state=state)]) for step, state in enumerate("abc")]
+    recording = Recording(tuple(scenes), (0.0,) * 3, 0.1)
+    for still, names in ((False, ["agent, a", "agent, b", "agent, c"]), (True, ["agent, c"])):
+        (legend,) = Picture(recording, dpi=80, still=still).figure.legends
+        assert [text.get_text() for text in legend.get_texts()] == names

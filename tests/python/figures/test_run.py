@@ -10,7 +10,7 @@ from matplotlib.container import ErrorbarContainer
 from PIL import Image
 
 from swarmwright import Experiment, compare, optimize
-from swarmwright.figures.run import draw
+from swarmwright.figures.run import draw, fitness
 from swarmwright.figures.style import save
 from swarmwright.runs.diversity import diversity
 from tests.python.analysis.runs import KnownRun
@@ -19,7 +19,7 @@ NAN = math.nan
 
 
 @pytest.mark.parametrize(
-    "fitness",
+    "values",
     [
         [[1.0, 2.0, 3.0]],
         [[1.0]],
@@ -32,8 +32,8 @@ NAN = math.nan
     ids=["one generation", "one candidate", "all failed", "some failed", "huge", "tiny", "flat"],
 )
 @pytest.mark.parametrize("x", ["evaluations", "generations"])
-def test_any_run_can_be_drawn(tmp_path: Path, fitness: list[list[float]], x: str) -> None:
-    run = KnownRun(tmp_path, fitness)
+def test_any_run_can_be_drawn(tmp_path: Path, values: list[list[float]], x: str) -> None:
+    run = KnownRun(tmp_path, values)
     save(draw(run, diversity(run), x=x), tmp_path / "x.png")
     with Image.open(tmp_path / "x.png") as picture:
         assert picture.size == (1080, 792)
@@ -49,6 +49,40 @@ def test_the_lines_are_those_of_the_run(tmp_path: Path) -> None:
     assert np.asarray(lines["mean"].get_ydata()).tolist() == [2, 1.5, 6]
     assert np.asarray(lines["mean"].get_xdata()).tolist() == [2, 4, 6]
     assert any(text.get_text() == "9" for text in upper.texts)
+
+
+def test_the_mean_is_on_the_axis_or_a_note_says_how_low_it_is(tmp_path: Path) -> None:
+    # Most candidates are good, a few are poor: the mean is below the middle half.
+    near = KnownRun(tmp_path, [[9.0, 9.5, 10.0, 10.5, 6.0]] * 30)
+    (axes,) = fitness(near).axes
+    assert axes.get_ylim()[0] < 9.0
+    assert not [text for text in axes.texts if "reaches down" in text.get_text()]
+    far = KnownRun(tmp_path, [[9.0, 9.5, 10.0, 10.5, -1e6]] * 30)
+    (axes,) = fitness(far).axes
+    assert axes.get_ylim()[0] > 5
+    assert [text.get_text() for text in axes.texts if "mean" in text.get_text()] == [
+        "↓ the mean reaches down to −2e+05"
+    ]
+    # Only at the beginning: the cut says so.
+    first = KnownRun(tmp_path, [[9.0, 9.5, 10.0, 10.5, -1e6]] + [[9.0, 9.5, 10.0, 10.5, 9.0]] * 30)
+    (axes,) = fitness(first).axes
+    assert [text.get_text() for text in axes.texts if "reaches" in text.get_text()] == [
+        "↓ the beginning reaches down to −2e+05"
+    ]
+
+
+def test_titles_name_the_mission(tmp_path: Path) -> None:
+    arena = {"simulation": "arena", "sensors": 24, "actuators": 2}
+    place = {"walls": {"rectangle": [4, 3]}, "start": {"disc": {"radius": 1}}}
+    for mission, subject in (
+        ("foraging", "arena, Foraging"),
+        ({"title": "Meet", "fitness": "order", **place}, "arena, Meet"),
+    ):
+        run = KnownRun(tmp_path, [[1.0, 2.0]], **arena, parameters={"mission": mission})
+        for figure in (fitness(run), draw(run, diversity(run)), compare([run]).figure()):
+            assert figure.get_suptitle().startswith(f"{subject}: ")
+    run = KnownRun(tmp_path, [[1.0, 2.0]])
+    assert fitness(run).get_suptitle().startswith("minisim: ")
 
 
 def test_all_that_the_legend_names_of_one_generation_is_drawn(tmp_path: Path) -> None:
@@ -95,12 +129,12 @@ def test_what_can_fall_is_not_called_the_best_so_far(
 
 
 def test_one_is_not_called_several(tmp_path: Path) -> None:
-    for fitness, words in (
+    for values, words in (
         ([[1.0, 2.0]], "2 evaluations in 1 generation, seed 1"),
         ([[1.0], [2.0]], "2 evaluations in 2 generations, seed 1"),
         ([[1.0]], "1 evaluation in 1 generation, seed 1"),
     ):
-        run = KnownRun(tmp_path, fitness)
+        run = KnownRun(tmp_path, values)
         upper, _ = draw(run, diversity(run)).axes
         assert upper.get_title(loc="left") == words
 

@@ -3,17 +3,20 @@
 import logging
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from swarmwright.analysis.left_out import LeftOut
 from swarmwright.analysis.sweep import record
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.jobs import shares
 from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, UnreadableRunError, reason
+from swarmwright.analysis.sweep_folders import as_missing, as_unreadable
 from swarmwright.core.errors import InputError
 from swarmwright.evaluation.base import HERE, Servers
 from swarmwright.optimization.generation import Generation
 from swarmwright.runs import picture
 from swarmwright.runs.run import Run
+from swarmwright.store import FILE as STORE
 
 
 class Listener:
@@ -68,6 +71,27 @@ class Outcome:
     def finished(self) -> list[Run]:
         """Finished runs, in the order of the tasks."""
         return [self.runs[task] for task in self.tasks if task in self.runs]
+
+    def compared(self) -> tuple[list[Run], list[LeftOut]]:
+        """Return all runs that can be read, finished or not, and the others, as for `compare_opened`."""
+        found: list[Run] = []
+        unreadable: list[LeftOut] = []
+        for task in self.tasks:
+            if task in self.runs:
+                found.append(self.runs[task])
+            elif not (task.folder / STORE).exists():
+                unreadable += as_missing([task.folder])
+            else:
+                try:
+                    found.append(Run.open(task.folder))
+                except InputError as error:
+                    unreadable.append(as_unreadable(task.folder, error))
+        return found, [
+            replace(one, label=task.variant.label, seed=task.seed)
+            for one in unreadable
+            for task in self.tasks
+            if task.folder == one.path
+        ]
 
 
 class _Noting(Listener):

@@ -1,5 +1,6 @@
 """Sweeps in Python."""
 
+import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,15 +8,19 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.analysis.comparison import Comparison, compare, held_out_known
+from swarmwright.analysis.comparison import Comparison, compare_all, compare_opened, held_out_known
+from swarmwright.analysis.comparison_checks import check_options
 from swarmwright.analysis.episodes import episodes_of
 from swarmwright.analysis.groups import as_written, differing_keys, flattened_of, written_missions
 from swarmwright.analysis.indicators import By, measure, quick_indicators
+from swarmwright.analysis.left_out import LeftOut, left_out
 from swarmwright.analysis.option_columns import option_columns
+from swarmwright.analysis.order import Order
 from swarmwright.analysis.sweep.execution import Listener, conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.analysis.sweep.run import Task, tasks
+from swarmwright.analysis.sweep_folders import variant_of
 from swarmwright.core.arguments import checked, path_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.formatting import duration
@@ -59,11 +64,26 @@ class SweepResult:
     """Whether Ctrl-C ended it before all runs were done; the same call goes on."""
     busy: tuple[Path, ...] = ()
     """Folders of runs that another process works on; they are not among `runs`."""
+    unfinished: tuple[Run, ...] = ()
+    """Runs that have begun and not finished: they failed or were interrupted, for example."""
+    unreadable: tuple[LeftOut, ...] = ()
+    """Runs that are missing or cannot be read."""
+
+    @property
+    def left_out(self) -> tuple[LeftOut, ...]:
+        """Runs that do not count in tables and comparisons, and why: the unfinished and unreadable ones."""
+        found = []
+        for run in self.unfinished:
+            variant = variant_of(run.path)
+            label = "" if variant is None else variant[0]
+            found.append(left_out(run, label, None, None, unfinished=False))
+        return (*(one for one in found if one is not None), *self.unreadable)
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each run, for `pandas.DataFrame(result.table())` and the like.
 
-        Keys: variant, seed, fitness (the best of the run), held_out (its fitness on held-out seeds; NaN where
+        Keys: variant, seed, left_out (why the run does not count, else empty), fitness (the best of the run;
+        NaN for runs that do not count, which come last), held_out (its fitness on held-out seeds; NaN where
         it was not validated, or where fitness does not depend on the seed), held_out_failed (held-out
         episodes of the best that failed, which held_out leaves out unless `ranking.failed` is a number),
         evaluations, failed (of these evaluations), episodes, failed_episodes, generations, seconds, run (its
@@ -77,10 +97,12 @@ class SweepResult:
         experiments = [as_written(flattened_of(run), run, missions) for run in self.runs]
         differing = option_columns(list(zip(experiments, differing_keys(experiments), strict=True)))
         of_runs = {by: measure(by, self.runs)[1] for by in quick_indicators(self.runs)}
+        without = dict.fromkeys(["fitness", "held_out", *of_runs], math.nan)
         return [
             {
                 "variant": label,
                 "seed": run.experiment.seed,
+                "left_out": "",
                 "fitness": run.history[-1].best_so_far,
                 "held_out": math.nan if run.unseen is None else run.unseen.fitness.mean,
                 "held_out_failed": 0 if run.validation is None else run.validation.best.failed,
@@ -95,6 +117,16 @@ class SweepResult:
                 **keys,
             }
             for index, (run, label, keys) in enumerate(zip(self.runs, self.labels, differing, strict=True))
+        ] + [
+            {
+                "variant": one.label,
+                "seed": one.seed,
+                "left_out": one.reason,
+                **without,
+                "evaluations": one.evaluations,
+                "run": str(one.path),
+            }
+            for one in self.left_out
         ]
 
     @checked
@@ -107,16 +139,24 @@ class SweepResult:
         by: By = "fitness",
         reference: Mapping[str, float] | None = None,
         offset: float | None = None,
+        unfinished: bool = False,
+        order: Order = "rank",
+        labels: Mapping[str, str] | None = None,
     ) -> Comparison:
-        """Compare the variants; see `swarmwright.compare`. Raises InputError when no run was finished."""
-        return compare(
-            self.runs,
+        """Compare the variants; see `swarmwright.compare`. Raises InputError when no run counts."""
+        check_options(at, at_episodes, by, reference, offset, held_out=held_out)
+        return compare_opened(
+            (*self.runs, *self.unfinished),
+            self.unreadable,
             at=at,
             at_episodes=at_episodes,
             held_out=held_out,
             by=by,
             reference=reference,
             offset=offset,
+            unfinished=unfinished,
+            order=order,
+            labels=labels,
         )
 
     @checked
@@ -124,20 +164,31 @@ class SweepResult:
         """Return the figure of the comparison; write it as well where a path is given (.png, .svg, .pdf).
 
         Beside the curves of recorded fitness, it has fitness on held-out seeds where all runs were validated
-        and fitness depends on the seed.
+        and fitness depends on the seed. Caveats of the comparison, which a figure does not show, are logged
+        as warnings of the logger "swarmwright".
 
         x: "evaluations" or "generations".
         """
         from swarmwright.figures.style import save
 
-        figure = self.compare(held_out=held_out_known(self.runs)).figure(x=x)
+        comparison = self.compare(held_out=held_out_known(self.runs))
+        for note in comparison.notes:
+            logging.getLogger("swarmwright").warning("%s", note)
+        figure = comparison.figure(x=x)
         if path is not None:
             save(figure, Path(path))
         return figure
 
+    def __str__(self) -> str:
+        """Return what the command `sweep` prints at the end: comparisons with their caveats, and failures."""
+        failed = (f"Failed: {one.variant}, seed {one.seed}: {one.message}" for one in self.failures)
+        comparisons = compare_all((*self.runs, *self.unfinished), self.unreadable)
+        return "\n\n".join([repr(self), *map(str, comparisons), *failed])
+
     def __repr__(self) -> str:
         """Name the folder and how many runs there are."""
         failed = f", {len(self.failures)} failed" if self.failures else ""
+        failed += f", {len(self.left_out)} left out" if self.left_out else ""
         busy = f", {len(self.busy)} left to other processes" if self.busy else ""
         return f"<SweepResult {self.path}: {len(self.runs)} runs{failed}{busy}>"
 
@@ -149,7 +200,8 @@ class SweepResult:
         ]
         failed = [(f"failed: {one.variant}, seed {one.seed}", one.message) for one in self.failures]
         state = [("interrupted", "the same call goes on")] if self.interrupted else []
-        title = f"Sweep in {self.path}: {len(self.runs)} runs"
+        without = f", {len(self.left_out)} left out" if self.left_out else ""
+        title = f"Sweep in {self.path}: {len(self.runs)} runs{without}"
         return facts(title, [*failed, *state]) + table(
             ("variant", "seed", "best fitness", "evaluations"), rows
         )
@@ -202,6 +254,7 @@ def sweep(
     if isinstance(listener, _Shown):
         listener.close()
     finished = [task for task in todo if task in outcome.runs]
+    read, unreadable = outcome.compared()
     return SweepResult(
         loaded.out,
         tuple(outcome.runs[task] for task in finished),
@@ -209,6 +262,8 @@ def sweep(
         tuple(Failure(task.variant.label, task.seed, message) for task, message in outcome.failures.items()),
         outcome.interrupted,
         tuple(task.folder for task in outcome.busy),
+        tuple(run for run in read if run not in outcome.finished),
+        tuple(unreadable),
     )
 
 

@@ -5,7 +5,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from swarmwright.analysis.caveats import pooled, ties
+from swarmwright.analysis.caveats import budgets, pooled, ties
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.significance import FEW_RUNS
 from swarmwright.analysis.tasks import by_task, different_tasks, untested
@@ -167,6 +167,7 @@ def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Itera
     if alone is not None:
         yield alone
     yield from pooled(groups, tasks)
+    yield from budgets(groups)
     if any(not math.isfinite(one.losses[0].mean) for one in found):
         yield "the best of a run failed in every episode"
 
