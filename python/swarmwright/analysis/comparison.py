@@ -193,28 +193,52 @@ class Comparison:
         return to_mapping(self)
 
     @checked
-    def figure(self, *, x: str = "evaluations") -> "Figure":
+    def figure(
+        self,
+        *,
+        x: str = "evaluations",
+        style: str = "screen",
+        width: str | float | None = None,
+        title: str | None = None,
+    ) -> "Figure":
         """Return a matplotlib figure: best fitness or the indicator over `x`, and that of every run.
 
         Each of up to 20 tasks has axes of its own.
 
-        x: "evaluations" or "generations". Where hypervolume takes long, with more than four objectives,
-        fitness included, or large fronts of three or four, best fitness is drawn over `x`.
+        Args:
+            x: "evaluations" or "generations". Where hypervolume takes long, with more than four objectives,
+                fitness included, or large fronts of three or four, best fitness is drawn over `x`.
+            style: "screen", or a publisher's: "ieee", "nature", "science", "acm", "elsevier" or "springer",
+                with the widths of its columns, its fonts and sizes, and without a title.
+            width: "column" (the default) or "page" of the style, inches, or a length such as "89 mm".
+            title: instead of the figure's own; "" for none.
+
+        Raises InputError for another style or width.
         """
         from swarmwright.analysis.designs import designs_of
         from swarmwright.figures.comparison import draw
+        from swarmwright.figures.publishers import Page, on
 
-        return draw(self, designs_of(self.tasks, self.labels), x=x)
+        with on(Page.of(style, width, title)):
+            return draw(self, designs_of(self.tasks, self.labels), x=x)
 
     @checked
-    def plot(self, path: str | PathLike[str], *, x: str = "evaluations") -> Path:
-        """Draw `figure` into a file (.png, .svg or .pdf); return its path.
+    def plot(
+        self,
+        path: str | PathLike[str],
+        *,
+        x: str = "evaluations",
+        style: str = "screen",
+        width: str | float | None = None,
+        title: str | None = None,
+    ) -> Path:
+        """Draw `figure`, with its arguments, into a file (.png, .svg or .pdf); return its path.
 
-        Raises InputError for another ending or a file that cannot be written.
+        Raises InputError as `figure`, and for another ending or a file that cannot be written.
         """
         from swarmwright.figures.style import save
 
-        return save(self.figure(x=x), Path(path))
+        return save(self.figure(x=x, style=style, width=width, title=title), Path(path))
 
     @checked
     def export(self, path: str | PathLike[str]) -> Path:

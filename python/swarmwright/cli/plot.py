@@ -13,6 +13,7 @@ from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOptio
 
 if TYPE_CHECKING:
     from swarmwright.cli._comparison import Compared
+    from swarmwright.figures.publishers import Page
 
 
 @click.command(
@@ -39,12 +40,29 @@ if TYPE_CHECKING:
     show_default=True,
     help="What the runs are drawn over.",
 )
+@click.option(
+    "--style",
+    type=click.Choice(["screen", "ieee", "nature", "science", "acm", "elsevier", "springer"]),
+    default="screen",
+    show_default=True,
+    help="Widths, fonts and sizes of a publisher, without a title; screen: as wide as the figure needs.",
+)
+@click.option(
+    "--width",
+    metavar="WIDTH",
+    help="Width of the figure: column or page of the style, inches, or a length such as 89mm. Default: a "
+    "column of the style.",
+)
+@click.option("--title", metavar="TEXT", help="Title instead of the figure's own; '' for none.")
 @compare_options
 @json_option
 def command(
     runs: tuple[Path, ...],
     file: Path | None,
     x: str,
+    style: str,
+    width: str | None,
+    title: str | None,
     as_json: bool,
     **options: Any,  # noqa: ANN401 - see `Compared`
 ) -> int:
@@ -57,14 +75,17 @@ def command(
     count: they are named, tables have their number, and the exit status is 1.
     """
     from swarmwright.cli._comparison import Compared, single_run
+    from swarmwright.figures.publishers import Page, on
 
     what = Compared.of(options)
+    page = Page.of(style, width, title)
     output = Output(as_json=as_json)
     one = single_run(runs) if what == Compared() else None
     if one is not None:
-        _draw_one(output, one, file or one / "plot.png", x)
+        with on(page):
+            _draw_one(output, one, file or one / "plot.png", x)
         return 0
-    return _draw_several(output, runs, file or Path("comparison.png"), x, what)
+    return _draw_several(output, runs, file or Path("comparison.png"), x, what, page)
 
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
@@ -94,12 +115,18 @@ def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
     )  # fmt: skip
 
 
-def _draw_several(output: Output, runs: Sequence[Path], file: Path, x: str, what: "Compared") -> int:
+def _draw_several(
+    output: Output, runs: Sequence[Path], file: Path, x: str, what: "Compared", page: "Page"
+) -> int:
+    from swarmwright.analysis.designs import designs_of
     from swarmwright.cli._comparison import show_comparison
     from swarmwright.figures import style
+    from swarmwright.figures.comparison import draw
+    from swarmwright.figures.publishers import on
 
     style.check(file)
     comparison, status = show_comparison(output, runs, what)
-    comparison.plot(file, x=x)
+    with on(page):
+        style.save(draw(comparison, designs_of(comparison.tasks, comparison.labels), x=x), file)
     output.text(f"The figure is in {file}")
     return status

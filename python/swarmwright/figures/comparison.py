@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from swarmwright.core.formatting import counted, p_value, shortened
-from swarmwright.core.plain_figures import plain
 from swarmwright.figures.curves import Curve, bands, best_so_far, indicator_so_far, together
+from swarmwright.figures.publishers import current
 from swarmwright.figures.style import (
     AXES,
     INK,
@@ -19,8 +19,11 @@ from swarmwright.figures.style import (
     drawable,
     dress,
     entitle,
+    fitting_columns,
     look,
     new_figure,
+    points,
+    styled,
     whole_ticks,
     zoom,
 )
@@ -55,6 +58,12 @@ _OTHER_WIDTH_INCHES = 8.0
 """Inches of the figure beside the boxes' axes: the curves, and labels of all axes."""
 _LEVEL_NAMES_INCHES = 6.0
 """Inches of the boxes' axes beyond which their names are slanted."""
+_NARROW_ROW = 0.62
+"""Height of axes in a column, as a share of its width."""
+_BOXES_SHARE = 0.38
+"""Share of a page's width that boxes have beside curves."""
+_AXIS_INCHES = 0.7
+"""Inches that the labels of a vertical axis need."""
 _ROW = 3.8
 """Inches of the height of a task, where there are several."""
 _MOST_TASKS = 20
@@ -73,7 +82,7 @@ _MOST_SHADED_GROUPS = 3
 """Groups up to which the worst and best runs are shaded as well; more would be illegible."""
 
 
-@plain()
+@styled()
 def draw(
     comparison: "Comparison",
     designs: "Sequence[Design]",
@@ -93,32 +102,39 @@ def draw(
     if len(tasks) > _MOST_TASKS:
         rows = [[one for row in rows for one in row]]
     named_designs = [[design_of[id(one)].name for one in row] for row in rows]
+    page = current()
     names = [_names(row) for row in named_designs]
     width = max(one.width for one in names)
     if names[-1].slanted and all(row == named_designs[-1] for row in named_designs):
         # One below the other: the names of the last row are those of all.
         names[:-1] = [_Names([""] * len(one.names), slanted=False, width=one.width) for one in names[:-1]]
     least = 5.4 if len(rows) == 1 else _ROW
-    slanted = sum(0.6 * _CHARACTER * max(map(len, one.names)) for one in names if one.slanted)
+    slanted = sum(0.6 * points(_CHARACTER) * max(map(len, one.names)) for one in names if one.slanted)
     entries = [_entry(one) for one in designs]
     below = (
         _LEGEND_LINE_INCHES * sum(entry.count("\n") + 1 for entry in entries[::_COLUMNS])
         if len(rows) > 1
         else 0.0
     )
-    figure = new_figure(_OTHER_WIDTH_INCHES + width, least * len(rows) + slanted + below)
-    axes = figure.subplots(len(rows), 2, width_ratios=[6.0, width], squeeze=False)
+    if page.width is not None and page.narrow:  # boxes below the curves
+        height = 2 * _NARROW_ROW * page.width * len(rows) + slanted + points(below)
+        figure = new_figure(page.width, height)
+        axes = figure.subplots(2 * len(rows), 1, squeeze=False).reshape(-1, 2)
+    else:
+        figure = new_figure(_OTHER_WIDTH_INCHES + width, least * len(rows) + slanted + below)
+        axes = figure.subplots(len(rows), 2, width_ratios=[6.0, width], squeeze=False)
     for (left, right), row, named in zip(axes, rows, names, strict=True):
         _row(comparison, row, named, left, right, [design_of[id(one)] for one in row], x)
         for axis in (left.yaxis, right.yaxis):
-            axis.set_label_text(textwrap.fill(axis.get_label_text(), _AXIS if len(rows) > 1 else _AXIS_ALONE))
+            characters = _AXIS if len(rows) > 1 or page.width is not None else _AXIS_ALONE
+            axis.set_label_text(textwrap.fill(axis.get_label_text(), characters))
     if len(rows) > 1:
         for (left, _), task in zip(axes, tasks, strict=True):
             title = shortened(task.label, _TASK)
-            left.set_title(title, loc="left", fontsize=11, color=INK, parse_math=False)
+            left.set_title(title, loc="left", fontsize=points(11), color=INK, parse_math=False)
     if len(rows) == len(tasks):
         for (_, right), task in zip(axes, tasks, strict=True):
-            right.set_title(_verdict(task), loc="left", fontsize=10, color=SOFT)
+            right.set_title(_verdict(task), loc="left", fontsize=points(10), color=SOFT)
     groups = comparison.groups
     experiments = [one.runs[0].experiment for one in groups]
     subjects = sorted({one.subject for one in experiments})
@@ -157,7 +173,7 @@ def _row(
     whole_ticks(left.xaxis, np.unique(np.concatenate([places for places, _, _ in drawn])))
     left.margins(x=0.01)
     if comparison.at is not None and x == "evaluations":
-        left.axvline(comparison.at, color=SOFT, linewidth=1, linestyle=":")
+        left.axvline(comparison.at, color=SOFT, linewidth=points(1), linestyle=":")
     if comparison.held_out:
         when = "on held-out seeds"
     else:
@@ -205,8 +221,11 @@ def _names(labels: Sequence[str]) -> _Names:
     """Return names of groups for below their boxes; those that would overlap are slanted."""
     lines = [[line for part in _PARTS.split(label) for line in _wrapped(part)] for label in labels]
     longest = max((len(line) for words in lines for line in words), default=0)
-    width = (len(labels) + _MARGINS) * (_CHARACTER * longest + _NAME_GAP_INCHES)
-    if width <= _LEVEL_NAMES_INCHES:
+    width = (len(labels) + _MARGINS) * points(_CHARACTER * longest + _NAME_GAP_INCHES)
+    page = current()
+    share = 1.0 if page.narrow else _BOXES_SHARE
+    room = _LEVEL_NAMES_INCHES if page.width is None else share * (page.width - _AXIS_INCHES)
+    if width <= room:
         return _Names(["\n".join(words) for words in lines], slanted=False, width=max(width, 3.0))
     slanted = [shortened(label, _SLANTED) for label in labels]
     return _Names(slanted, slanted=True, width=max(0.42 * len(labels), 3.0))
@@ -244,15 +263,15 @@ def _legend(figure: "Figure", designs: "Sequence[Design]", entries: Sequence[str
     handles = []
     for one in designs:
         color, dashes = look(one.number)
-        style: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": 2.2}
+        style: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": points(2.2)}
         handles.append(Line2D([], [], **style))
     # matplotlib fills columns; the order of the boxes is read row by row.
-    columns = min(_COLUMNS, len(entries))
+    columns = fitting_columns(entries, _COLUMNS)
     order = [index for column in range(columns) for index in range(column, len(entries), columns)]
     legend = figure.legend(
         [handles[index] for index in order], [entries[index] for index in order],
-        loc="outside lower left", ncols=columns, fontsize=10, frameon=False, labelcolor=INK,
-        title=meaning or None, title_fontsize=10, alignment="left",
+        loc="outside lower left", ncols=columns, fontsize=points(10), frameon=False, labelcolor=INK,
+        title=meaning or None, title_fontsize=points(10), alignment="left",
     )  # fmt: skip
     legend.get_title().set_color(SOFT)
     for text in legend.get_texts():
@@ -272,13 +291,13 @@ def _curve(axes: "Axes", one: "Group", design: "Design", x: str, curve: Curve, *
     marker = "o" if np.count_nonzero(~np.isnan(middle)) == 1 else None
     sure = places <= shortest
     axes.step(
-        places[sure], middle[sure], where="post", color=color, linestyle=dashes, linewidth=2.2, marker=marker,
-        label=design.name,
+        places[sure], middle[sure], where="post", color=color, linestyle=dashes, linewidth=points(2.2),
+        marker=marker, label=design.name,
     )  # fmt: skip
     # Where runs have ended, their last values are used.
     rest = places >= places[sure][-1]
     if np.count_nonzero(rest) > 1:
-        axes.step(places[rest], middle[rest], where="post", color=color, linewidth=1.0, alpha=0.7)
+        axes.step(places[rest], middle[rest], where="post", color=color, linewidth=points(1.0), alpha=0.7)
     return (places, low, high) if extremes else (places, lower, upper)
 
 
@@ -292,11 +311,11 @@ def _final(axes: "Axes", one: "Group", place: int, number: int) -> None:
     if len(values) > 1:
         low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
         axes.fill_between([place - 0.3, place + 0.3], low, high, color=color, alpha=0.18, linewidth=0)
-        axes.hlines([low, high], place - 0.3, place + 0.3, color=color, linewidth=1.0)
-        axes.hlines(middle, place - 0.3, place + 0.3, color=color, linewidth=2.4)
+        axes.hlines([low, high], place - 0.3, place + 0.3, color=color, linewidth=points(1.0))
+        axes.hlines(middle, place - 0.3, place + 0.3, color=color, linewidth=points(2.4))
     axes.plot(
-        place + apart(values), values, "o", markersize=6, color=color, alpha=0.85, markeredgecolor=PAPER,
-        markeredgewidth=0.7, clip_on=False,
+        place + apart(values), values, "o", markersize=points(6), color=color, alpha=0.85,
+        markeredgecolor=PAPER, markeredgewidth=points(0.7), clip_on=False,
     )  # fmt: skip
 
 

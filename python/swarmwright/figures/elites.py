@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from swarmwright.core.plain_figures import plain
 from swarmwright.core.untrusted import one_line
 from swarmwright.figures.style import (
     COLORS,
@@ -16,6 +15,8 @@ from swarmwright.figures.style import (
     dress,
     entitle,
     new_figure,
+    points,
+    styled,
     without_offset,
 )
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     Values = NDArray[np.float64]
 
 
-@plain()
+@styled()
 def archive(
     best: "Values",
     names: Sequence[str],
@@ -55,7 +56,7 @@ def archive(
         interpolation="none",
     )  # fmt: skip
     bar = figure.colorbar(image, ax=axes)
-    bar.set_label("fitness (more is better)", fontsize=11, color=INK)
+    bar.set_label("fitness (more is better)", fontsize=points(11), color=INK)
     without_offset(bar.ax.yaxis)
     dress(axes, x=one_line(names[0]), y=one_line(names[1]) if two else "")
     axes.grid(visible=False)
@@ -63,11 +64,11 @@ def archive(
         axes.set_yticks([])
     title = f"{filled[0]:,} of {filled[1]:,} cells have an elite (grey: none)"
     more = "; of each, the best over the other measures" if len(names) > 2 else ""
-    axes.set_title(title + more, loc="left", fontsize=10.5, color=SOFT)
+    axes.set_title(title + more, loc="left", fontsize=points(10.5), color=SOFT)
     return figure
 
 
-@plain()
+@styled()
 def front(values: "Values", names: Sequence[str], goals: Sequence[str], heading: str) -> "Figure":
     """Return the points of a front: fitness over the first metric, in colours of the second one.
 
@@ -92,13 +93,13 @@ def front(values: "Values", names: Sequence[str], goals: Sequence[str], heading:
     if len(names) > 1:
         points = axes.scatter(drawn[:, 1], drawn[:, 0], c=drawn[:, 2], cmap="viridis", s=34, zorder=3)
         bar = figure.colorbar(points, ax=axes)
-        bar.set_label(labels[1], fontsize=11, color=INK)
+        bar.set_label(labels[1], fontsize=points(11), color=INK)
         without_offset(bar.ax.yaxis)
     else:
         # What the front dominates ends at steps, not at lines between its candidates.
         x, y = drawn[order, 1], drawn[order, 0]
         where: Literal["pre", "post"] = "pre" if goals[0] == "maximize" else "post"
-        axes.step(x, y, where=where, color=COLORS[0], linewidth=0.8, alpha=0.5, zorder=2)
+        axes.step(x, y, where=where, color=COLORS[0], linewidth=points(0.8), alpha=0.5, zorder=2)
         axes.scatter(drawn[:, 1], drawn[:, 0], color=COLORS[0], s=34, zorder=3)
     dress(axes, x=labels[0], y="fitness (more is better)")
     title = f"{len(values):,} candidate{'s' if len(values) > 1 else ''} that no other one dominates"
@@ -106,5 +107,5 @@ def front(values: "Values", names: Sequence[str], goals: Sequence[str], heading:
         title += f"; a projection: 3 of {1 + len(names)} objectives are shown,\nnot " + one_line(
             ", ".join(names[2:])
         )
-    axes.set_title(title, loc="left", fontsize=10.5, color=SOFT)
+    axes.set_title(title, loc="left", fontsize=points(10.5), color=SOFT)
     return figure

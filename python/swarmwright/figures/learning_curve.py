@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarmwright.core.formatting import counted
-from swarmwright.core.plain_figures import plain
 from swarmwright.figures.run import title_of
 from swarmwright.figures.style import (
     AXES,
@@ -16,6 +15,8 @@ from swarmwright.figures.style import (
     dress,
     entitle,
     new_figure,
+    points,
+    styled,
     whole_ticks,
 )
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 _RECORDED, _HELD_OUT = COLORS[2], INK
 
 
-@plain()
+@styled()
 def draw(curve: "LearningCurve") -> "Figure":
     """Return the figure: recorded and held-out fitness, with 95 % intervals, over evaluations."""
     places = np.array([one.evaluations for one in curve.points], dtype=float)
@@ -44,12 +45,13 @@ def draw(curve: "LearningCurve") -> "Figure":
         color=_HELD_OUT, alpha=0.15, linewidth=0, label="95 % confidence interval",
     )  # fmt: skip
     axes.plot(
-        places, column([one.best.recorded for one in curve.points]), color=_RECORDED, linewidth=1.4,
-        linestyle="--", marker="o", markersize=4, label=f"recorded fitness of the {curve.run.best_words}",
+        places, column([one.best.recorded for one in curve.points]), color=_RECORDED, linewidth=points(1.4),
+        linestyle="--", marker="o", markersize=points(4),
+        label=f"recorded fitness of the {curve.run.best_words}",
     )  # fmt: skip
     axes.plot(
-        places, column([one.mean for one in fitness]), color=_HELD_OUT, linewidth=2.2, marker="D",
-        markersize=4, label="its fitness on held-out seeds",
+        places, column([one.mean for one in fitness]), color=_HELD_OUT, linewidth=points(2.2), marker="D",
+        markersize=points(4), label="its fitness on held-out seeds",
     )  # fmt: skip
     axes.margins(x=0.02, y=0.08)
     dress(axes, x=AXES["evaluations"], y="fitness (more is better)")
@@ -58,7 +60,7 @@ def draw(curve: "LearningCurve") -> "Figure":
     entitle(figure, title_of(experiment))
     axes.set_title(
         f"each point: {counted(len(curve.seeds), 'episode')}, the same for all; seed {experiment.seed}",
-        loc="left", fontsize=10.5, color=SOFT,
+        loc="left", fontsize=points(10.5), color=SOFT,
     )  # fmt: skip
-    figure.legend(loc="outside lower center", ncols=3, fontsize=10.5, frameon=False, labelcolor=INK)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=points(10.5), frameon=False, labelcolor=INK)
     return figure

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.core.formatting import counted
-from swarmwright.core.plain_figures import plain
 from swarmwright.figures.cut import far_below
+from swarmwright.figures.publishers import current
 from swarmwright.figures.style import (
     AXES,
     COLORS,
@@ -17,7 +17,10 @@ from swarmwright.figures.style import (
     drawable,
     dress,
     entitle,
+    fitting_columns,
     new_figure,
+    points,
+    styled,
     whole_ticks,
     zoom,
 )
@@ -31,13 +34,15 @@ if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
 _BEST, _MEAN, _SPREAD = COLORS[2], COLORS[1], COLORS[0]
-_MARGIN = 0.14
-"""Room above and below curves, as a share of their height."""
+_MARGIN, _PAGE_MARGIN = 0.14, 0.22
+"""Room above and below curves, as a share of their height; more where axes are low."""
+_LEGEND_LINE_INCHES = 0.22
+"""Inches of a line of the legend on screens."""
 _ONE_ROW = 80
 """Characters of a legend of one row, fewer than this."""
 
 
-@plain()
+@styled()
 def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations") -> "Figure":
     """Return the figure.
 
@@ -59,14 +64,18 @@ def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations"
     dress(
         lower,
         x=AXES[x],
-        y="diversity\n(first generation: 1)" if continuous else "diversity\n(genes that differ)",
+        y="diversity"
+        if current().narrow
+        else "diversity\n(first generation: 1)"
+        if continuous
+        else "diversity\n(genes that differ)",
     )
     whole_ticks(lower.xaxis, places)
     _titles(figure, upper, run)
     return figure
 
 
-@plain()
+@styled()
 def fitness(run: "Run") -> "Figure":
     """Return the figure of fitness over generations alone. run: with a finished generation at least."""
     places = np.array([one.generation for one in run.history], dtype=float)
@@ -96,12 +105,16 @@ def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
         f"{counted(run.evaluations, 'evaluation')} in {counted(run.generations, 'generation')}, "
         f"seed {experiment.seed}"
         + (f", {failed:,} failed" if failed else ""),
-        loc="left", fontsize=10.5, color=SOFT,
+        loc="left", fontsize=points(10.5), color=SOFT,
     )  # fmt: skip
     handles, labels = upper.get_legend_handles_labels()
-    columns = 4 if sum(map(len, labels)) < _ONE_ROW else 2
+    most = 4 if sum(map(len, labels)) < _ONE_ROW else 2
+    columns = fitting_columns(labels, most)
+    if columns < min(most, len(labels)):
+        rows = [-(-len(labels) // count) for count in (columns, most)]
+        figure.set_figheight(figure.get_figheight() + points(_LEGEND_LINE_INCHES) * (rows[0] - rows[1]))
     figure.legend(
-        handles, labels, loc="outside lower center", ncols=columns, fontsize=10.5, frameon=False,
+        handles, labels, loc="outside lower center", ncols=columns, fontsize=points(10.5), frameon=False,
         labelcolor=INK,
     )  # fmt: skip
 
@@ -117,7 +130,7 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
     quartiles = column("lower_quartile"), column("upper_quartile")
     half: dict[str, Any] = {"color": _MEAN, "alpha": 0.18, "label": "middle half of the population"}
     if len(history) == 1:
-        axes.vlines(places, *quartiles, linewidth=12, **half)
+        axes.vlines(places, *quartiles, linewidth=points(12), **half)
     else:
         axes.fill_between(places, *quartiles, linewidth=0, **half)
     best = column("best_so_far")
@@ -125,15 +138,17 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
     drawn = np.stack([quartiles[0], quartiles[1], best, now])
     mean = column("mean")
     outside = far_below(places, drawn.min(axis=0), drawn.max(axis=0), mean)
-    axes.plot(places, mean, color=_MEAN, linewidth=1.4, marker=marker, label="mean")
+    axes.plot(places, mean, color=_MEAN, linewidth=points(1.4), marker=marker, label="mean")
     if outside is None:
         drawn = np.vstack([drawn, mean])
     if not np.array_equal(now, best, equal_nan=True):  # elitist methods keep their best
         axes.step(
-            places, now, where="post", color=_BEST, linewidth=1.0, marker=marker, alpha=0.6,
+            places, now, where="post", color=_BEST, linewidth=points(1.0), marker=marker, alpha=0.6,
             label="best of the population",
         )  # fmt: skip
-    axes.step(places, best, where="post", color=_BEST, linewidth=2.4, marker=marker, label=run.best_words)
+    axes.step(
+        places, best, where="post", color=_BEST, linewidth=points(2.4), marker=marker, label=run.best_words
+    )
     if np.isnan(best).all():
         axes.text(0.5, 0.5, "every candidate failed", transform=axes.transAxes, ha="center", color=SOFT)
         return
@@ -142,20 +157,23 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
     found = int(known[-1])
     if (np.diff(best[known]) >= 0).all():
         found = int(known[best[known] == best[found]][0])
-    axes.plot(places[found], best[found], "o", markersize=8, color=_BEST, markeredgecolor=PAPER, zorder=5)
+    axes.plot(
+        places[found], best[found], "o", markersize=points(8), color=_BEST, markeredgecolor=PAPER, zorder=5
+    )
     text = _number(history[found].best_so_far + 0.0, drawn[np.isfinite(drawn)])
     axes.annotate(
-        text, (places[found], best[found]), xytext=(0, 8), textcoords="offset points",
-        ha="center" if found else "left", color=_BEST, fontsize=11.5, fontweight="bold",
+        text, (places[found], best[found]), xytext=(0, points(8)), textcoords="offset points",
+        ha="center" if found else "left", color=_BEST, fontsize=points(11.5), fontweight="bold",
     )  # fmt: skip
+    margin = _MARGIN if current().width is None else _PAGE_MARGIN
     low, high = drawn.min(axis=0), drawn.max(axis=0)
     held_out = _held_out(axes, run, float(places[-1]))
     if held_out is not None:
         low[-1], high[-1] = np.fmin(low[-1], held_out[0]), np.fmax(high[-1], held_out[1])
-    axes.margins(x=0.02, y=_MARGIN)
+    axes.margins(x=0.02, y=margin)
     if outside is not None:
         bottom, top = float(np.nanmin(low)), float(np.nanmax(high))
-        spare = _MARGIN * top - _MARGIN * bottom
+        spare = margin * top - margin * bottom
         axes.set_ylim(bottom - spare, top + spare)
     zoom(axes, [(places, low, high)], outside=outside)
 
@@ -173,8 +191,8 @@ def _held_out(axes: "Axes", run: "Run", place: float) -> tuple[float, float] | N
         return None
     mean, low, high = drawable(np.array([best.mean, best.low, best.high])).tolist()
     axes.errorbar(
-        place, mean, yerr=[[mean - low], [high - mean]], fmt="D", markersize=6, color=INK,
-        ecolor=INK, elinewidth=1.6, capsize=4, zorder=6, clip_on=False,
+        place, mean, yerr=[[mean - low], [high - mean]], fmt="D", markersize=points(6), color=INK,
+        ecolor=INK, elinewidth=points(1.6), capsize=points(4), zorder=6, clip_on=False,
         label=f"best on held-out seeds ({len(validation.seeds):,} episodes, 95 % interval)",
     )  # fmt: skip
     return low, high
@@ -191,7 +209,7 @@ def _number(value: float, among: "NDArray[np.float64]") -> str:
 
 def _diversity(axes: "Axes", values: "NDArray[np.float64]", places: "NDArray[np.float64]") -> None:
     marker = "o" if np.count_nonzero(np.isfinite(values)) == 1 else None
-    axes.plot(places, values, color=_SPREAD, linewidth=1.8, marker=marker)
+    axes.plot(places, values, color=_SPREAD, linewidth=points(1.8), marker=marker)
     axes.fill_between(places, 0, values, color=_SPREAD, alpha=0.12, linewidth=0)
     axes.set_ylim(bottom=0)
     if not np.isfinite(values).any():

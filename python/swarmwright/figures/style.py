@@ -1,7 +1,9 @@
 """The style of figures of runs, and writing them to files."""
 
 import io
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +16,9 @@ from swarmwright.core.formatting import shortened
 from swarmwright.core.html import png_of
 from swarmwright.core.plain_figures import plain, warning_of_letters
 from swarmwright.core.untrusted import one_line
+from swarmwright.core.warn_once import warn_once
 from swarmwright.figures.cut import Values, cut
+from swarmwright.figures.publishers import Style, current
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,6 +34,10 @@ LARGEST = 1e300
 """Greater values are drawn as this one."""
 _TITLE_CHARACTERS = 8.2
 """Of a title in an inch, about."""
+_LEAST_HEIGHT = 0.75
+"""Least height of a figure on a page, as a share of that on screens with texts of the same size."""
+_LETTER_INCHES, _MARK_INCHES = 0.085, 0.5
+"""Inches of a legend on screens: a letter, a mark with its margin; about."""
 ENDINGS = (".png", ".svg", ".pdf")
 
 
@@ -38,15 +46,69 @@ def look(index: int) -> tuple[str, str]:
     return COLORS[index % len(COLORS)], DASHES[index // len(COLORS) % len(DASHES)]
 
 
+def points(size: float) -> float:
+    """Return the size of texts, lines and marks that is `size` on screens, in the present style."""
+    return size * current().scale
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Within the block, or the function that this decorates, texts have the fonts of the present style."""
+    from matplotlib import rc_context, rcParams
+
+    with plain():
+        families = _installed(current().style)
+        with rc_context({"font.family": [*families, *rcParams["font.family"]]}):
+            yield
+
+
+def _installed(style: Style) -> list[str]:
+    """Return the fonts of a style that can be embedded; where none but the last is there, this is said."""
+    from matplotlib.font_manager import fontManager
+
+    # Others than TrueType are not embedded in full by Matplotlib.
+    there = {font.name for font in fontManager.ttflist if font.fname.lower().endswith((".ttf", ".ttc"))}
+    found = [name for name in style.families if name in there]
+    if style.families and found == [style.families[-1]]:
+        *wanted, instead = style.families
+        warn_once(
+            f"none of the fonts {', '.join(wanted)} is installed as TrueType; {instead}, which comes with "
+            "Matplotlib, is used in their place"
+        )
+    return found
+
+
+def fitting_columns(entries: Sequence[str], most: int) -> int:
+    """Return in how many columns a legend fits into the width of the page.
+
+    entries: its texts, which may have several lines. most: columns.
+    """
+    width = current().width or math.inf
+    needed = [points(max(map(len, one.split("\n"))) * _LETTER_INCHES + _MARK_INCHES) for one in entries]
+    for columns in range(min(most, len(entries)), 1, -1):
+        if sum(float(max(part)) for part in np.array_split(needed, columns)) <= width:
+            return columns
+    return 1
+
+
 def new_figure(width: float, height: float) -> "Figure":
-    """Return a figure of inches, with a separate canvas: no global state, no display."""
+    """Return a figure of inches, with a separate canvas: no global state, no display.
+
+    On a page of another width, its height follows; with texts that are larger in comparison, it is higher.
+    """
+    page = current()
+    if page.width is not None:
+        height *= max(page.width / width, _LEAST_HEIGHT * page.scale)
+        width = page.width
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    figure = _shown()(figsize=(width, height), dpi=120, facecolor=PAPER, layout="constrained")
+    figure = _shown()(
+        figsize=(width, height), dpi=page.style.pixels_per_inch, facecolor=PAPER, layout="constrained"
+    )
     FigureCanvasAgg(figure)
     engine = figure.get_layout_engine()
     assert engine is not None
-    engine.set(h_pad=0.09, w_pad=0.09)  # type: ignore[call-arg] # inches; options differ between engines
+    engine.set(h_pad=points(0.09), w_pad=points(0.09))  # type: ignore[call-arg] # inches; options differ between engines
     return figure
 
 
@@ -72,19 +134,22 @@ def drawable(values: "Values") -> "Values":
 
 
 def entitle(figure: "Figure", text: str) -> None:
-    """Write a title above all axes; what does not fit into one line is cut."""
+    """Write a title above all axes, if the page has one; what does not fit into one line is cut."""
+    heading = current().heading(text)
+    if not heading:
+        return
     figure.suptitle(
-        shortened(one_line(text), round(_TITLE_CHARACTERS * figure.get_figwidth())),
-        x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False,
+        shortened(one_line(heading), round(_TITLE_CHARACTERS * figure.get_figwidth() / current().scale)),
+        x=0.012, ha="left", fontsize=points(14), fontweight="bold", color=INK, parse_math=False,
     )  # fmt: skip
 
 
 def dress(axes: "Axes", *, x: str = "", y: str = "") -> None:
     """Give axes their labels, grid and frame."""
-    axes.set_xlabel(x, fontsize=11, color=INK)
-    axes.set_ylabel(y, fontsize=11, color=INK)
-    axes.tick_params(labelsize=10, colors=INK)
-    axes.grid(color=GRID, linewidth=0.8)
+    axes.set_xlabel(x, fontsize=points(11), color=INK)
+    axes.set_ylabel(y, fontsize=points(11), color=INK)
+    axes.tick_params(labelsize=points(10), colors=INK)
+    axes.grid(color=GRID, linewidth=points(0.8))
     axes.set_axisbelow(True)
     for axis in (axes.xaxis, axes.yaxis):
         without_offset(axis)
@@ -116,7 +181,7 @@ def zoom(
     if not notes:
         return
     note = axes.text(
-        0.988, 0.02, "\n".join(notes), transform=axes.transAxes, fontsize=10, color=SOFT, ha="right",
+        0.988, 0.02, "\n".join(notes), transform=axes.transAxes, fontsize=points(10), color=SOFT, ha="right",
         va="bottom", bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.8, "pad": 1.5}, zorder=6,
     )  # fmt: skip
     note.set_in_layout(False)

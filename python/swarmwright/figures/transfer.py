@@ -4,9 +4,8 @@ import textwrap
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.formatting import counted
-from swarmwright.core.plain_figures import plain
 from swarmwright.core.sort_keys import sort_key
-from swarmwright.figures.style import INK, SOFT, dress, entitle, look, new_figure
+from swarmwright.figures.style import INK, SOFT, dress, entitle, look, new_figure, points, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +20,7 @@ _BEST, _OTHER = 7, 4
 """Points: size of the best candidate of a run, and of the others."""
 
 
-@plain()
+@styled()
 def draw(transfer: "Transfer") -> "Figure":
     """Return the figure: a field for each target, a point for each candidate, with 95 % intervals."""
     count = len(transfer.targets)
@@ -47,13 +46,13 @@ def draw(transfer: "Transfer") -> "Figure":
         low, high = (
             min(axes.get_xlim()[0], axes.get_ylim()[0]), max(axes.get_xlim()[1], axes.get_ylim()[1])
         )  # fmt: skip
-        axes.plot([low, high], [low, high], color=SOFT, linewidth=1, linestyle=":", zorder=1)
+        axes.plot([low, high], [low, high], color=SOFT, linewidth=points(1), linestyle=":", zorder=1)
         axes.set_xlim(low, high)
         axes.set_ylim(low, high)
         axes.set_aspect("equal")
         axes.locator_params(nbins=6)
         dress(axes, x=f"fitness in {', '.join(own)}", y=f"fitness in {target}")
-        axes.set_title("dotted: nothing is lost", loc="left", fontsize=10, color=SOFT)
+        axes.set_title("dotted: nothing is lost", loc="left", fontsize=points(10), color=SOFT)
     handles = []
     for index, label in enumerate(labels[: len(labels) - len(signs)]):
         random = index == len(groups)
@@ -63,7 +62,7 @@ def draw(transfer: "Transfer") -> "Figure":
         handles += line
     handles += [fields[0].errorbar([], [], label=name, **style) for name, style in signs]
     legend = figure.legend(
-        handles=handles, loc="outside lower left", ncols=2, fontsize=10, frameon=False, labelcolor=INK
+        handles=handles, loc="outside lower left", ncols=2, fontsize=points(10), frameon=False, labelcolor=INK
     )
     for text in legend.get_texts():
         text.set_parse_math(False)
@@ -83,7 +82,7 @@ def _signs(transfer: "Transfer") -> list[tuple[str, dict[str, Any]]]:
         ]
     fitness = [of for one in transfer.runs for of in (*one.source_fitness, *one.target_fitness)]
     if any(of.low is not None for of in fitness):
-        bars = {"fmt": "none", "ecolor": SOFT, "elinewidth": 0.8, "xerr": [], "yerr": []}
+        bars = {"fmt": "none", "ecolor": SOFT, "elinewidth": points(0.8), "xerr": [], "yerr": []}
         found.append(("95 % interval of the mean", bars))
     return found
 
@@ -98,6 +97,6 @@ def _points(axes: "Axes", one: "Transferred", group: int) -> None:
         axes.errorbar(
             here.mean, there.mean, up, across, fmt="o",
             markersize=_BEST if index == 0 else _OTHER, color=SOFT if random else color,
-            markerfacecolor="none" if random else color, alpha=0.9 if index == 0 else 0.6, linewidth=0.8,
-            zorder=3 if index == 0 else 2,
+            markerfacecolor="none" if random else color, alpha=0.9 if index == 0 else 0.6,
+            linewidth=points(0.8), zorder=3 if index == 0 else 2,
         )  # fmt: skip

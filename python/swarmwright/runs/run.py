@@ -370,27 +370,41 @@ class Run:
         write_table(self._store, Path(path))
 
     @checked
-    def plot(self, path: str | PathLike[str] | None = None, *, x: str = "evaluations") -> "Figure":
+    def plot(
+        self,
+        path: str | PathLike[str] | None = None,
+        *,
+        x: str = "evaluations",
+        style: str = "screen",
+        width: str | float | None = None,
+        title: str | None = None,
+    ) -> "Figure":
         """Return a matplotlib figure of fitness and diversity, which a notebook shows.
 
         Args:
             path: where it is written as well (.png, .svg or .pdf); without it, nothing is.
             x: "evaluations" or "generations".
+            style: "screen", or a publisher's: "ieee", "nature", "science", "acm", "elsevier" or "springer",
+                with the widths of its columns, its fonts and sizes, and without a title.
+            width: "column" (the default) or "page" of the style, inches, or a length such as "89 mm".
+            title: instead of the figure's own; "" for none.
 
-        Raises InputError when the run has no finished generation, for another ending, or when the file cannot
-        be written.
+        Raises InputError when the run has no finished generation, for another style, width or ending, or when
+        the file cannot be written.
         """
-        from swarmwright.figures import style
+        from swarmwright.figures.publishers import Page, on
         from swarmwright.figures.run import draw
+        from swarmwright.figures.style import check, save
         from swarmwright.runs.diversity import diversity
 
         if path is not None:
-            style.check(Path(path))
+            check(Path(path))
         if not self.history:
             raise InputError(f"{self.path}: holds no finished generation to draw")
-        figure = draw(self, diversity(self), x=x)
+        with on(Page.of(style, width, title)):
+            figure = draw(self, diversity(self), x=x)
         if path is not None:
-            style.save(figure, Path(path))
+            save(figure, Path(path))
         return figure
 
     @checked

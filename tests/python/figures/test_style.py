@@ -1,8 +1,17 @@
+from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 
+from swarmwright import InputError, compare
+from swarmwright.figures.publishers import STYLES, Page, on
+from swarmwright.figures.run import draw
 from swarmwright.figures.style import entitle, new_figure, save
+from swarmwright.runs.diversity import diversity
+from tests.python.analysis.runs import KnownRun
 
 
 def test_a_title_without_blanks_is_not_left_out() -> None:
@@ -33,3 +42,51 @@ def test_fonts_are_embedded_as_publishers_take_them(tmp_path: Path, by: str) -> 
     eps = tmp_path / "figure.eps"
     figure.savefig(eps)
     assert b"/FontType 42" in eps.read_bytes()
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("width", ["column", "page"])
+def test_figures_fit_the_columns_of_publishers(tmp_path: Path, style: str, width: str) -> None:
+    """Nothing is cut off or overlaps, and no text is larger or much smaller than asked for."""
+    if STYLES[style].column is None:
+        return
+    made = [
+        KnownRun(tmp_path / f"{size}-{seed}", [[seed, 0.0], [size + seed, 1.0]] * 5, seed=seed, method=method)
+        for size in (4, 6)
+        for method in ({"population": size},)
+        for seed in range(5)
+    ]
+    asked: dict[str, Any] = {"style": style, "width": width}
+    for figure in (compare(made).figure(**asked), drawn(made[0], asked)):
+        inches = STYLES[style].column if width == "column" else STYLES[style].page
+        assert figure.get_figwidth() == inches
+        figure.draw_without_rendering()
+        texts = [text for text in figure.findobj(Text) if text.get_text() and text.get_visible()]
+        for text in texts:
+            assert 0.8 * STYLES[style].points <= text.get_fontsize() <= 1.1 * STYLES[style].points
+            box = text.get_window_extent()
+            assert box.x0 > -2, text
+            assert box.x1 < figure.bbox.x1 + 2, text
+            assert box.y0 > -2, text
+            assert box.y1 < figure.bbox.y1 + 2, text
+        assert figure.get_suptitle() == ""
+        labels = [axes.yaxis.label.get_window_extent() for axes in figure.axes]
+        assert not any(one.overlaps(other) for one, other in combinations(labels, 2))
+        for axes in figure.axes:
+            assert axes.get_window_extent().width > figure.bbox.width / 5
+            assert axes.get_window_extent().height > figure.bbox.height / 10
+
+
+def drawn(run: KnownRun, asked: dict[str, Any]) -> Figure:
+    with on(Page.of(**asked)):
+        return draw(run, diversity(run))
+
+
+def test_lengths_are_read_with_their_units() -> None:
+    for width, inches in (
+        ("89 mm", 3.504), ("8.9cm", 3.504), ("252pt", 3.487), ("3.5in", 3.5), ("3.5", 3.5), (3.5, 3.5),
+    ):  # fmt: skip
+        assert Page.of("nature", width).width == pytest.approx(inches, abs=1e-3)
+    assert Page.of("screen").width is None
+    with pytest.raises(InputError, match=r"^style: must be one of screen, ieee, .*, not 'iee'$"):
+        Page.of("iee")

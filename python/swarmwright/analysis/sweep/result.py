@@ -160,21 +160,29 @@ class SweepResult:
         )
 
     @checked
-    def plot(self, path: str | PathLike[str] | None = None, *, x: str = "evaluations") -> "Figure":
+    def plot(
+        self,
+        path: str | PathLike[str] | None = None,
+        *,
+        x: str = "evaluations",
+        style: str = "screen",
+        width: str | float | None = None,
+        title: str | None = None,
+    ) -> "Figure":
         """Return the figure of the comparison; write it as well where a path is given (.png, .svg, .pdf).
 
         Beside the curves of recorded fitness, it has fitness on held-out seeds where all runs were validated
         and fitness depends on the seed. Caveats of the comparison, which a figure does not show, are logged
         as warnings of the logger "swarmwright".
 
-        x: "evaluations" or "generations".
+        The arguments are those of `Comparison.figure`.
         """
         from swarmwright.figures.style import save
 
         comparison = self.compare(held_out=held_out_known(self.runs))
         for note in comparison.notes:
             logging.getLogger("swarmwright").warning("%s", note)
-        figure = comparison.figure(x=x)
+        figure = comparison.figure(x=x, style=style, width=width, title=title)
         if path is not None:
             save(figure, Path(path))
         return figure
