@@ -24,6 +24,7 @@ from swarmwright.analysis.episodes import episodes_of, limit
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.indicators import FITNESS, By, Indicator, measure, quick_indicators
 from swarmwright.analysis.left_out import LeftOut, left_out
+from swarmwright.analysis.metric_curves import Names, names_of
 from swarmwright.analysis.order import Order, check_order, in_order, tasks_in_order
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
 from swarmwright.analysis.sweep_folders import runs_of_all, variant_of
@@ -197,6 +198,7 @@ class Comparison:
         self,
         *,
         x: str = "evaluations",
+        metrics: Names | None = None,
         style: str = "screen",
         width: str | float | None = None,
         title: str | None = None,
@@ -208,19 +210,33 @@ class Comparison:
         Args:
             x: "evaluations" or "generations". Where hypervolume takes long, with more than four objectives,
                 fitness included, or large fronts of three or four, best fitness is drawn over `x`.
+            metrics: draw fitness and these instead, of the best quarter of each generation by fitness: names
+                of metrics that all runs have recorded, or "all". For groups of one task.
             style: "screen", or a publisher's: "ieee", "nature", "science", "acm", "elsevier" or "springer",
                 with the widths of its columns, its fonts and sizes, and without a title.
             width: "column" (the default) or "page" of the style, inches, or a length such as "89 mm".
             title: instead of the figure's own; "" for none.
 
-        Raises InputError for another style or width.
+        Raises InputError for another style or width, and for a metric that a run has not recorded.
         """
-        from swarmwright.analysis.designs import designs_of
-        from swarmwright.figures.comparison import draw
         from swarmwright.figures.publishers import Page, on
 
         with on(Page.of(style, width, title)):
-            return draw(self, designs_of(self.tasks, self.labels), x=x)
+            return self._drawn(x, metrics)
+
+    def _drawn(self, x: str, metrics: Names | None) -> "Figure":
+        """Return `figure` for the present page."""
+        from swarmwright.analysis.designs import designs_of
+        from swarmwright.figures.comparison import draw
+        from swarmwright.figures.metrics import of_groups, title_of_groups
+
+        designs = designs_of(self.tasks, self.labels)
+        if metrics is None:
+            return draw(self, designs, x=x)
+        if len(self.tasks) > 1:
+            raise InputError("metrics: groups solve several tasks; compare the runs of each task alone")
+        runs = [run for one in self.groups for run in one.runs]
+        return of_groups(designs, names_of(runs, metrics), title_of_groups(designs), x=x)
 
     @checked
     def plot(
@@ -228,6 +244,7 @@ class Comparison:
         path: str | PathLike[str],
         *,
         x: str = "evaluations",
+        metrics: Names | None = None,
         style: str = "screen",
         width: str | float | None = None,
         title: str | None = None,
@@ -238,7 +255,8 @@ class Comparison:
         """
         from swarmwright.figures.style import save
 
-        return save(self.figure(x=x, style=style, width=width, title=title), Path(path))
+        figure = self.figure(x=x, metrics=metrics, style=style, width=width, title=title)
+        return save(figure, Path(path))
 
     @checked
     def export(self, path: str | PathLike[str]) -> Path:

@@ -12,6 +12,7 @@ from swarmwright.cli._output import Output
 from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOption
 
 if TYPE_CHECKING:
+    from swarmwright.analysis.metric_curves import Names
     from swarmwright.cli._comparison import Compared
     from swarmwright.figures.publishers import Page
 
@@ -41,6 +42,15 @@ if TYPE_CHECKING:
     help="What the runs are drawn over.",
 )
 @click.option(
+    "--metric",
+    "metrics",
+    multiple=True,
+    metavar="NAME",
+    help="Draw fitness and this metric instead; can be given several times, 'all' for those recorded. Of one "
+    "run with lines of the best candidate of each generation, the best quarter, the middle half and the "
+    "worst quarter by fitness; of several runs those of the best quarter.",
+)
+@click.option(
     "--style",
     type=click.Choice(["screen", "ieee", "nature", "science", "acm", "elsevier", "springer"]),
     default="screen",
@@ -60,6 +70,7 @@ def command(
     runs: tuple[Path, ...],
     file: Path | None,
     x: str,
+    metrics: tuple[str, ...],
     style: str,
     width: str | None,
     title: str | None,
@@ -83,15 +94,21 @@ def command(
     one = single_run(runs) if what == Compared() else None
     if one is not None:
         with on(page):
-            _draw_one(output, one, file or one / "plot.png", x)
+            _draw_one(output, one, file or one / "plot.png", x, _asked(metrics))
         return 0
-    return _draw_several(output, runs, file or Path("comparison.png"), x, what, page)
+    return _draw_several(output, runs, file or Path("comparison.png"), x, what, page, _asked(metrics))
 
 
-def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
+def _asked(metrics: tuple[str, ...]) -> "Names | None":
+    return "all" if metrics == ("all",) else metrics or None
+
+
+def _draw_one(output: Output, folder: Path, file: Path, x: str, metrics: "Names | None") -> None:
     from swarmwright import InputError, Run
+    from swarmwright.analysis.metric_curves import names_of
     from swarmwright.core.formatting import counted
     from swarmwright.figures import style
+    from swarmwright.figures.metrics import draw as of_metrics
     from swarmwright.figures.run import draw
     from swarmwright.runs.diversity import diversity
 
@@ -100,7 +117,10 @@ def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
     if not run.history:
         raise InputError(f"{folder}: holds no finished generation to draw")
     values = diversity(run)
-    style.save(draw(run, values, x=x), file)
+    if metrics is None:
+        style.save(draw(run, values, x=x), file)
+    else:
+        style.save(of_metrics(run, names_of([run], metrics), x=x), file)
     spread = [float(value) for value in values]
     last = run.history[-1]
     output.text(
@@ -116,17 +136,21 @@ def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
 
 
 def _draw_several(
-    output: Output, runs: Sequence[Path], file: Path, x: str, what: "Compared", page: "Page"
+    output: Output,
+    runs: Sequence[Path],
+    file: Path,
+    x: str,
+    what: "Compared",
+    page: "Page",
+    metrics: "Names | None",
 ) -> int:
-    from swarmwright.analysis.designs import designs_of
     from swarmwright.cli._comparison import show_comparison
     from swarmwright.figures import style
-    from swarmwright.figures.comparison import draw
     from swarmwright.figures.publishers import on
 
     style.check(file)
     comparison, status = show_comparison(output, runs, what)
     with on(page):
-        style.save(draw(comparison, designs_of(comparison.tasks, comparison.labels), x=x), file)
+        style.save(comparison._drawn(x, metrics), file)
     output.text(f"The figure is in {file}")
     return status

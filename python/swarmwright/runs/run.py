@@ -34,6 +34,7 @@ from swarmwright.user_code.trust import trusting
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from swarmwright.analysis.metric_curves import Names
     from swarmwright.runs.elites import Elites
     from swarmwright.runs.page import ReplayPage
     from swarmwright.runs.post_evaluation import PostEvaluation
@@ -375,37 +376,51 @@ class Run:
         path: str | PathLike[str] | None = None,
         *,
         x: str = "evaluations",
+        metrics: "Names | None" = None,
         style: str = "screen",
         width: str | float | None = None,
         title: str | None = None,
     ) -> "Figure":
-        """Return a matplotlib figure of fitness and diversity, which a notebook shows.
+        """Return a matplotlib figure of fitness and diversity, or of metrics, which a notebook shows.
 
         Args:
             path: where it is written as well (.png, .svg or .pdf); without it, nothing is.
             x: "evaluations" or "generations".
+            metrics: draw fitness and these instead, to see what good and poor candidates do: names of metrics
+                that the run has recorded, or "all". Each has lines of the best candidate of a generation, and
+                of the means of the best quarter, the middle half and the worst quarter by fitness.
             style: "screen", or a publisher's: "ieee", "nature", "science", "acm", "elsevier" or "springer",
                 with the widths of its columns, its fonts and sizes, and without a title.
             width: "column" (the default) or "page" of the style, inches, or a length such as "89 mm".
             title: instead of the figure's own; "" for none.
 
-        Raises InputError when the run has no finished generation, for another style, width or ending, or when
-        the file cannot be written.
+        Raises InputError when the run has no finished generation or has not recorded a metric, for another
+        style, width or ending, or when the file cannot be written.
         """
         from swarmwright.figures.publishers import Page, on
-        from swarmwright.figures.run import draw
         from swarmwright.figures.style import check, save
-        from swarmwright.runs.diversity import diversity
 
         if path is not None:
             check(Path(path))
         if not self.history:
             raise InputError(f"{self.path}: holds no finished generation to draw")
         with on(Page.of(style, width, title)):
-            figure = draw(self, diversity(self), x=x)
+            figure = self._figure(x, metrics)
         if path is not None:
             save(figure, Path(path))
         return figure
+
+    def _figure(self, x: str, metrics: "Names | None") -> "Figure":
+        """Return the figure of `plot` for the present page."""
+        if metrics is not None:
+            from swarmwright.analysis.metric_curves import names_of
+            from swarmwright.figures import metrics as drawing
+
+            return drawing.draw(self, names_of([self], metrics), x=x)
+        from swarmwright.figures.run import draw
+        from swarmwright.runs.diversity import diversity
+
+        return draw(self, diversity(self), x=x)
 
     @checked
     def replay(

@@ -14,6 +14,7 @@ from swarmwright.analysis.episodes import episodes_of
 from swarmwright.analysis.groups import as_written, differing_keys, flattened_of, written_missions
 from swarmwright.analysis.indicators import By, measure, quick_indicators
 from swarmwright.analysis.left_out import LeftOut, left_out
+from swarmwright.analysis.metric_curves import Names
 from swarmwright.analysis.option_columns import option_columns
 from swarmwright.analysis.order import Order
 from swarmwright.analysis.sweep.execution import Listener, conduct
@@ -165,6 +166,7 @@ class SweepResult:
         path: str | PathLike[str] | None = None,
         *,
         x: str = "evaluations",
+        metrics: Names | None = None,
         style: str = "screen",
         width: str | float | None = None,
         title: str | None = None,
@@ -182,7 +184,7 @@ class SweepResult:
         comparison = self.compare(held_out=held_out_known(self.runs))
         for note in comparison.notes:
             logging.getLogger("swarmwright").warning("%s", note)
-        figure = comparison.figure(x=x, style=style, width=width, title=title)
+        figure = comparison.figure(x=x, metrics=metrics, style=style, width=width, title=title)
         if path is not None:
             save(figure, Path(path))
         return figure
