@@ -110,11 +110,11 @@ def variant_of(folder: Path) -> tuple[str, list[Path]] | None:
     try:
         if not file.is_file():
             return None
-        for one in json.loads(contents(file))["variants"]:
+        for one in loads(contents(file))["variants"]:
             names = names_of(one["runs"])
             if folder.name in names:
                 return str(one["label"]), [file.parent / name for name in names]
-    except (InputError, ValueError, KeyError, TypeError, RecursionError):
+    except (InputError, ValueError, KeyError, TypeError):
         pass
     return None
 

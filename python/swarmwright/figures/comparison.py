@@ -59,7 +59,11 @@ _OTHER_WIDTH_INCHES = 8.0
 _LEVEL_NAMES_INCHES = 6.0
 """Inches of the boxes' axes beyond which their names are slanted."""
 _NARROW_ROW = 0.62
-"""Height of axes in a column, as a share of its width."""
+"""Height of axes with their labels in a column, as a share of its width."""
+_LEAST_ROW = 2.4
+"""Inches of the same at least, with texts as large as on screens."""
+_VERTICAL_LETTER = 0.125
+"""Inches of it that a letter of the label of a vertical axis takes, which is as long as the axis at most."""
 _BOXES_SHARE = 0.38
 """Share of a page's width that boxes have beside curves."""
 _AXIS_INCHES = 0.7
@@ -116,9 +120,11 @@ def draw(
         if len(rows) > 1
         else 0.0
     )
+    characters = _AXIS if len(rows) > 1 or page.width is not None else _AXIS_ALONE
     if page.width is not None and page.narrow:  # boxes below the curves
-        height = 2 * _NARROW_ROW * page.width * len(rows) + slanted + points(below)
-        figure = new_figure(page.width, height)
+        row_height = max(_NARROW_ROW * page.width, points(_LEAST_ROW))
+        characters = min(characters, int(row_height / points(_VERTICAL_LETTER)))
+        figure = new_figure(page.width, 2 * row_height * len(rows) + slanted + points(below))
         axes = figure.subplots(2 * len(rows), 1, squeeze=False).reshape(-1, 2)
     else:
         figure = new_figure(_OTHER_WIDTH_INCHES + width, least * len(rows) + slanted + below)
@@ -126,7 +132,6 @@ def draw(
     for (left, right), row, named in zip(axes, rows, names, strict=True):
         _row(comparison, row, named, left, right, [design_of[id(one)] for one in row], x)
         for axis in (left.yaxis, right.yaxis):
-            characters = _AXIS if len(rows) > 1 or page.width is not None else _AXIS_ALONE
             axis.set_label_text(textwrap.fill(axis.get_label_text(), characters))
     if len(rows) > 1:
         for (left, _), task in zip(axes, tasks, strict=True):
@@ -268,6 +273,7 @@ def _legend(figure: "Figure", designs: "Sequence[Design]", entries: Sequence[str
     # matplotlib fills columns; the order of the boxes is read row by row.
     columns = fitting_columns(entries, _COLUMNS)
     order = [index for column in range(columns) for index in range(column, len(entries), columns)]
+    meaning = textwrap.fill(meaning, int(figure.get_figwidth() / points(_CHARACTER)))
     legend = figure.legend(
         [handles[index] for index in order], [entries[index] for index in order],
         loc="outside lower left", ncols=columns, fontsize=points(10), frameon=False, labelcolor=INK,

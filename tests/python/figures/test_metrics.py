@@ -59,7 +59,7 @@ def test_metrics_of_a_run_and_of_groups_are_drawn(run: Run, tmp_path: Path) -> N
     best = MetricCurves(other, ["caught"]).values[1, SHARES.index("best")]
     assert lines["population 2 (1 run)"][-1] == best[-1]
     for wrong, words in (
-        (["catched"], r"run: metrics: unknown metric 'catched'.*'caught'"),
+        (["catched"], r"run: metrics: unknown metric 'catched'; available: arrived, caught"),
         ("caught", r"^metrics: must be"),
     ):
         with pytest.raises(InputError, match=words):
