@@ -16,6 +16,7 @@ from swarmwright.figures.style import (
     COLORS,
     INK,
     SOFT,
+    above_axes,
     drawable,
     dress,
     entitle,
@@ -44,8 +45,6 @@ _ONE_COLUMN = 4
 """Metrics up to which these are one below the other, where there is room for two columns."""
 _LABEL = 22
 """Characters in a line of the label of an axis."""
-_SUBTITLE = 44
-"""Characters in a line above axes in a column."""
 _TOP = 1
 """The share of a generation by which groups of runs are compared: the best quarter; the best of fewer."""
 
@@ -74,7 +73,7 @@ def draw(run: "Run", names: Sequence[str], *, x: str = "evaluations") -> "Figure
     entitle(figure, title_of(run.experiment))
     failed = sum(one.failed for one in run.history)
     axes[0].set_title(
-        _wrapped(
+        above_axes(
             f"means over shares of each generation, by fitness; seed {run.experiment.seed}"
             + (f"; without {failed:,} failed" if failed else "")
         ),
@@ -130,7 +129,7 @@ def of_groups(
     _finish(axes, len(every), x, np.unique(np.concatenate(ends)))
     entitle(figure, heading)
     axes[0].set_title(
-        _wrapped("best quarter of each generation; line: median of the runs, shaded: middle half"),
+        above_axes("best quarter of each generation; line: median of the runs, shaded: middle half"),
         loc="left", fontsize=points(10), color=SOFT,
     )  # fmt: skip
     handles, labels = axes[0].get_legend_handles_labels()
@@ -148,11 +147,6 @@ def title_of_groups(designs: "Sequence[Design]") -> str:
     runs = [run for design in designs for group in design.groups for run in group.runs]
     subjects = sorted({run.experiment.subject for run in runs})
     return f"{'; '.join(subjects)}: {counted(len(runs), 'run')}"
-
-
-def _wrapped(words: str) -> str:
-    """Return a line above axes in lines that fit into a column."""
-    return textwrap.fill(words, _SUBTITLE) if current().narrow else words
 
 
 def _grid(count: int) -> "tuple[Figure, list[Axes]]":

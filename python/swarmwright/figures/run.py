@@ -14,6 +14,7 @@ from swarmwright.figures.style import (
     INK,
     PAPER,
     SOFT,
+    above_axes,
     drawable,
     dress,
     entitle,
@@ -102,9 +103,10 @@ def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
     failed = sum(one.failed for one in run.history)
     entitle(figure, title_of(experiment))
     upper.set_title(
-        f"{counted(run.evaluations, 'evaluation')} in {counted(run.generations, 'generation')}, "
-        f"seed {experiment.seed}"
-        + (f", {failed:,} failed" if failed else ""),
+        above_axes(
+            f"{counted(run.evaluations, 'evaluation')} in {counted(run.generations, 'generation')}, "
+            f"seed {experiment.seed}" + (f", {failed:,} failed" if failed else "")
+        ),
         loc="left", fontsize=points(10.5), color=SOFT,
     )  # fmt: skip
     handles, labels = upper.get_legend_handles_labels()

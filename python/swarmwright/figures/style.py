@@ -2,6 +2,7 @@
 
 import io
 import math
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -38,6 +39,8 @@ _LEAST_HEIGHT = 0.75
 """Least height of a figure on a page, as a share of that on screens with texts of the same size."""
 _LETTER_INCHES, _MARK_INCHES = 0.085, 0.5
 """Inches of a legend on screens: a letter, a mark with its margin; about."""
+_AXIS_INCHES = 0.9
+"""Inches beside axes on screens, for labels and numbers of the vertical one."""
 ENDINGS = (".png", ".svg", ".pdf")
 
 
@@ -89,6 +92,14 @@ def fitting_columns(entries: Sequence[str], most: int) -> int:
         if sum(float(max(part)) for part in np.array_split(needed, columns)) <= width:
             return columns
     return 1
+
+
+def above_axes(words: str) -> str:
+    """Return what stands above axes that are as wide as the page, in lines that fit."""
+    width = current().width
+    if width is None:
+        return words
+    return textwrap.fill(words, max(int((width - points(_AXIS_INCHES)) / points(_LETTER_INCHES)), 1))
 
 
 def new_figure(width: float, height: float) -> "Figure":
