@@ -24,7 +24,6 @@ from swarmwright.analysis.episodes import episodes_of, limit
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.indicators import FITNESS, By, Indicator, measure, quick_indicators
 from swarmwright.analysis.left_out import LeftOut, left_out
-from swarmwright.analysis.metric_curves import Names, names_of
 from swarmwright.analysis.order import Order, check_order, in_order, tasks_in_order
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
 from swarmwright.analysis.sweep_folders import runs_of_all, variant_of
@@ -32,6 +31,7 @@ from swarmwright.analysis.tasks import TaskGroups, by_task
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
 from swarmwright.runs.failures import failed_within
+from swarmwright.runs.metric_curves import MetricCurves, Names, names_of
 from swarmwright.runs.run import Run
 
 if TYPE_CHECKING:
@@ -228,15 +228,16 @@ class Comparison:
         """Return `figure` for the present page."""
         from swarmwright.analysis.designs import designs_of
         from swarmwright.figures.comparison import draw
-        from swarmwright.figures.metrics import of_groups, title_of_groups
+        from swarmwright.figures.metrics import of_groups, runs_of, title_of_groups
 
         designs = designs_of(self.tasks, self.labels)
         if metrics is None:
             return draw(self, designs, x=x)
         if len(self.tasks) > 1:
             raise InputError("metrics: groups solve several tasks; compare the runs of each task alone")
-        runs = [run for one in self.groups for run in one.runs]
-        return of_groups(designs, names_of(runs, metrics), title_of_groups(designs), x=x)
+        runs = runs_of(designs)
+        names = names_of(runs, metrics)
+        return of_groups(designs, [MetricCurves(run, names) for run in runs], title_of_groups(designs), x=x)
 
     @checked
     def plot(

@@ -12,9 +12,9 @@ from swarmwright.cli._output import Output
 from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOption
 
 if TYPE_CHECKING:
-    from swarmwright.analysis.metric_curves import Names
     from swarmwright.cli._comparison import Compared
     from swarmwright.figures.publishers import Page
+    from swarmwright.runs.metric_curves import Names
 
 
 @click.command(
@@ -105,12 +105,12 @@ def _asked(metrics: tuple[str, ...]) -> "Names | None":
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str, metrics: "Names | None") -> None:
     from swarmwright import InputError, Run
-    from swarmwright.analysis.metric_curves import names_of
     from swarmwright.core.formatting import counted
     from swarmwright.figures import style
     from swarmwright.figures.metrics import draw as of_metrics
     from swarmwright.figures.run import draw
     from swarmwright.runs.diversity import diversity
+    from swarmwright.runs.metric_curves import MetricCurves, names_of
 
     style.check(file)
     run = Run.open(folder)
@@ -120,7 +120,7 @@ def _draw_one(output: Output, folder: Path, file: Path, x: str, metrics: "Names 
     if metrics is None:
         style.save(draw(run, values, x=x), file)
     else:
-        style.save(of_metrics(run, names_of([run], metrics), x=x), file)
+        style.save(of_metrics(run, MetricCurves(run, names_of([run], metrics)), x=x), file)
     spread = [float(value) for value in values]
     last = run.history[-1]
     output.text(

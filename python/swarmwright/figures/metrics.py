@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.analysis.metric_curves import SHARES, MetricCurves, label_of
 from swarmwright.core.formatting import counted
 from swarmwright.figures.curves import bands, together
 from swarmwright.figures.publishers import current
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from swarmwright.analysis.designs import Design
+    from swarmwright.runs.metric_curves import MetricCurves
     from swarmwright.runs.run import Run
 
 _LOOKS: tuple[tuple[str, float], ...] = (
@@ -50,25 +50,25 @@ _TOP = 1
 
 
 @styled()
-def draw(run: "Run", names: Sequence[str], *, x: str = "evaluations") -> "Figure":
+def draw(run: "Run", curves: "MetricCurves", *, x: str = "evaluations") -> "Figure":
     """Return the figure of one run: each metric of the candidates, by their share of each generation.
 
     Args:
         run: with a finished generation at least.
-        names: metrics that it has recorded.
+        curves: its metrics.
         x: "evaluations" or "generations".
     """
-    curves = MetricCurves(run, names)
+    shares = curves.shares
     places, values = curves.places(x), drawable(curves.values)
     figure, axes = _grid(len(curves.names))
     marker = "o" if len(places) == 1 else None
-    drawn = [index for index in range(len(SHARES)) if np.isfinite(values[:, index]).any()]
-    for one, name, of_metric in zip(axes, curves.names, values, strict=False):
+    drawn = [index for index in range(len(shares)) if np.isfinite(values[:, index]).any()]
+    for one, name, of_metric in zip(axes, curves.labels, values, strict=False):
         for index in drawn:
             color, width = _LOOKS[index]
             style: dict[str, Any] = {"color": color, "linewidth": points(width), "marker": marker}
-            one.plot(places, of_metric[index], label=SHARES[index], **style)
-        dress(one, y=textwrap.fill(label_of(run, name), _LABEL))
+            one.plot(places, of_metric[index], label=shares[index], **style)
+        dress(one, y=textwrap.fill(name, _LABEL))
     _finish(axes, len(curves.names), x, places)
     entitle(figure, title_of(run.experiment))
     failed = sum(one.failed for one in run.history)
@@ -79,7 +79,7 @@ def draw(run: "Run", names: Sequence[str], *, x: str = "evaluations") -> "Figure
         ),
         loc="left", fontsize=points(10), color=SOFT,
     )  # fmt: skip
-    labels = [SHARES[index] for index in drawn]
+    labels = [shares[index] for index in drawn]
     figure.legend(
         *axes[0].get_legend_handles_labels(), loc="outside lower center",
         ncols=fitting_columns(labels, len(labels)), fontsize=points(10.5), frameon=False, labelcolor=INK,
@@ -89,19 +89,23 @@ def draw(run: "Run", names: Sequence[str], *, x: str = "evaluations") -> "Figure
 
 @styled()
 def of_groups(
-    designs: "Sequence[Design]", names: Sequence[str], heading: str, *, x: str = "evaluations"
+    designs: "Sequence[Design]",
+    curves: "Sequence[MetricCurves]",
+    heading: str,
+    *,
+    x: str = "evaluations",
 ) -> "Figure":
     """Return the figure of groups of runs: each metric of the best quarter of each generation.
 
     Args:
         designs: of groups that solve one task.
-        names: metrics that all runs have recorded.
+        curves: the same metrics of every run, design by design and group by group.
         heading: above all.
         x: "evaluations" or "generations".
     """
-    runs = [run for design in designs for group in design.groups for run in group.runs]
-    curves = {id(run): MetricCurves(run, names) for run in runs}
-    every = curves[id(runs[0])].names
+    runs = runs_of(designs)
+    curve_of = {id(run): one for run, one in zip(runs, curves, strict=True)}
+    every = curves[0].labels
     figure, axes = _grid(len(every))
     ends: list[np.ndarray[Any, Any]] = []
     for design in designs:
@@ -110,7 +114,7 @@ def of_groups(
         for index, one in enumerate(axes[: len(every)]):
 
             def curve(run: "Run", x: str, index: int = index) -> Any:  # noqa: ANN401 - two arrays
-                found = curves[id(run)]
+                found = curve_of[id(run)]
                 top, best = found.values[index, _TOP], found.values[index, 0]
                 return found.places(x), drawable(np.where(np.isnan(top), best, top))
 
@@ -125,7 +129,7 @@ def of_groups(
             )  # fmt: skip
             ends.append(places)
     for one, name in zip(axes, every, strict=False):
-        dress(one, y=textwrap.fill(label_of(runs[0], name), _LABEL))
+        dress(one, y=textwrap.fill(name, _LABEL))
     _finish(axes, len(every), x, np.unique(np.concatenate(ends)))
     entitle(figure, heading)
     axes[0].set_title(
@@ -142,9 +146,14 @@ def of_groups(
     return figure
 
 
+def runs_of(designs: "Sequence[Design]") -> "list[Run]":
+    """Return the runs of designs, in their order."""
+    return [run for design in designs for group in design.groups for run in group.runs]
+
+
 def title_of_groups(designs: "Sequence[Design]") -> str:
     """Return the title of a figure of groups of runs."""
-    runs = [run for design in designs for group in design.groups for run in group.runs]
+    runs = runs_of(designs)
     subjects = sorted({run.experiment.subject for run in runs})
     return f"{'; '.join(subjects)}: {counted(len(runs), 'run')}"
 

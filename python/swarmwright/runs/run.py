@@ -34,8 +34,8 @@ from swarmwright.user_code.trust import trusting
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from swarmwright.analysis.metric_curves import Names
     from swarmwright.runs.elites import Elites
+    from swarmwright.runs.metric_curves import Names
     from swarmwright.runs.page import ReplayPage
     from swarmwright.runs.post_evaluation import PostEvaluation
     from swarmwright.runs.transfer.transferred import Transferred
@@ -413,10 +413,10 @@ class Run:
     def _figure(self, x: str, metrics: "Names | None") -> "Figure":
         """Return the figure of `plot` for the present page."""
         if metrics is not None:
-            from swarmwright.analysis.metric_curves import names_of
             from swarmwright.figures import metrics as drawing
+            from swarmwright.runs.metric_curves import MetricCurves, names_of
 
-            return drawing.draw(self, names_of([self], metrics), x=x)
+            return drawing.draw(self, MetricCurves(self, names_of([self], metrics)), x=x)
         from swarmwright.figures.run import draw
         from swarmwright.runs.diversity import diversity
 

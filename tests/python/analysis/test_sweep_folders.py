@@ -2,15 +2,21 @@
 
 import json
 import logging
+import re
 import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import swarmwright
-from swarmwright import InputError
+from swarmwright import InputError, Run, SweepResult
+from swarmwright.analysis.comparison import compare_opened
+from swarmwright.analysis.sweep import Outcome, Sweep, tasks
 from swarmwright.analysis.sweep_folders import runs_of
+from swarmwright.store import FILE as STORE
 from swarmwright.store.folder import SWEEP as FILE
 
 
@@ -86,6 +92,44 @@ def test_what_is_left_out_is_named(results: Path, caplog: pytest.LogCaptureFixtu
         swarmwright.compare(results)
     with pytest.raises(InputError, match=r"is not a folder; name a run folder"):
         swarmwright.compare([results / "notes.txt"])
+
+
+def test_a_sweep_and_a_comparison_of_its_folder_leave_out_the_same_runs(results: Path) -> None:
+    sweep = Sweep.load(results / FILE)
+    todo = tasks(sweep)
+    failed, gone, damaged, *others = todo
+    with closing(sqlite3.connect(failed.folder / STORE)) as store, store:
+        store.execute("UPDATE session SET outcome = 'failed'")
+    shutil.rmtree(gone.folder)
+    outcome = Outcome(
+        todo, {task: Run.open(task.folder) for task in (damaged, *others)}, {failed: "it broke"}
+    )
+    read, unreadable = outcome.compared()
+    assert [(one.path, one.label, one.seed) for one in unreadable] == [
+        (gone.folder, gone.variant.label, gone.seed)
+    ]
+    of_sweep = compare_opened(read, unreadable)
+    of_folder = swarmwright.compare(results)
+    assert str(of_sweep) == str(of_folder)
+    assert {(one.path, one.kind, one.label) for one in of_folder.left_out} == {
+        (failed.folder, "unfinished", "population 4"), (gone.folder, "missing", "population 6"),
+    }  # fmt: skip
+    assert [(len(one.runs), len(one.left_out)) for one in of_folder.groups] == [(1, 1), (1, 1)]
+    found = SweepResult(
+        results, tuple(outcome.finished), ("population 4", "population 6"), (), interrupted=False,
+        unfinished=(read[0],), unreadable=tuple(unreadable),
+    )  # fmt: skip
+    assert str(of_folder) in str(found)
+    assert "2 left out" in repr(found)
+    assert [(row["variant"], row["left_out"]) for row in found.table()][2:] == [
+        ("population 4", "failed, 4 evaluations"),
+        ("population 6", "missing; the same sweep runs it"),
+    ]
+    # A group of which no run counts is a row all the same.
+    (damaged.folder / STORE).write_bytes(b"nothing" * 1000)
+    text = str(swarmwright.compare(results))
+    assert re.search(r"^population 4 +0 +2$", text, re.MULTILINE)
+    assert "is damaged" in text
 
 
 def test_it_is_no_run(swept: Path) -> None:

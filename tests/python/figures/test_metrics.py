@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, Run, compare, optimize
-from swarmwright.analysis.metric_curves import SHARES, MetricCurves
+from swarmwright.runs.metric_curves import SHARES, MetricCurves
 
 VALUES: dict[str, Any] = {
     "simulation": "minisim", "servers": "in-process", "validate": {"episodes": 0},

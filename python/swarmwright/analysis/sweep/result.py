@@ -14,7 +14,6 @@ from swarmwright.analysis.episodes import episodes_of
 from swarmwright.analysis.groups import as_written, differing_keys, flattened_of, written_missions
 from swarmwright.analysis.indicators import By, measure, quick_indicators
 from swarmwright.analysis.left_out import LeftOut, left_out
-from swarmwright.analysis.metric_curves import Names
 from swarmwright.analysis.option_columns import option_columns
 from swarmwright.analysis.order import Order
 from swarmwright.analysis.sweep.execution import Listener, conduct
@@ -28,6 +27,7 @@ from swarmwright.core.formatting import duration
 from swarmwright.core.html import facts, table
 from swarmwright.core.notebook import Text, in_notebook
 from swarmwright.evaluation.base import Servers
+from swarmwright.runs.metric_curves import Names
 from swarmwright.runs.run import Run
 
 if TYPE_CHECKING:

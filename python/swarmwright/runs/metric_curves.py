@@ -18,7 +18,7 @@ Values: TypeAlias = NDArray[np.float64]
 
 SHARES = ("best", "best quarter", "middle half", "worst quarter")
 """Parts of a generation, by fitness."""
-FITNESS = "fitness"
+_FITNESS = "fitness"
 _QUARTER = 4
 """Candidates from which on a generation has quarters."""
 
@@ -46,9 +46,9 @@ def names_of(runs: Sequence[Run], names: Names) -> list[str]:
     return list(names)
 
 
-def label_of(run: Run, name: str) -> str:
+def _label(run: Run, name: str) -> str:
     """Return what a metric is called on an axis: with its unit, if that is known."""
-    if name == FITNESS or not catalogue.is_described(run.experiment.simulation):
+    if name == _FITNESS or not catalogue.is_described(run.experiment.simulation):
         return name
     found = catalogue.description(run.experiment.simulation, run.experiment.parameters)["metrics"]
     unit = found.get(name, {}).get("unit")
@@ -63,9 +63,11 @@ class MetricCurves:
         names: metrics that it has recorded.
     """
 
+    shares = SHARES
+
     def __init__(self, run: Run, names: Sequence[str]) -> None:
         self._run = run
-        self.names = (FITNESS, *names)
+        self.names = (_FITNESS, *names)
 
     @cached_property
     def values(self) -> Values:
@@ -92,6 +94,11 @@ class MetricCurves:
         if waiting:
             found[:, :, number] = _shares(waiting)
         return found
+
+    @property
+    def labels(self) -> list[str]:
+        """What fitness and metrics are called on axes."""
+        return [_label(self._run, name) for name in self.names]
 
     def places(self, x: str) -> Values:
         """Return x of the generations, (generations,): "evaluations" done at the end, or "generations"."""
