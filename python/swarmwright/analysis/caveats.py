@@ -38,7 +38,8 @@ _FITNESS_CODE = {"code", "code.simulation", "code.ranking"}
 
 def _command(groups: Sequence["Group"], option: str) -> str:
     """Return the command that compares the runs otherwise; what lies beside them is not named."""
-    paths = [run.path for one in groups for run in (*one.runs, *one.left_out)]
+    paths = [run.path for one in groups for run in one.runs]
+    paths += [run.path for one in groups for run in one.left_out]
     folder = paths[0].parent
     everything = {path.name for path in folder.iterdir() if path.is_dir()} if folder.is_dir() else set()
     all_of_it = {path.parent for path in paths} == {folder} and everything <= {path.name for path in paths}

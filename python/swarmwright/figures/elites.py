@@ -91,8 +91,8 @@ def front(values: "Values", names: Sequence[str], goals: Sequence[str], heading:
         for name, goal in zip(names, goals, strict=True)
     ]
     if len(names) > 1:
-        points = axes.scatter(drawn[:, 1], drawn[:, 0], c=drawn[:, 2], cmap="viridis", s=34, zorder=3)
-        bar = figure.colorbar(points, ax=axes)
+        marks = axes.scatter(drawn[:, 1], drawn[:, 0], c=drawn[:, 2], cmap="viridis", s=34, zorder=3)
+        bar = figure.colorbar(marks, ax=axes)
         bar.set_label(labels[1], fontsize=points(11), color=INK)
         without_offset(bar.ax.yaxis)
     else:

@@ -63,7 +63,7 @@ def test_metrics_of_a_run_and_of_groups_are_drawn(run: Run, tmp_path: Path) -> N
         ("caught", r"^metrics: must be"),
     ):
         with pytest.raises(InputError, match=words):
-            run.plot(metrics=wrong)  # type: ignore[arg-type] # what is wrong
+            run.plot(metrics=wrong)
     plain = optimize(Experiment.from_mapping({**VALUES, "fitness": None}), out=tmp_path / "plain")
     with pytest.raises(InputError, match=r"plain: has recorded no metric that all runs have; runs record"):
         plain.plot(metrics="all")
