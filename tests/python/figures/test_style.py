@@ -69,7 +69,7 @@ def test_figures_fit_the_columns_of_publishers(tmp_path: Path, style: str, width
         ]
         texts = [one for one in figure.findobj(Text) if one.get_text() and one not in ticks]
         for text in texts:
-            assert 0.8 * STYLES[style].points <= text.get_fontsize() <= 1.1 * STYLES[style].points
+            assert 0.8 * STYLES[style].points <= float(text.get_fontsize()) <= 1.1 * STYLES[style].points
             box = text.get_window_extent()
             assert box.x0 > -2, text
             assert box.x1 < figure.bbox.x1 + 2, text
