@@ -46,7 +46,7 @@ def load(path: Path) -> Part:
         raise InputError(f"{path}: {IS_UTF16}")
     if first in {"{", "["}:
         return _load_json(path)
-    if first and sysml.recognises(read_text(path)):
+    if first and sysml.recognises(path, read_text(path)):
         return sysml.load(path)
     raise InputError(f"{path}: {'is empty' if not first else 'is of no kind that is known'}; {_expected()}")
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.models._sysml_features import KEYWORDS, Feature
+from swarmwright.models._sysml_text import Word
 
 _LIBRARY = frozenset(
     {"Actions", "Attributes", "Base", "Collections", "Connections", "Flows", "ISQ", "Interfaces", "Items"}
@@ -21,7 +22,14 @@ _WITH_MEMBERS = frozenset({"item", "package", "part", "port"})
 _MOST_STEPS = 50
 """Steps over types, imports and aliases to where a member is defined."""
 
+_MOST_STEPS_OF_ALL = 1_000_000
+"""Steps for all names of a file: about a second."""
+
 Path = tuple[str, ...]
+
+
+class TooManyNamesError(Exception):
+    """The imports and names of a file are too many to be looked up."""
 
 
 class Unknown(NamedTuple):
@@ -47,21 +55,28 @@ class Names:
         self._members: dict[Path, Feature] = {}
         self._imports: dict[Path, list[_Import]] = {}
         self._aliases: dict[Path, list[str]] = {}
+        self._by_name: dict[str, list[tuple[Path, Feature]]] = {}
+        """Members of all bodies, by name."""
+        self._steps = 0
         self._known: dict[tuple[Path, str], Feature | None] = {}
         """Members that were looked for; None also while one is looked for, as types may form a circle."""
         self.duplicates: list[tuple[Feature, Feature]] = []
         """Definitions with a name that another one has in the same package, and this other one."""
         for feature in roots:
             self._add(feature)
+        for path, feature in self._members.items():
+            self._by_name.setdefault(path[-1], []).append((path, feature))
 
     def _add(self, feature: Feature) -> None:
-        words = [token.name for token in feature.statement.tokens if token.kind == "name"]
         if feature.keyword == "import":
-            names = [name for name in words[words.index("import") + 1 :] if name != "all"]
-            wildcards = sum(token.text == "*" for token in feature.statement.tokens)
+            words = _before_filter(feature.statement.words)
+            names = [word.name for word in words if word.kind == "name"]
+            wildcards = sum(word.text.count("*") for word in words if word.kind == "sign")
             self._imports.setdefault(feature.scope, []).append(_Import(names, wildcards))
-        elif feature.keyword == "alias" and feature.name and "for" in words:
-            self._aliases[*feature.scope, feature.name] = words[words.index("for") + 1 :]
+        elif feature.keyword == "alias" and feature.name:
+            texts = [word.text for word in feature.statement.words]
+            behind = feature.statement.words[texts.index("for") + 1 :] if "for" in texts else []
+            self._aliases[*feature.scope, feature.name] = [one.name for one in behind if one.kind == "name"]
         elif feature.keyword in KEYWORDS or feature.is_definition or feature.direction:
             for name in filter(None, (feature.name, feature.short_name)):
                 before = self._members.setdefault((*feature.scope, name), feature)
@@ -89,7 +104,9 @@ class Names:
             if found is not None and found.path != feature.path:
                 return self._below(found, names[1:], depth)
         # In a package that is not imported, where no other has this name.
-        ends = [one for path, one in self._members.items() if [*path[-len(names) :]] == [*names]]
+        named = self._by_name.get(names[-1], [])
+        self._step(len(named))
+        ends = [one for path, one in named if [*path[-len(names) :]] == [*names]]
         ends = [one for one in ends if one.path != feature.path]
         ends = [one for one in ends if one.is_definition] or ends
         if len(ends) > 1:
@@ -118,6 +135,7 @@ class Names:
         if (*scope, name) in self._aliases:
             return self._named_from(scope, self._aliases[*scope, name], depth)
         for one in self._imports.get(scope, []):
+            self._step()
             target = self._named_from(scope, one.names, depth)
             found = None
             if target is not None and not one.wildcards:
@@ -145,13 +163,27 @@ class Names:
         return None
 
     def _anywhere_in(self, package: Path, name: str) -> Feature | None:
-        within = (one for path, one in self._members.items() if path[: len(package)] == package)
-        return next((one for one in within if name in {one.name, one.short_name}), None)
+        named = self._by_name.get(name, [])
+        self._step(len(named))
+        return next((one for path, one in named if path[: len(package)] == package), None)
+
+    def _step(self, number: int = 1) -> None:
+        """Count what is looked at. Raises TooManyNamesError when it is more than any sensible model needs."""
+        self._steps += number
+        if self._steps > _MOST_STEPS_OF_ALL:
+            raise TooManyNamesError
 
     def _missing(self, names: Sequence[str]) -> str:
-        known = {path[-1] for path, one in self._members.items() if one.is_definition}
+        known = {name for name, ones in self._by_name.items() if any(one.is_definition for _, one in ones)}
         hint = did_you_mean(names[-1], sorted(known)) or "; add its definition"
-        return f"{'::'.join(names)} is not defined in this file{hint}"
+        shown = "::".join(names if len(names) <= 10 else [*names[:10], ".."])
+        return f"{shown} is not defined in this file{hint}"
+
+
+def _before_filter(words: Sequence[Word]) -> list[Word]:
+    """Return the words of an import without a filter in brackets."""
+    texts = [word.text for word in words]
+    return list(words[: texts.index("[")] if "[" in texts else words)
 
 
 def _is_of_library(names: Sequence[str]) -> bool:

@@ -1,34 +1,112 @@
-"""SysML v2's textual notation as statements: words up to `;`, or up to a body in braces."""
+"""SysML v2's and KerML's textual notation as statements: words up to `;`, or up to a body in braces.
+
+The grammar has the standard's lexical structure and its nesting (KerML 1.0, 8.2.2; SysML 2.0, 8.2.2.1). What
+the words of a statement mean is up to the modules that use it.
+"""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedToken
+from lark.lark import PostLex
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
 
+KERML = ".kerml"
+"""Suffix of files in KerML, which has other reserved words."""
 _LARGEST_FILE_BYTES = 1 << 24
 _DEEPEST_NESTING = 50
-"""Levels of nesting."""
-_WITH_COMMENT = frozenset({"comment", "doc", "rep"})
+"""Levels of braces, brackets and parentheses."""
+_GRAMMAR = r"""
+start: _item*
+_item: statement | SEMICOLON
+statement: words? COMMENTED words? COMMENT -> commented
+    | words SEMICOLON -> ended
+    | words? body -> with_body
+body: LBRACE _item* words? RBRACE
+words: _word+
+_word: KEYWORD | NAME | NUMBER | TEXT | SIGN | LPAR _inner* RPAR | LSQB _inner* RSQB | OPENED _inner* CLOSED
+_inner: _word | SEMICOLON
+
+NAME: /[^\W\d]\w*|'(?:[^'\\\n]|\\.)*'/
+NUMBER: /(?:\d+\.\d+|\d+|\.\d+)(?:[eE][+-]?\d+)?/
+TEXT: /"(?:[^"\\\n]|\\.)*"/
+SIGN: /===|!==|:>>|::>|:>|::|:=|\.\.|\.\?|->|=>|==|!=|<=|>=|\?\?|\*\*|[:,=~@#*.+\-<>&|!?%^$]|\/(?![\/*])/
+COMMENT: /\/\*.*?\*\//s
+NOTE: /\/\/\*.*?\*\/|\/\/(?!\*)[^\n]*/s
+BLANK: /[ \t\r\n\f]+/
+LPAR: "("
+RPAR: ")"
+LSQB: "["
+RSQB: "]"
+LBRACE: "{"
+RBRACE: "}"
+SEMICOLON: ";"
+%declare KEYWORD COMMENTED OPENED CLOSED
+%ignore NOTE
+%ignore BLANK
+"""
+"""KEYWORD is a reserved word; COMMENTED one of _WITH_COMMENT; OPENED and CLOSED are braces of expressions."""
+_WITH_COMMENT = frozenset({"comment", "doc", "language", "locale", "rep"})
 """Words of statements that end with a comment."""
-_TOKEN = re.compile(
-    r"(?P<blank>[ \t\r\n\f]+|//[^\n]*)"
-    r"|(?P<comment>/\*.*?\*/)"
-    r"|(?P<name>[^\W\d]\w*|'(?:[^'\\\n]|\\.)*')"
-    r"|(?P<number>(?:\d+\.(?!\.)\d*|\d+|\.\d+)(?:[eE][+-]?\d+)?)"
-    r'|(?P<text>"(?:[^"\\\n]|\\.)*")'
-    r"|(?P<sign>:>>|::>|:>|::|:=|\.\.|[{}\[\]();:,=~@#*.+\-/<>&|!?%^$])",
-    re.DOTALL,
+_SHARED = (
+    "about abstract alias all and as binding by comment crosses default dependency derived doc else "
+    "end false filter first flow for from hastype if implies import in inout istype language library "
+    "locale meta metadata nonunique not null of or ordered out package private protected public "
+    "redefines references rep return specializes standard subsets succession then to true xor"
 )
+_SYSML = (
+    "accept action actor after allocate allocation analysis assert assign assume at attribute bind "
+    "calc case concern connect connection constant constraint decide def defined do entry enum event "
+    "exhibit exit expose fork frame include individual interface item join loop merge message "
+    "objective occurrence parallel part perform port ref render rendering require requirement satisfy "
+    "send snapshot stakeholder state subject terminate timeslice transition until use variant "
+    "variation verification verify via view viewpoint when while"
+)
+_KERML = (
+    "assoc behavior bool chains class classifier composite conjugate conjugates conjugation connector "
+    "const datatype differences disjoining disjoint expr feature featured featuring function "
+    "interaction intersects inv inverse inverting member metaclass multiplicity namespace portion "
+    "predicate redefinition specialization step struct subclassifier subset subtype type typed typing "
+    "unions var"
+)
+RESERVED_WORDS = frozenset(f"{_SHARED} {_SYSML}".split())
+"""Words of SysML that are no names unless they are in quotation marks."""
+_RESERVED_IN_KERML = frozenset(f"{_SHARED} {_KERML}".split())
+_NO_RESULT = frozenset(
+    {"action", "attribute", "enum", "item", "metadata", "package", "part", "port", "state", "@"}
+)
+"""What has a body of statements alone, without an expression at its end."""
+_OPENING = frozenset({"LBRACE", "LPAR", "LSQB", "OPENED"})
+_CLOSED = frozenset({"CLOSED", "RBRACE", "RPAR", "RSQB"})
+_KINDS = {"COMMENTED": "keyword", "KEYWORD": "keyword", "NAME": "name", "NUMBER": "number", "TEXT": "text"}
+"""Of tokens -> of words; all others are signs."""
+PREFIXES = frozenset(
+    {"abstract", "constant", "derived", "end", "individual", "library", "private", "protected", "public"}
+    | {"readonly", "ref", "standard", "variant", "variation"}
+)
+DIRECTIONS = frozenset({"in", "inout", "out"})
+_DECLARING = frozenset({"=", ":=", ":", ":>", ":>>", "::>"})
+"""Signs of declarations, which no expression has outside of brackets."""
+_IN_EXPRESSIONS = frozenset(
+    {"all", "as", "false", "hastype", "if", "istype", "meta", "new", "not", "null"}
+    | {"private", "protected", "public", "true"}
+)
+_ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t", "v": "\v"}
+_CLOSING = {"(": ")", "[": "]", "{": "}"}
+_UNCLOSED = {"//*": "a note", "/*": "a comment", '"': "a text", "'": "a name in quotation marks"}
 
 
-@dataclass(frozen=True)
-class Token:
+@dataclass(frozen=True, slots=True)
+class Word:
     """A word, number, text or sign, and where it stands: line, and characters of the file."""
 
     kind: str
+    """keyword, name, number, text or sign."""
     text: str
     line: int
     begin: int
@@ -37,18 +115,25 @@ class Token:
     @property
     def name(self) -> str:
         """A name without its quotation marks."""
-        return self.text[1:-1] if self.text.startswith("'") else self.text
+        return unescaped(self.text[1:-1]) if self.text.startswith("'") else self.text
 
 
-@dataclass
+@dataclass(slots=True)
 class Statement:
-    """Tokens, and the statements in the braces behind them; None where a semicolon ends it."""
+    """Words, and the statements in the braces behind them; None where a semicolon ends it."""
 
-    tokens: list[Token]
+    words: list[Word]
     line: int
     end: int
     """Where the semicolon or the brace is, in characters."""
     body: list["Statement"] | None = field(default=None)
+    is_result: bool = False
+    """Whether it is the expression at the end of a body."""
+
+
+def unescaped(text: str) -> str:
+    r"""Return text with what its escapes stand for, such as a tab for `\t`."""
+    return re.sub(r"\\(.)", lambda found: _ESCAPES.get(found[1], found[1]), text)
 
 
 def read_text(path: Path) -> str:
@@ -64,54 +149,166 @@ def read_text(path: Path) -> str:
 
 
 def statements(text: str, path: Path) -> list[Statement]:
-    """Return the statements of a text. Raises InputError where it is not this notation, file and line."""
-    tokens = list(_tokens(text, path))
-    found, at = _block(tokens, 0, path, 0)
-    if at < len(tokens):
-        raise InputError(f"{path}:{tokens[at].line}: '}}' found without the '{{' that it closes")
-    return found
+    """Return the statements of a text.
+
+    Raises InputError where it is not this notation, with file, line and column.
+    """
+    line: int | None
+    column: int | None
+    nesting = _Nesting(_RESERVED_IN_KERML if path.suffix.lower() == KERML else RESERVED_WORDS)
+    try:
+        parser = Lark(_GRAMMAR, parser="lalr", lexer="basic", postlex=nesting, transformer=_Statements())
+        found: Any = parser.parse(text)
+        return list(found)
+    except UnexpectedCharacters as error:
+        at: Any = error.pos_in_stream
+        opened = next((what for sign, what in _UNCLOSED.items() if text.startswith(sign, at)), None)
+        wrong = f"{text[at]!r} is not expected" if opened is None else f"{opened} is not closed"
+        line, column = error.line, error.column
+    except UnexpectedToken as error:
+        wrong, line, column = _unexpected(error.token, nesting)
+    except _TokenError as error:
+        wrong, line, column = error.problem, error.token.line, error.token.column
+    raise InputError(f"{path}:{line}:{column}: is not valid SysML: {wrong}")
 
 
-def _tokens(text: str, path: Path) -> Iterator[Token]:
-    at, line = 0, 1
-    while at < len(text):
-        match = _TOKEN.match(text, at)
-        if match is None or (match[0] == "/" and text.startswith("/*", at)):
-            what = "a comment is not closed" if text.startswith("/*", at) else f"{text[at]!r} is not expected"
-            raise InputError(f"{path}:{line}: is not valid SysML: {what}")
-        if match.lastgroup != "blank":
-            yield Token(str(match.lastgroup), match[0], line, at, match.end())
-        line += match[0].count("\n")
-        at = match.end()
+def _unexpected(token: Token, nesting: "_Nesting") -> tuple[str, int | None, int | None]:
+    """Return what is wrong where a token cannot be, with line and column."""
+    before = token if token.type != "$END" or nesting.before is None else nesting.before
+    if nesting.annotation is not None:
+        word = nesting.annotation
+        return f"{word.value!r} is followed by no comment, /* .. */", word.line, word.column
+    if token.type == "$END":
+        return f"';' is missing after {_short(before)}", before.line, before.column
+    return f"{_short(token)} is not expected", token.line, token.column
 
 
-def _block(tokens: list[Token], at: int, path: Path, depth: int) -> tuple[list[Statement], int]:
-    """Return the statements up to the closing brace or the end, and where that is."""
-    found: list[Statement] = []
-    words: list[Token] = []
-    while at < len(tokens) and tokens[at].text != "}":
-        token = tokens[at]
-        at += 1
-        if token.text == ";":
-            if words:
-                found.append(Statement(words, words[0].line, token.begin))
-            words = []
-        elif token.kind == "comment":
-            if words and words[0].text in _WITH_COMMENT:
-                found.append(Statement(words, words[0].line, token.end))
-                words = []
-        elif token.text == "{":
-            if depth >= _DEEPEST_NESTING:
-                raise InputError(f"{path}:{token.line}: nested more than {_DEEPEST_NESTING} deep")
-            body, at = _block(tokens, at, path, depth + 1)
-            if at >= len(tokens):
-                raise InputError(f"{path}:{token.line}: is not valid SysML: '{{' is not closed")
-            at += 1
-            found.append(Statement(words, words[0].line if words else token.line, token.begin, body))
-            words = []
-        else:
-            words.append(token)
-    if words:
-        last = words[-1]
-        raise InputError(f"{path}:{last.line}: is not valid SysML: ';' is missing after {last.text!r}")
-    return found, at
+def _short(token: Token) -> str:
+    return repr(str(token) if len(token) <= 40 else f"{token[:40]}..")
+
+
+class _TokenError(Exception):
+    def __init__(self, token: Token, problem: str) -> None:
+        super().__init__(problem)
+        self.token, self.problem = token, problem
+
+
+class _Statements(Transformer[Token, Any]):
+    """What becomes of each rule of the grammar."""
+
+    def start(self, found: list[Any]) -> list[Statement]:
+        return [one for one in found if isinstance(one, Statement)]
+
+    def words(self, tokens: list[Token]) -> list[Token]:
+        return tokens
+
+    def commented(self, found: list[Any]) -> Statement:
+        comment = found[-1]
+        tokens = [token for part in found[:-1] for token in (part if isinstance(part, list) else [part])]
+        return _statement(tokens, comment.end_pos)
+
+    def ended(self, found: list[Any]) -> Statement:
+        tokens, semicolon = found
+        return _statement(tokens, semicolon.start_pos)
+
+    def with_body(self, found: list[Any]) -> Statement:
+        tokens: list[Token] = found[0] if len(found) > 1 else []
+        brace, *inside, _ = found[-1]
+        body = [one for one in inside if isinstance(one, Statement)]
+        if inside and isinstance(inside[-1], list):  # the words of a result
+            result = inside[-1]
+            _check_result(tokens, result)
+            body.append(_statement(result, result[-1].end_pos, is_result=True))
+        if not tokens:
+            return Statement([], brace.line, brace.start_pos, body)
+        return _statement(tokens, brace.start_pos, body)
+
+    def body(self, found: list[Any]) -> list[Any]:
+        return found
+
+
+def _statement(
+    tokens: list[Any], end: int, body: list[Statement] | None = None, *, is_result: bool = False
+) -> Statement:
+    words = [
+        Word(_KINDS.get(one.type, "sign"), str(one), one.line, one.start_pos, one.end_pos) for one in tokens
+    ]
+    return Statement(words, words[0].line, end, body, is_result)
+
+
+def _check_result(owner: list[Token], result: list[Token]) -> None:
+    """Raise _TokenError where what stands at the end of a body is a statement without its semicolon."""
+    depth = 0
+    declares = result[0].type == "KEYWORD" and str(result[0]) not in _IN_EXPRESSIONS
+    for token in result:
+        depth += (token.type in _OPENING) - (token.type in _CLOSED)
+        declares = declares or (not depth and str(token) in _DECLARING)
+    kind = next((str(one) for one in owner if str(one) not in PREFIXES | DIRECTIONS), "")
+    if declares or kind in _NO_RESULT:
+        raise _TokenError(result[-1], f"';' is missing after {_short(result[-1])}")
+
+
+class _Nesting(PostLex):
+    """Between lexer and parser: checks brackets, and finds the braces of expressions.
+
+    Braces within other brackets, behind `->NAME`, `.`, `.?` and `=` hold an expression (KerML 8.2.5.8).
+    """
+
+    always_accept = ()
+
+    def __init__(self, reserved: frozenset[str]) -> None:
+        self._reserved = reserved
+        self._open: list[Token] = []
+        self.before: Token | None = None
+        """The last token."""
+        self.annotation: Token | None = None
+        """The word that needs a comment at the end of this statement."""
+
+    def process(self, stream: Iterable[Token]) -> Iterator[Token]:
+        in_call = False  # behind -> and the name that follows it
+        expressions = 0  # open brackets in which all braces are those of expressions
+        for token in stream:
+            kind = token.type
+            if kind == "COMMENT":
+                if self.annotation is None:
+                    continue  # it has no meaning for a machine
+                self.annotation = None
+            elif kind == "NAME" and token.value in self._reserved:
+                token.type = "KEYWORD"
+                if token.value in _WITH_COMMENT and self.annotation is None and not expressions:
+                    token.type, self.annotation = "COMMENTED", token
+            elif kind in {"LPAR", "LSQB", "LBRACE"}:
+                if len(self._open) >= _DEEPEST_NESTING:
+                    raise _TokenError(token, f"nested more than {_DEEPEST_NESTING} deep")
+                behind = "" if self.before is None else self.before.value
+                if (
+                    kind != "LBRACE"
+                    or expressions
+                    or behind in {".", ".?", "=", ":="}
+                    or (in_call and behind != "->")
+                ):
+                    expressions += 1
+                    token.type = "OPENED" if kind == "LBRACE" else kind
+                self._open.append(token)
+            elif kind in {"RPAR", "RSQB", "RBRACE"}:
+                token.type = self._closed(token)
+                expressions -= expressions > 0
+            in_call = token.value == "->" or (in_call and (kind == "NAME" or token.value == "::"))
+            self.before = token
+            yield token
+        if self._open:
+            opened = self._open[-1]
+            raise _TokenError(opened, f"{opened.value!r} is not closed")
+
+    def _closed(self, token: Token) -> str:
+        """Return the kind of a closing bracket. Raises _TokenError where it closes none."""
+        opened = self._open.pop() if self._open else None
+        if opened is None:
+            raise _TokenError(token, f"{token.value!r} found without the bracket that it closes")
+        if _CLOSING[opened.value] != token.value:
+            raise _TokenError(
+                token,
+                f"{token.value!r} found, expected {_CLOSING[opened.value]!r} for {opened.value!r} in line "
+                f"{opened.line}",
+            )
+        return "CLOSED" if opened.type == "OPENED" else str(token.type)

@@ -13,12 +13,13 @@ from typing import Any
 from swarmwright.core.errors import InputError
 from swarmwright.models._parts import Member, Optimised, Part, Place, Problems, Property
 from swarmwright.models._sysml_features import KEYWORDS, SILENT, Feature, feature_of, literal
-from swarmwright.models._sysml_names import Names, Unknown
-from swarmwright.models._sysml_text import read_text, statements
+from swarmwright.models._sysml_names import Names, TooManyNamesError, Unknown
+from swarmwright.models._sysml_text import KERML, read_text, statements
 
 WORDS = "a model in SysML v2's textual notation (part def ..)"
 OPTIMIZE = frozenset({"optimize", "optimise"})
 """Names of the metadata of what is optimised."""
+SUFFIXES = frozenset({KERML, ".sysml"})
 SIMULATION = "simulation"
 """Name of the attribute with the simulation's name."""
 _BEGIN = re.compile(r"\b(?:package|part|attribute|port)\b")
@@ -27,14 +28,21 @@ _MOST_AGENTS = 1_000_000
 _MOST_FEATURES = 10_000
 """The largest multiplicity of a port or a directed feature."""
 
+_LONGEST_INHERITANCE = 100
+"""Steps from a part or a port to what it inherits from, and those inside of each other."""
+_MOST_NAMES = 1_000_000
+"""Directed features, inherited ones counted for each that inherits them."""
+_MOST_LEFT_OUT = 100
+"""Elements that are named of those that are left out."""
+
 Interface = dict[tuple[str, ...], tuple[str, list[str]]]
 """Directed features by the names of the ports around them and their own: `in` or `out`, and the names of the
 sensors or actuators."""
 
 
-def recognises(text: str) -> bool:
-    """Whether a text is such a model."""
-    return _BEGIN.search(text) is not None
+def recognises(path: Path, text: str) -> bool:
+    """Whether a file is such a model, by its name or its text."""
+    return path.suffix.lower() in SUFFIXES or _BEGIN.search(text) is not None
 
 
 def load(path: Path) -> Part:
@@ -42,7 +50,7 @@ def load(path: Path) -> Part:
 
     Raises InputError with everything that is wrong, file and line each, and when it has no agents.
     """
-    return _Reader(path, read_text(path)).part()
+    return _part(_Reader(path, read_text(path)))
 
 
 def with_values(path: Path, value: Callable[[str], Any]) -> str | None:
@@ -52,7 +60,7 @@ def with_values(path: Path, value: Callable[[str], Any]) -> str | None:
     """
     text = read_text(path)
     reader = _Reader(path, text)
-    reader.part()
+    _part(reader)
     changes: list[tuple[int, int, str]] = []
     for feature in reader.optimised:
         number = value(feature.name)
@@ -60,17 +68,26 @@ def with_values(path: Path, value: Callable[[str], Any]) -> str | None:
             continue
         written = f'"{number}"' if isinstance(number, str) else str(number)
         if feature.keyword == "part":
-            tokens = feature.multiplicity or []
-            changes.append((tokens[0].begin, tokens[-1].end, written))
+            words = feature.multiplicity or []
+            changes.append((words[0].begin, words[-1].end, written))
         elif feature.value:
             last = next((i for i, one in enumerate(feature.value) if one.text == "["), len(feature.value))
             changes.append((feature.value[0].begin, feature.value[last - 1].end, written))
         else:
-            end = feature.statement.tokens[-1].end
+            end = feature.statement.words[-1].end
             changes.append((end, end, f" = {written}"))
     for begin, end, written in sorted(changes, reverse=True):
         text = text[:begin] + written + text[end:]
     return text if changes else None
+
+
+def _part(reader: "_Reader") -> Part:
+    try:
+        return reader.part()
+    except TooManyNamesError:
+        raise InputError(
+            f"{reader.path}: has too many imports, or too many elements of one name, to find what names mean"
+        ) from None
 
 
 class _Reader:
@@ -85,6 +102,11 @@ class _Reader:
         """Of parts, each with the parts around it."""
         self.about: dict[str, Feature] = {}
         self._left_out: list[str] = []
+        self._directed_in: dict[tuple[int, bool], Interface] = {}
+        """What is directed in features, by their `id`, and whether it is conjugated."""
+        self._names_made = 0
+        self._values: dict[str, Property] = {}
+        self._names_of_optimised: set[str] = set()
 
     def place(self, feature: Feature) -> Place:
         return Place(self.path, feature.line, " ".join(filter(None, (feature.keyword, feature.name))))
@@ -110,7 +132,9 @@ class _Reader:
         self.result.sensors = len(self.result.sensor_names) or None
         self.result.actuators = len(self.result.actuator_names) or None
         if self._left_out:
-            left_out = ", ".join(self._left_out[:20])
+            more = len(self._left_out) - _MOST_LEFT_OUT
+            shown = [*self._left_out[:_MOST_LEFT_OUT], *([f"{more} more"] if more > 0 else [])]
+            left_out = ", ".join(shown)
             self.result.notes.append(f"{self.path}: not taken over, with all inside: {left_out}")
         return self.result
 
@@ -124,13 +148,15 @@ class _Reader:
 
     def _take(self, feature: Feature, *, in_port: bool, around: tuple[Feature, ...]) -> None:
         """Collect usages of parts, and attributes with values."""
-        if feature.keyword in SILENT or feature.keyword == "@":
+        if feature.keyword in SILENT or self._is_optimize(feature):
             return
-        if feature.keyword not in KEYWORDS and feature.keyword:
-            self._left_out.append(f"{feature.keyword} in line {feature.line}")
+        if feature.keyword and feature.keyword not in KEYWORDS:
+            self._leave_out(feature)
             return
         if feature.is_definition and feature.keyword != "part":
             return
+        if feature.keyword == "item" and not feature.direction:
+            self._leave_out(feature)
         if feature.keyword == "part" and not feature.is_definition:
             self.usages.append((feature, around))
         if feature.keyword in {"attribute", ""} and not feature.direction and not in_port:
@@ -140,7 +166,26 @@ class _Reader:
             for one in feature.inside:
                 self._take(one, in_port=in_port, around=within)
 
+    @staticmethod
+    def _is_optimize(feature: Feature) -> bool:
+        return feature.keyword == "@" and feature.name.lower() in OPTIMIZE
+
+    def _leave_out(self, feature: Feature) -> None:
+        words = ["metadata" if feature.keyword == "@" else feature.keyword]
+        words += ["def"] if feature.is_definition else []
+        name = feature.name if len(feature.name) <= 60 else f"{feature.name[:60]}.."
+        words += [name] if name else []
+        self._left_out.append(f"{' '.join(words)} in line {feature.line}")
+
     def _attribute(self, feature: Feature) -> None:
+        for one in feature.inside:
+            if one.keyword not in SILENT and not self._is_optimize(one):
+                self._leave_out(one)
+        if feature.value is not None and not feature.name:
+            word = feature.reserved
+            hint = f"; {word} is a reserved word: write '{word}', in quotation marks" if word else ""
+            self.problems.add(self.place(feature), f"has a value, but no name{hint}")
+            return
         settings = self._optimize(feature)
         if settings is not None:
             self._optimise(feature, settings)
@@ -149,9 +194,12 @@ class _Reader:
             return
         value = literal(feature.value)
         if value is None:
-            self.problems.add(self.place(feature), "its value is not a number, a text, true or false")
+            self.problems.add(
+                self.place(feature),
+                "its value is not a number (finite, of at most 1000 characters), a text, true or false",
+            )
             return
-        before = next((one for one in self.result.properties if one.name == feature.name), None)
+        before = self._values.get(feature.name)
         if before is not None:
             if before.value != value:
                 self.problems.add(
@@ -159,7 +207,8 @@ class _Reader:
                     f"is {value}, but {before.value} in line {before.place.line}; keep one",
                 )
             return
-        self.result.properties.append(Property(feature.name, value, self.place(feature)))
+        self._values[feature.name] = Property(feature.name, value, self.place(feature))
+        self.result.properties.append(self._values[feature.name])
 
     def _optimize(self, feature: Feature) -> dict[str, Any] | None:
         """Return what the metadata of a feature says; None without such metadata."""
@@ -197,7 +246,7 @@ class _Reader:
             self.problems.add(
                 place, f"@Optimize: max is {numbers[1]}, expected a number above min, {numbers[0]}"
             )
-        elif any(one.name == feature.name for one in self.result.optimised):
+        elif feature.name in self._names_of_optimised:
             self.problems.add(place, "is optimised twice; keep one")
         elif len(numbers) == 2:
             low, high = numbers
@@ -206,6 +255,7 @@ class _Reader:
             ):
                 low, high = float(low), float(high)
             self.optimised.append(feature)
+            self._names_of_optimised.add(feature.name)
             self.result.optimised.append(Optimised(feature.name, low, high, factor, "command_line", place))
 
     def _agents(self) -> None:
@@ -256,19 +306,25 @@ class _Reader:
     def _interface(self, usage: Feature) -> tuple[list[str], list[str]]:
         """Return the names of the sensors and of the actuators of a part."""
         found: dict[str, list[str]] = {"in": [], "out": []}
-        for way, names in self._directed(usage, flipped=False, seen=frozenset()).values():
+        for way, names in self._directed(usage, flipped=False).values():
             found[way] += names
         return found["in"], found["out"]
 
-    def _directed(self, feature: Feature, *, flipped: bool, seen: frozenset[tuple[str, ...]]) -> Interface:
+    def _directed(self, feature: Feature, *, flipped: bool, depth: int = 0) -> Interface:
         """Return what is directed in a feature: inherited first, then its own, which may redefine that."""
+        key = (id(feature), flipped)
+        if key in self._directed_in:
+            return self._directed_in[key]
+        if depth > _LONGEST_INHERITANCE:
+            self.problems.add(self.place(feature), f"inherits over more than {_LONGEST_INHERITANCE} steps")
+            return {}
+        self._directed_in[key] = {}  # of what inherits from itself
         found: Interface = {}
         for one in self.names.types_of(feature):
             if isinstance(one, Unknown):
                 self.problems.add(self.place(feature), one.reason)
-            elif one.path not in seen:
-                conjugated = flipped != feature.conjugated
-                found |= self._directed(one, flipped=conjugated, seen=seen | {one.path})
+            else:
+                found |= self._directed(one, flipped=flipped != feature.conjugated, depth=depth + 1)
         for one in feature.inside:
             if one.direction in {"in", "out"}:
                 way = {"in": "out", "out": "in"}[one.direction] if flipped else one.direction
@@ -278,11 +334,23 @@ class _Reader:
                     self.place(one), "inout is not supported; write in for what is sensed, out else"
                 )
             elif one.keyword == "port" and not one.is_definition:
-                inner = self._directed(one, flipped=flipped, seen=seen)
+                inner = self._directed(one, flipped=flipped, depth=depth + 1)
+                times = self._count(one, _MOST_FEATURES) or 0
+                self._count_names(one, times * sum(len(names) for _, names in inner.values()))
                 for path, (way, names) in inner.items():
                     numbered = [each for name in names for each in self._named(one, name)]
                     found[*one.path[-1:], *path] = (way, numbered)
+        self._count_names(feature, len(found))
+        self._directed_in[key] = found
         return found
+
+    def _count_names(self, feature: Feature, number: int) -> None:
+        """Raise InputError where all parts together have more directed features than any sensible model."""
+        self._names_made += number
+        if self._names_made > _MOST_NAMES:
+            raise InputError(
+                self.place(feature).says(f"all parts together have more than {_MOST_NAMES} directed features")
+            )
 
     def _named(self, feature: Feature, name: str) -> list[str]:
         """Return a name, numbered where the feature around it has a multiplicity."""
@@ -298,7 +366,7 @@ class _Reader:
         number = literal(feature.multiplicity)
         if isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= most:
             return number
-        text = "".join(token.text for token in feature.multiplicity)
+        text = "".join(word.text for word in feature.multiplicity[:20])[:60]
         if number is None and (".." in text or "*" in text):
             evolved = ", or add @Optimize for a number that is evolved" if feature.keyword == "part" else ""
             reason = f"its multiplicity [{text}] is a range; write one number, such as [3]{evolved}"

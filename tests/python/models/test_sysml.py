@@ -64,7 +64,7 @@ def test_a_model_becomes_an_experiment(tmp_path: Path) -> None:
         "avoidance": ("real", [0.0, 5.0]),
         "maxSteps": ("integer", [15, 30]),
     }
-    assert any("state in line 26" in note for note in imported.notes)
+    assert any("state def Behaviour in line 26" in note for note in imported.notes)
 
 
 def test_values_are_written_into_the_same_text(tmp_path: Path) -> None:
@@ -237,13 +237,19 @@ def test_metadata_about_something_else(tmp_path: Path) -> None:
             ("attribute avoidance", "#Optimize attribute avoid : Real; attribute avoidance"),
             "avoid: @Optimize: min",
         ),
-        (("= 2;", "= 2 + 3;"), "numDefenders: its value is not a number, a text, true or false"),
+        (
+            ("= 2;", "= 2 + 3;"),
+            r"numDefenders: its value is not a number \(finite, .*\), a text, true or false$",
+        ),
         (('= "random";', '= "random"; attribute placement = "fixed";'), "is fixed, but random in line 20"),
         (("in item goal_x", "inout item goal_x"), "inout is not supported"),
         (('= "random";', '= "random"'), "';' is missing|its value is not"),
-        (("state idle; }", "state idle; "), "is not valid SysML: '{' is not closed"),
-        (("state idle; }", "state idle; } } }"), "'}' found without the '{' that it closes"),
-        (("// guards", "`"), "sysml:21: is not valid SysML: '`' is not expected"),
+        (("state idle; }", "state idle; "), r"sysml:3:16: is not valid SysML: '{' is not closed"),
+        (
+            ("state idle; }", "state idle; } } }"),
+            r"sysml:26:43: is not valid SysML: '}' found without the bracket that it closes",
+        ),
+        (("// guards", "`"), r"sysml:21:47: is not valid SysML: '`' is not expected"),
         (("part def Agent", "part def Agent; part def Agent"), r"duplicate definition \(first in line 12\)"),
     ],
 )
@@ -256,7 +262,7 @@ def test_what_is_wrong_is_named(tmp_path: Path, change: tuple[str, str], answer:
 def test_an_open_comment(tmp_path: Path) -> None:
     path = tmp_path / "x.sysml"
     path.write_text("package A {\n /* part")
-    with pytest.raises(InputError, match=r"x\.sysml:2: is not valid SysML: a comment is not closed"):
+    with pytest.raises(InputError, match=r"x\.sysml:2:2: is not valid SysML: a comment is not closed"):
         models.load([path])
     path.write_text("package A { " * 60 + "}" * 60)
     with pytest.raises(InputError, match="nested more than 50 deep"):
@@ -267,7 +273,7 @@ def test_the_command_line(program: Any, tmp_path: Path) -> None:
     written(tmp_path)
     done = program("import", "escape.sysml", "-o", "escape.yaml")
     assert done.returncode == 0, done.stderr
-    assert "not taken over, with all inside: state in line 26" in done.stderr
+    assert "not taken over, with all inside: state def Behaviour in line 26" in done.stderr
 
 
 def test_values_that_the_simulation_refuses_are_not_blamed_on_a_file_that_is_not_there(
