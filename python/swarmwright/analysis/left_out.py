@@ -83,9 +83,9 @@ def notes(left: Sequence[LeftOut]) -> list[str]:
     unfinished = [one for one in left if one.kind == "unfinished"]
     if unfinished:
         found.append(
-            f"{_runs(unfinished)} left out, not being finished: {_named(unfinished)}; `swarmwright resume "
-            "RUN` continues a run, --at N compares what has N evaluations, --unfinished counts runs as they "
-            "are"
+            f"{_runs(unfinished)} left out because {'it has' if len(unfinished) == 1 else 'they have'} not "
+            f"finished: {_named(unfinished)}; `swarmwright resume RUN` continues a run, --at N compares all "
+            "runs that have N evaluations, and --unfinished counts runs with what they have"
         )
     others = [one for one in left if one.kind != "unfinished"]
     if others:

@@ -768,7 +768,7 @@ def test_runs_that_have_not_finished_do_not_count(tmp_path: Path) -> None:
         (of_group,) = [one for one in found.groups if one.left_out]
         assert (left.path.name, left.seed, of_group.left_out) == ("search-9", 9, (left,))
         assert left.reason == "failed, 40 evaluations"
-        assert "1 run is left out, not being finished: " in str(found)
+        assert "1 run is left out because it has not finished: " in str(found)
         assert re.search(r"group +runs +left out", str(found))
         assert found.pairs[0].difference != compare(given, unfinished=True).pairs[0].difference
     found = compare(given)
