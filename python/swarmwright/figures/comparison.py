@@ -109,7 +109,7 @@ def draw(
     page = current()
     names = [_names(row) for row in named_designs]
     width = max(one.width for one in names)
-    if names[-1].slanted and all(row == named_designs[-1] for row in named_designs):
+    if names[-1].slanted and not page.narrow and all(row == named_designs[-1] for row in named_designs):
         # One below the other: the names of the last row are those of all.
         names[:-1] = [_Names([""] * len(one.names), slanted=False, width=one.width) for one in names[:-1]]
     least = 5.4 if len(rows) == 1 else _ROW

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, post_evaluate, transfer
+from swarmwright.analysis.caveats import budgets
+from swarmwright.analysis.groups import group
+from tests.python.analysis.runs import KnownRun
 
 NOISY: dict[str, Any] = {
     "simulation": "minisim",
@@ -178,6 +181,18 @@ def test_another_simulator_on_a_broker(any_broker: str, foreign: Callable[..., A
     (one,) = found.runs
     assert np.isfinite(one.target_episodes).all()
     assert (one.target_episodes != one.source_episodes).any()
+
+
+def test_unequal_budgets_of_groups_are_noted(tmp_path: Path) -> None:
+    short = [KnownRun(tmp_path / f"s{seed}", [[1.0] * 4], seed=seed) for seed in (1, 2)]
+    long = [
+        KnownRun(tmp_path / f"l{seed}", [[1.0] * 8] * 5, seed=seed, method={"population": 8})
+        for seed in (1, 2)
+    ]
+    groups, _ = group([*short, *long])
+    assert list(budgets(groups)) == ["budgets are unequal: the runs have 4 to 40 evaluations"]
+    groups, _ = group(short)
+    assert list(budgets(groups)) == []
 
 
 def test_the_same_simulation_as_in_evolution_is_noted(runs: list[Run]) -> None:
