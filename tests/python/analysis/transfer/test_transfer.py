@@ -84,9 +84,9 @@ def test_results_do_not_depend_on_the_servers(runs: list[Run]) -> None:
 def test_groups_are_compared(runs: list[Run]) -> None:
     found = transfer(runs, vary=FASTER, candidates=2, seeds=4)
     assert [one.label for one in found.group_losses] == ["hidden [2]", "hidden [8]"]
-    for group, members in zip(found.group_losses, (found.runs[:2], found.runs[2:]), strict=True):
-        assert group.losses.tolist() == [one.losses[0].mean for one in members]
-        assert group.losses == pytest.approx(group.source_fitness - group.target_fitness)
+    for losses, members in zip(found.group_losses, (found.runs[:2], found.runs[2:]), strict=True):
+        assert losses.losses.tolist() == [one.losses[0].mean for one in members]
+        assert losses.losses == pytest.approx(losses.source_fitness - losses.target_fitness)
     (pair,) = found.pairs
     assert 0 <= pair.difference.p <= pair.p_holm <= 1
     assert any("fewer than 5 runs" in note for note in found.notes)
