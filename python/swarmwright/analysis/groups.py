@@ -278,6 +278,8 @@ def flattened_of(run: Run, *, missions: bool = False, parts: bool = True) -> dic
     experiment = run.experiment
     mapping = experiment.to_mapping()
     mapping["simulation"] = display_name(experiment.simulation)
+    for key in ("method", "ranking"):
+        mapping[key]["kind"] = display_name(mapping[key]["kind"])
     code = run.code
     if code:
         found = _code_parts(run) if parts else None

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from swarmwright.core.flatten import flat
+from swarmwright.core.modules import label_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.user_code.parts import SECTIONS
 
@@ -114,8 +115,7 @@ def label_alone(values: Mapping[str, Any]) -> str:
 
 def name_of(experiment: Experiment) -> str:
     """Return what a single group is called: simulation and method."""
-    method: str = experiment.method.kind
-    return f"{experiment.label}, {method}"
+    return f"{experiment.label}, {label_of(experiment.method.kind)}"
 
 
 def abbreviations(texts: Collection[str]) -> dict[str, str]:

@@ -20,7 +20,7 @@ from swarmwright.cli._validation import (
 from swarmwright.core.attempts import TURN
 from swarmwright.core.formatting import counted, duration
 from swarmwright.core.machine_texts import controller_text
-from swarmwright.core.modules import is_modules
+from swarmwright.core.modules import is_modules, label_of
 from swarmwright.core.untrusted import one_line
 from swarmwright.user_code.copying import display_name
 
@@ -70,7 +70,7 @@ def facts_of(run: "Run") -> dict[str, Any]:
         "state": run.state,
         "simulation": display_name(experiment.simulation),
         "controller": experiment.controller.kind,
-        "method": experiment.method.kind,
+        "method": label_of(experiment.method.kind),
         "seed": experiment.seed,
         "generations": run.generations,
         "of": experiment.budget.generations,

@@ -6,11 +6,15 @@ from contextvars import ContextVar
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
+
+from pydantic import create_model
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
-from swarmwright.core.suggestions import unknown
+from swarmwright.core.simulation_names import SimulationName
+from swarmwright.core.suggestions import did_you_mean, unknown
+from swarmwright.core.tracebacks import place_of, shown
 
 Component = TypeVar("Component")
 
@@ -23,16 +27,21 @@ class Registry(Generic[Component]):
         group: entry point group in which other packages announce theirs, as `kind = "package.module:Class"`.
         built_in: kind -> "module:Class", one line each.
         base: class that every component must derive from, as "module:Class".
+        in_files: whether a kind may also be `path/to/file.py:Class`.
 
     """
 
-    def __init__(self, what: str, group: str, built_in: Mapping[str, str], base: str) -> None:
+    def __init__(
+        self, what: str, group: str, built_in: Mapping[str, str], base: str, *, in_files: bool = False
+    ) -> None:
         self.what = what
         self.group = group
         self.built_in = dict(built_in)
         self._base = base
+        self.in_files = in_files
         self._loaded: dict[str, type[Component]] = {}
         self._stand_in: ContextVar[type[Component] | None] = ContextVar(f"stand_in {what}", default=None)
+        self._unread: ContextVar[type[Component] | None] = ContextVar(f"unread {what}", default=None)
 
     @cached_property
     def _announced(self) -> dict[str, list[EntryPoint]]:
@@ -50,6 +59,8 @@ class Registry(Generic[Component]):
 
         Raises InputError for an unknown kind, one that two packages claim, or one that cannot be imported.
         """
+        if self.is_in_file(kind):
+            return self._unread.get() or self._from_file(kind)
         if kind not in self._loaded:
             try:
                 self._loaded[kind] = self._load(kind)
@@ -68,6 +79,19 @@ class Registry(Generic[Component]):
             self.get(kind)
         except InputError as error:
             raise InputError(f"{option}: {error}") from None
+
+    def is_in_file(self, kind: str) -> bool:
+        """Whether a kind names a class by its file: `path/to/file.py:Class`."""
+        return self.in_files and SimulationName.parse(kind).file is not None
+
+    @contextmanager
+    def unread(self, stand_in: type[Component]) -> Iterator[None]:
+        """Within the block, `get` returns `stand_in` in the place of classes in files and imports none."""
+        token = self._unread.set(stand_in)
+        try:
+            yield
+        finally:
+            self._unread.reset(token)
 
     @contextmanager
     def lenient(self, stand_in: type[Component]) -> Iterator[None]:
@@ -101,14 +125,45 @@ class Registry(Generic[Component]):
             )
         if not _has_options(base):  # modules, which are checked where they are used
             return component
-        missing = sorted(getattr(component, "__abstractmethods__", ()))
-        if not isinstance(getattr(component, "options_model", Options), type):
-            missing.append("options_model, a class of options")
-        elif not hasattr(component, "options_model"):
-            missing.append("options_model")
+        missing = _missing(component)
         if missing:
             raise InputError(f"{self.what} {kind!r} ({point.value}): lacks {', '.join(missing)}")
         return component
+
+    def _from_file(self, kind: str) -> type[Component]:
+        """Import a class by its file, anew where that was edited; give it options that have this kind.
+
+        Raises InputError, with file and line, for what is not a component.
+        """
+        parsed = SimulationName.parse(kind)
+        assert parsed.file is not None
+        # By name, as plug-ins are: what imports the code of users is above this package.
+        code, _ = import_module("swarmwright.simulations.loading").code_in(parsed.file)
+        base: type[Component] = _resolve(self._base)
+        found = getattr(code, parsed.member, None)
+        file = shown(str(parsed.file))
+        if found is None:
+            classes = [
+                name
+                for name, value in vars(code).items()
+                if isinstance(value, type) and issubclass(value, base) and value.__module__ == code.__name__
+            ]
+            there = f"available: {', '.join(classes)}" if classes else f"it has no {self.what}"
+            hint = did_you_mean(parsed.member, classes) or ";"
+            raise InputError(f"{file}: has no class {parsed.member!r}{hint} {there}")
+        if not (isinstance(found, type) and issubclass(found, base)):
+            place = place_of(found) if hasattr(found, "__qualname__") else file
+            raise InputError(
+                f"{place}: {parsed.member} is not a subclass of {self._base.replace(':', '.')}, which every "
+                f"{self.what} is"
+            )
+        if not hasattr(found, "options_model"):
+            of_class: Any = found
+            of_class.options_model = of_class.default_options
+        missing = _missing(found)
+        if missing:
+            raise InputError(f"{place_of(found)}: {parsed.member} lacks {', '.join(missing)}")
+        return _with_kind(found, kind)
 
     def _point(self, kind: str) -> EntryPoint:
         points = self._announced.get(kind)
@@ -121,6 +176,29 @@ class Registry(Generic[Component]):
                 "uninstall one of the packages"
             )
         return points[0]
+
+
+def _missing(component: type) -> list[str]:
+    """Return what a component has to have, and lacks."""
+    missing = sorted(getattr(component, "__abstractmethods__", ()))
+    if not isinstance(getattr(component, "options_model", Options), type):
+        missing.append("options_model, a class of options")
+    elif not hasattr(component, "options_model"):
+        missing.append("options_model")
+    return missing
+
+
+def _with_kind(component: type[Component], kind: str) -> type[Component]:
+    """Return a class of a file; its options have the kind by which the experiment names it."""
+    of_class: Any = component
+    if not hasattr(of_class, "kind"):
+        of_class.kind = component.__name__
+    model = of_class.options_model
+    if model.model_fields["kind"].default != kind or model.model_fields["kind"].annotation is not str:
+        made = create_model(model.__name__, __base__=model, __module__=model.__module__, kind=(str, kind))
+        made.__doc__ = model.__doc__
+        of_class.options_model = made
+    return component
 
 
 def _has_options(base: type) -> bool:

@@ -1,10 +1,12 @@
 """Files in tracebacks: how they are shown, and what they belong to."""
 
 import contextlib
+import inspect
 import sysconfig
 import traceback
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from swarmwright.core.untrusted import one_line
 
@@ -55,3 +57,11 @@ def located(error: BaseException) -> str:
     lines = [(frame.f_code.co_filename, line) for frame, line in frames]
     own = [(file, line) for file, line in lines if not is_installed(file)]
     return f"{found} ({shown(own[-1][0])}:{own[-1][1]})" if own else found
+
+
+def place_of(kind: Any) -> str:  # noqa: ANN401 - a class or a function
+    """Return the file and the line in which a class or a function is defined."""
+    try:
+        return f"{shown(inspect.getsourcefile(kind) or '')}:{inspect.getsourcelines(kind)[1]}"
+    except (OSError, TypeError):
+        return f"{kind.__module__}.{kind.__qualname__}"

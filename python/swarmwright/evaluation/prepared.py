@@ -14,7 +14,7 @@ from swarmwright.evaluation.opening import open_backend
 from swarmwright.evaluation.seeds import seeds_of
 from swarmwright.experiment.derived import evaluation_key
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.rankings import RANKINGS
+from swarmwright.experiment.unavailable import ranking_of
 from swarmwright.rankings.absolute import Absolute
 from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.simulations import catalogue
@@ -82,7 +82,7 @@ def _key(experiment: Experiment) -> tuple[bytes, type, type, type, type] | None:
     if content is None:
         return None
     representation = REPRESENTATIONS.get(experiment.controller.kind)
-    ranking = RANKINGS.get(experiment.ranking.kind)
+    ranking = ranking_of(experiment.ranking)
     return content, type(experiment.controller), representation, type(experiment.ranking), ranking
 
 

@@ -23,10 +23,19 @@ from swarmwright.experiment.fitting import announced_sizes, check_fits
 from swarmwright.experiment.robots import subject_of
 from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
 from swarmwright.experiment.start_from import start_genomes
-from swarmwright.experiment.unavailable import UnavailableOptions, copies, method_of, not_installed, require
+from swarmwright.experiment.unavailable import (
+    UnavailableOptions,
+    UnreadRankingOptions,
+    copies,
+    method_of,
+    not_installed,
+    options_with_code,
+    ranking_of,
+    require,
+)
 from swarmwright.launchers.entries import Entries, written
 from swarmwright.methods import Method, MethodOptions
-from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
+from swarmwright.rankings import Ranking, RankingOptions
 from swarmwright.rankings.slow_simulation import SlowOptions
 from swarmwright.representations import REPRESENTATIONS, Representation, RepresentationOptions
 from swarmwright.simulations.names import name_of
@@ -156,7 +165,9 @@ class Experiment:
         return cls._from(values, settings)
 
     @classmethod
-    def _from(cls, values: Mapping[str, Any], settings: Iterable[str] = (), *, lenient: bool = False) -> Self:
+    def _from(
+        cls, values: Mapping[str, Any], settings: Iterable[str] = (), *, lenient: Collection[str] = ()
+    ) -> Self:
         """Make an experiment of plain values; see `from_mapping`, and `check` for `lenient`."""
         simulation = mapping("values", values, "{'simulation': 'minisim'}").get("simulation")
         if isinstance(simulation, type):
@@ -175,7 +186,7 @@ class Experiment:
         *,
         ask: bool = True,
         folder: Path | None = None,
-        lenient: bool = False,
+        lenient: Collection[str] = (),
         new: bool = False,
     ) -> Self:
         from swarmwright.experiment.validation import check  # noqa: PLC0415 - takes long, not for reading attributes
@@ -284,14 +295,18 @@ class Experiment:
         """
         return self.representation().genome_size
 
-    def _keeps_unavailable(self, values: Mapping[str, Any]) -> bool:
-        """Whether changed values have the method of this experiment, of a run, that is not installed here."""
-        method = values.get("method")
-        return (
-            isinstance(self.method, UnavailableOptions)
-            and isinstance(method, Mapping)
-            and method.get("kind") == self.method.kind
-        )
+    def _keeps_unavailable(self, values: Mapping[str, Any]) -> set[str]:
+        """Return the sections of a run's experiment that changed values keep, and are not known here.
+
+        The method if it is not installed, method and ranking if they are in files that were not imported.
+        """
+        kept = set()
+        for name, options in (("method", self.method), ("ranking", self.ranking)):
+            section = values.get(name)
+            unknown = isinstance(options, UnavailableOptions | UnreadRankingOptions)
+            if unknown and isinstance(section, Mapping) and section.get("kind") == options.kind:
+                kept.add(name)
+        return kept
 
     @property
     def label(self) -> str:
@@ -354,7 +369,8 @@ class Experiment:
         require(self.method, None if self.path is None else self.path.parent)
         if representation is None:
             representation = self.representation()
-        method = method_of(self.method)(self.method, representation, seed=self.seed)
+        options = options_with_code("method", self.method)
+        method = method_of(options)(options, representation, seed=self.seed)
         start = start_genomes(self, representation)
         if start is not None:
             try:
@@ -366,10 +382,10 @@ class Experiment:
     def new_ranking(self) -> Ranking:
         """Return the ranking.
 
-        Raises InputError when it is a plug-in that cannot be imported any more.
+        Raises InputError when it is a plug-in that cannot be imported any more, or is not trusted.
         """
-        kind: str = self.ranking.kind
-        return RANKINGS.get(kind)(self.ranking)
+        options = options_with_code("ranking", self.ranking)
+        return ranking_of(options)(options)
 
     @property
     def first_seed(self) -> int:

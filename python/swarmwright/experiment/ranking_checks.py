@@ -4,8 +4,8 @@ from swarmwright.core.plug_in_code import is_plug_in
 from swarmwright.core.problems import Report
 from swarmwright.experiment.document import AUTO, Checked
 from swarmwright.experiment.fitness import FitnessExpression
+from swarmwright.experiment.unavailable import ranking_of
 from swarmwright.methods import METHODS, MethodOptions
-from swarmwright.plug_ins import REGISTRIES
 from swarmwright.rankings import Ranking, RankingOptions
 from swarmwright.rankings.race import RaceOptions
 from swarmwright.rankings.slow_simulation import METRIC, SlowOptions
@@ -155,7 +155,7 @@ def _check_validation(checked: Checked, report: Report) -> None:
 
 def makes_fitness(ranking: RankingOptions, episodes: int) -> bool:
     """Return whether so many episodes are enough for one fitness, as the ranking makes it."""
-    kind = REGISTRIES["ranking"].get(ranking.kind)
+    kind = ranking_of(ranking)
     if kind.samples is Ranking.samples or is_plug_in(kind):
         return episodes >= ranking.episodes  # without asking the code of plug-ins
     return len(kind(ranking).samples([0.0] * episodes)) > 0

@@ -12,6 +12,7 @@ from swarmwright.launchers import LAUNCHERS
 from swarmwright.plug_ins import REGISTRIES
 
 IDENTIFIER = "urn:swarmwright:experiment"
+_IN_FILE = {"type": "string", "pattern": r"\.py:[^:]+$"}
 
 
 def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
@@ -37,6 +38,17 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
             "properties": {"kind": {"enum": kinds}},
             "oneOf": variants,
         }
+        if registry.in_files:
+            schema["properties"][name] |= {
+                "description": f"{text} One of: {', '.join(kinds)}; or a class in a file, `file.py:Class`.",
+                "type": ["object", "string"],
+                "properties": {"kind": {"anyOf": [{"enum": kinds}, _IN_FILE]}},
+                "oneOf": [
+                    *variants,
+                    {"type": "object", "required": ["kind"], "properties": {"kind": _IN_FILE}},
+                    _IN_FILE,
+                ],
+            }
     _describe_launchers(schema["properties"]["servers"], definitions, only_built_in=only_built_in)
     for title, model in (("Command", CommandOptions), ("Fmu", FmuOptions), ("Ros", RosOptions)):
         mapping = _tidy(described(model).model_json_schema())

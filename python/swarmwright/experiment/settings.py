@@ -221,7 +221,9 @@ def kept_options(section: str, kind: Any) -> list[str]:  # noqa: ANN401 - any va
     if section != "method":
         return []
     try:
-        race = METHODS.get(kind).by_instance if isinstance(kind, str) else False
+        # A class in a file is imported when the options are checked, from the folder that it is named in.
+        asked = isinstance(kind, str) and not METHODS.is_in_file(kind)
+        race = METHODS.get(kind).by_instance if asked else False
     except InputError:  # is reported when the options are checked
         return []
     # A generation of a race is one instance, and their number no budget.

@@ -1,17 +1,27 @@
-"""Methods of runs that are not installed here: the runs can be read and evaluated, but not resumed."""
+"""Methods that are not installed here, and classes in files, which reading a run does not import.
+
+Runs whose method is not installed can be read and evaluated, but not resumed. A class in a file is imported
+where it is used, if the user trusts it.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, NoReturn
 
-from pydantic import ConfigDict
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict, ValidationError
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.problems import problems_of
+from swarmwright.core.yaml import dotted_path
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.plug_ins import REGISTRIES
+from swarmwright.rankings import Ranking, RankingOptions
 from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genomes
-from swarmwright.user_code.copying import FOLDER, Copy
+from swarmwright.user_code.copying import FOLDER, Copy, display_name
+from swarmwright.user_code.permission import require_file, trusts_file
 
 
 class UnavailableOptions(MethodOptions):
@@ -61,6 +71,25 @@ class UnavailableMethod(Method):
         raise NotImplementedError
 
 
+class UnreadRankingOptions(RankingOptions):
+    """Options of a ranking in a file that was not imported, as they were recorded."""
+
+    model_config = ConfigDict(extra="allow")
+
+    unavailable: ClassVar[bool] = True
+    kind: str
+
+
+class UnreadRanking(Ranking):
+    """In the place of a ranking in a file that was not imported."""
+
+    kind: ClassVar[str] = "unread"
+    options_model = UnreadRankingOptions
+
+    def _score(self, episodes: Sequence[Sequence[float]]) -> NDArray[np.float64]:
+        raise NotImplementedError
+
+
 def method_of(options: MethodOptions) -> type[Method]:
     """Return the class of a method by its options; a stand-in where these were read without it."""
     if isinstance(options, UnavailableOptions):
@@ -69,12 +98,56 @@ def method_of(options: MethodOptions) -> type[Method]:
     return REGISTRIES["method"].get(kind)
 
 
+def ranking_of(options: RankingOptions) -> type[Ranking]:
+    """Return the class of a ranking by its options; a stand-in where these were read without it."""
+    if isinstance(options, UnreadRankingOptions):
+        return UnreadRanking
+    kind: str = options.kind
+    return REGISTRIES["ranking"].get(kind)
+
+
+def is_unread(section: str, options: MethodOptions | RankingOptions) -> bool:
+    """Whether options are those of a class in a file that was not imported when they were read."""
+    stand_in = isinstance(options, UnavailableOptions | UnreadRankingOptions)
+    return stand_in and REGISTRIES[section].is_in_file(options.kind)
+
+
+def unreadable(options: RankingOptions) -> str | None:
+    """Return why a run's ranking cannot be used to show what it makes of results; None where it can.
+
+    Its code is not executed only to show a run, unless the user trusts it already.
+    """
+    if not is_unread("ranking", options) or trusts_file(options.kind):
+        return None
+    return (
+        f"the ranking {display_name(options.kind)} makes it of the episodes, and its code is not of a run "
+        "that was made here by this user; to trust it, give `swarmwright evaluate` --trust (in Python, "
+        "Run.open(folder, trust=True))"
+    )
+
+
+def options_with_code(section: str, options: Any) -> Any:  # noqa: ANN401 - options of a method or a ranking
+    """Return options as the class checks them, which is imported if a run named its file.
+
+    Raises InputError for a class that is not trusted, or not right, and for options that it refuses.
+    """
+    if not is_unread(section, options):
+        return options
+    require_file(options.kind)
+    model = REGISTRIES[section].get(options.kind).options_model
+    try:
+        return model.model_validate(options.model_dump(exclude_none=True))
+    except ValidationError as error:
+        found = problems_of(error, model, (section,))
+        raise InputError("\n".join(f"{dotted_path(path)}: {words}" for path, words in found)) from error
+
+
 def require(options: MethodOptions, folder: Path | None) -> None:
     """Raise InputError for the options of a method that is not installed here.
 
     folder: of the run, whose copy of the method's code is named.
     """
-    if not isinstance(options, UnavailableOptions):
+    if not isinstance(options, UnavailableOptions) or is_unread("method", options):
         return
     if options.kind not in REGISTRIES["method"].names():
         _refuse(options.kind, f"no package that is installed here has the method {options.kind!r}", folder)
@@ -108,7 +181,9 @@ def not_installed(values: Mapping[str, Any]) -> list[str]:
     return [
         section
         for section, kind in kinds.items()
-        if isinstance(kind, str) and kind not in REGISTRIES[section].names()
+        if isinstance(kind, str)
+        and kind not in REGISTRIES[section].names()
+        and not REGISTRIES[section].is_in_file(kind)
     ]
 
 

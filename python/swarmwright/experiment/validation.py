@@ -1,7 +1,7 @@
 """From what a file says to checked options: all problems at once, each with its place."""
 
-from collections.abc import Callable, Mapping
-from contextlib import nullcontext
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from swarmwright.experiment.document import DEFAULT_KINDS, Checked
 from swarmwright.experiment.misplaced import with_right_place
 from swarmwright.experiment.parameter_files import is_mission, resolve
 from swarmwright.experiment.start_from import entries
-from swarmwright.experiment.unavailable import UnavailableMethod
+from swarmwright.experiment.unavailable import UnavailableMethod, UnreadRanking
 from swarmwright.launchers.entries import entries_of, names_launchers
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.simulations import catalogue
@@ -30,7 +30,7 @@ def check(
     *,
     ask: bool = True,
     folder: Path | None = None,
-    lenient: bool = False,
+    lenient: Collection[str] = (),
     new: bool = False,
 ) -> Checked:
     """Check what a file (or mapping) says.
@@ -39,7 +39,8 @@ def check(
         source: the file.
         ask: whether a simulation that is named by its class may be imported, to be asked what it announces.
         folder: that paths are relative to; default: the file's.
-        lenient: whether its method need not be installed, as that of a run that is only read.
+        lenient: sections that need not be known: a method that is not installed, a method or a ranking in a
+            file that is not imported, as of a run that is only read.
         new: whether a run is to begin with it.
 
     Raise InputError with every problem, a line each, in the file's order.
@@ -65,11 +66,12 @@ def check(
         values, files, unread = _with_files(source, values, report, ask=here)
         values = _with_controllers(source, values, report)
         values = _with_modules(source, values, folder, report)
+        values = _with_classes(source, values, folder, report, ask=ask)
         values = _with_launchers(source, values, folder, report)
         placed = _in_right_place(values, here, _in_files(files, report))
-        with REGISTRIES["method"].lenient(UnavailableMethod) if lenient or not ask else nullcontext():
+        with _stand_ins({"method", "ranking"} if not ask else lenient):
             checked = check_values(values, here, placed, ask=ask, new=new, unread=unread)
-        if ask and not lenient and checked.get("method") is not None:  # a run can be read without
+        if ask and "method" not in lenient and checked.get("method") is not None:  # a run can be read without
             missing = REGISTRIES["method"].get(checked["method"].kind).missing()
             if missing is not None:
                 report(("method", "kind"), missing)
@@ -83,6 +85,18 @@ def check(
         ]
         raise InputError("\n".join(text for _, text in sorted(lines, key=lambda entry: entry[0])))
     return checked
+
+
+@contextmanager
+def _stand_ins(sections: Collection[str]) -> Iterator[None]:
+    """Within the block, sections need not be known here, and none is imported from a file."""
+    with ExitStack() as stack:
+        if "method" in sections:
+            stack.enter_context(REGISTRIES["method"].lenient(UnavailableMethod))
+            stack.enter_context(REGISTRIES["method"].unread(UnavailableMethod))
+        if "ranking" in sections:
+            stack.enter_context(REGISTRIES["ranking"].unread(UnreadRanking))
+        yield
 
 
 _NO_EXPERIMENT = (
@@ -214,6 +228,32 @@ def _with_modules(
             here = folder or source.folder(("controller", key))
             controller[key] = [_module(one, here, partial(report, ("controller", key))) for one in names]
     return {**values, "controller": controller}
+
+
+def _with_classes(
+    source: Source, values: dict[str, Any], folder: Path | None, report: Report, *, ask: bool
+) -> dict[str, Any]:
+    """Return the values with absolute paths of files in which methods and rankings are.
+
+    `method: file.py:Class` stands for `method: {kind: file.py:Class}`.
+    """
+    found = dict(values)
+    for name in ("method", "ranking"):
+        section = values.get(name)
+        kind = section.get("kind") if isinstance(section, Mapping) else section
+        if not isinstance(kind, str) or not REGISTRIES[name].is_in_file(kind):
+            continue
+        place: Path_ = (name, "kind") if isinstance(section, Mapping) else (name,)
+        here = folder or source.folder(place)
+        # What a run names without a copy is checked where it is imported, if the run is only read.
+        told = partial(report, place) if ask else _ignored
+        options = section if isinstance(section, Mapping) else {}
+        found[name] = {**options, "kind": _module(kind, here, told)}
+    return found
+
+
+def _ignored(message: str) -> None:
+    """Take a message that is told elsewhere."""
 
 
 def _with_launchers(

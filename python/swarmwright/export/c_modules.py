@@ -8,10 +8,11 @@ from textwrap import dedent, indent
 
 from swarmwright.core import modules
 from swarmwright.core.errors import InputError
+from swarmwright.core.tracebacks import place_of
 from swarmwright.export.machine_tables import own_modules
 from swarmwright.export.text import is_reserved, plain, render
 from swarmwright.modules import Behaviour, Condition
-from swarmwright.modules.registered import implementation, place_of
+from swarmwright.modules.registered import implementation
 
 _SENSES = {
     "proximity_x": 0,

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from swarmwright.core import modules
 from swarmwright.core.errors import InputError
+from swarmwright.core.tracebacks import place_of
 from swarmwright.export._base import Files, facts
 from swarmwright.export.machine_tables import catalogue_of, own_modules
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import MARK, plain, render
-from swarmwright.modules.registered import Kind, implementation, place_of
+from swarmwright.modules.registered import Kind, implementation
 from swarmwright.user_code import trust
 from swarmwright.user_code.copying import Copy
 from swarmwright.user_code.parts import Part, distributions

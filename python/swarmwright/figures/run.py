@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.core.formatting import counted
+from swarmwright.core.modules import label_of
 from swarmwright.figures.cut import far_below
 from swarmwright.figures.publishers import current
 from swarmwright.figures.style import (
@@ -91,7 +92,7 @@ def fitness(run: "Run") -> "Figure":
 
 def title_of(experiment: "Experiment") -> str:
     """Return what a run does, in words."""
-    method: str = experiment.method.kind
+    method = label_of(experiment.method.kind)
     kind: str = experiment.controller.kind
     article = "an" if kind[0] in "aeiou" else "a"
     return f"{experiment.subject}: {method} evolves {article} {kind} controller"

@@ -32,5 +32,6 @@ METHODS: Registry[Method] = Registry(
         "xnes": "swarmwright.methods.xnes:Xnes",
     },
     "swarmwright.methods:Method",
+    in_files=True,
 )
-"""All methods, by the `kind` of an experiment's `method`."""
+"""All methods, by the `kind` of an experiment's `method`; `METHODS.get("file.py:Class")` is one in a file."""

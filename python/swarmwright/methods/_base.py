@@ -129,6 +129,8 @@ class Method(SteadyState):
     """Name in experiment files."""
     options_model: ClassVar[type[MethodOptions]]
     """Typed options, with `kind` among them."""
+    default_options: ClassVar[type[MethodOptions]] = MethodOptions
+    """Those of a class in a file (`my_method.py:Class`) that has no `options_model`."""
     keeps_members: ClassVar[bool] = False
     """Whether members stay from one generation to the next with the fitness that they have: see `kept`."""
     start_as: ClassVar[Literal["members", "center"] | None] = None

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from swarmwright.core import modules
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.tracebacks import is_installed, shown
+from swarmwright.core.tracebacks import is_installed, place_of, shown
 from swarmwright.modules._base import Behaviour, Condition, Numbers, Parameters, RandomNumbers, Senses, pcg4d
 from swarmwright.modules._built_in import below
-from swarmwright.modules.registered import implementation, place_of
+from swarmwright.modules.registered import implementation
 
 PAGE = "docs/how-to/own-module.md"
 """The page that says what a module has to be."""

@@ -15,7 +15,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.registry import Registry
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.tracebacks import shown
+from swarmwright.core.tracebacks import place_of, shown
 from swarmwright.modules._base import Behaviour, Condition, Parameter
 
 _LARGEST_LIMIT = 1e6
@@ -220,11 +220,3 @@ def _is_number(limit: object) -> bool:
     if not isinstance(limit, int | float) or isinstance(limit, bool):
         return False
     return math.isfinite(limit) and abs(limit) <= _LARGEST_LIMIT
-
-
-def place_of(kind: type) -> str:
-    """Return the file and the line in which a class is defined."""
-    try:
-        return f"{shown(inspect.getsourcefile(kind) or '')}:{inspect.getsourcelines(kind)[1]}"
-    except (OSError, TypeError):
-        return f"{kind.__module__}.{kind.__qualname__}"

@@ -46,7 +46,7 @@ from swarmwright.store.folder import check_folder
 from swarmwright.store.lock import MovedError
 from swarmwright.store.rows import NOTHING_LEFT
 from swarmwright.user_code.loaded import warn_of_edits
-from swarmwright.user_code.parts import distributions
+from swarmwright.user_code.parts import SECTIONS, distributions
 from swarmwright.user_code.sessions import fingerprints
 
 __all__ = ["Generation", "optimize", "resume"]
@@ -311,8 +311,9 @@ def _continue(
         experiment, notes = code.experiment, wanted.notes
         for note in notes:
             warn_once(f"{run.path}: goes on with {note}")
-        if experiment.controller != wanted.experiment.controller:  # other files of modules
-            loop = _with_changed_modules(run, wanted.experiment, code, store, reader)
+        if any(getattr(experiment, name) != getattr(wanted.experiment, name) for name in SECTIONS):
+            # Other files of plug-ins.
+            loop = _with_changed_plug_ins(run, wanted.experiment, code, store, reader)
         notes = [*notes, *code.notes]
         earlier = reader.server_use()
         backend = stack.enter_context(open_simulations(experiment, earlier=earlier, **where))
@@ -368,10 +369,10 @@ def _replayed(
     return loop
 
 
-def _with_changed_modules(
+def _with_changed_plug_ins(
     run: Run, before: Experiment, code: Continuation, store: StoreWriter, reader: StoreReader
 ) -> Loop:
-    """Return the loop with behaviours and conditions whose changed code was accepted."""
+    """Return the loop with plug-ins in files whose changed code was accepted."""
     now = code.experiment
     representations = before.representation(), now.representation()
     limits = zip(*(one.bounds for one in representations), strict=True)

@@ -20,5 +20,6 @@ RANKINGS: Registry[Ranking] = Registry(
         "transferability": "swarmwright.rankings.transferability:Transferability",
     },
     "swarmwright.rankings:Ranking",
+    in_files=True,
 )
 """All rankings, by the `kind` of an experiment's `ranking`."""

@@ -78,6 +78,8 @@ class Ranking(ABC):
     """Name in experiment files."""
     options_model: ClassVar[type[RankingOptions]]
     """Typed options, with `kind` among them."""
+    default_options: ClassVar[type[RankingOptions]] = RankingOptions
+    """Those of a class in a file (`my_ranking.py:Class`) that has no `options_model`."""
 
     def __init__(self, options: RankingOptions) -> None:
         self.options = options

@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName, is_environment, is_python
@@ -23,9 +23,9 @@ from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, environment_held, environment_in, name_of
 from swarmwright.user_code import data_files, notices
 from swarmwright.user_code.changes import choose, difference, near, present, summary
-from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of, with_modules
-from swarmwright.user_code.parts import Part, is_plug_in, of_plug_ins, of_simulation
-from swarmwright.user_code.permission import require_copy, require_named
+from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of, with_files
+from swarmwright.user_code.parts import SECTIONS, Part, is_plug_in, of_plug_ins, of_simulation
+from swarmwright.user_code.permission import remember, require_copy, require_named
 from swarmwright.user_code.sessions import is_other
 from swarmwright.user_code.trust import trusting
 
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
 
+_OF_THE_TOOL = ("method", "ranking")
+"""Sections whose classes, where they are in files, are imported only if they are trusted."""
 _OTHER_SIMULATION_HINT = "; --simulation FILE:Class takes another one"
 
 
@@ -73,20 +75,16 @@ def _original(part: Part) -> Part:
 
 
 def of_generation(run: "Run", generation: int) -> Experiment:
-    """Return a run's experiment with the behaviours and conditions with which a generation was evaluated."""
+    """Return a run's experiment with the plug-ins in files with which a generation was evaluated."""
     copy = copy_of(run, generation)
-    return run.experiment if copy is None else _with_modules(run.experiment, copy)
+    return run.experiment if copy is None else _with_files(run.experiment, copy)
 
 
-def _with_modules(
-    experiment: Experiment, copy: Copy, instead: Mapping[str, Part] | None = None
-) -> Experiment:
-    """Return the experiment with the files of modules that a copy has.
+def _with_files(experiment: Experiment, copy: Copy, instead: Mapping[str, Part] | None = None) -> Experiment:
+    """Return the experiment with the files of plug-ins that a copy has.
 
     instead: those that are where they were; by the names of parts.
     """
-    if not getattr(experiment.controller, "in_files", False):
-        return experiment
 
     def place(part: str, _: str) -> str | None:
         if instead is not None:
@@ -94,9 +92,17 @@ def _with_modules(
         kept = copy.parts.get(part)
         return None if kept is None else str(copy.place(kept).absolute())
 
-    values = with_modules(experiment.controller.model_dump(), place)
-    changed = {key: values[key] for key in ("behaviours", "conditions")}
-    return dataclasses.replace(experiment, controller=experiment.controller.model_copy(update=changed))
+    sections: dict[str, Any] = {name: getattr(experiment, name) for name in SECTIONS}
+    given = {name: options.model_dump() for name, options in sections.items()}
+    found = with_files(given, place)
+    changed = {
+        name: options.model_copy(
+            update={key: value for key, value in found[name].items() if value != given[name].get(key)}
+        )
+        for name, options in sections.items()
+        if found[name] != given[name]
+    }
+    return dataclasses.replace(experiment, **changed) if changed else experiment
 
 
 def copy_of(run: "Run", generation: int | None = None) -> Copy | None:
@@ -168,7 +174,7 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
             )
         for kept in copy.parts.values():
             _warn_if_changed(copy, kept)
-        experiment = _with_environment(_with_modules(experiment, copy), copy)
+        experiment = _with_environment(_with_files(experiment, copy), copy)
     if copy is not None and "simulation" in copy.parts and _is_copied(experiment.simulation):
         kept = copy.parts["simulation"]
         name = SimulationName.parse(experiment.simulation).in_file(copy.place(kept).absolute())
@@ -318,18 +324,26 @@ def continuation(
         # The accepted difference of the code is known.
         _check_trusted(run, experiment, copy, accepted=True)
     parts = [part or choose(copy, copy.parts[name]).part for name, part in now.items()]
-    notes += [
-        f"changed code accepted from generation {run.generations} on: {summary(copy.parts[name], part)}"
-        for name, part in changed.items()
-    ]
-    experiment = _with_modules(experiment, copy, changed)
+    summaries = dict.fromkeys(summary(copy.parts[name], part) for name, part in changed.items())
+    notes += [f"changed code accepted from generation {run.generations} on: {one}" for one in summaries]
+    _trust_accepted(copy, changed)
+    experiment = _with_files(experiment, copy, changed)
     if named is not None:
-        named = dataclasses.replace(named, controller=experiment.controller)
+        named = dataclasses.replace(named, **{name: getattr(experiment, name) for name in SECTIONS})
     if named is None and "simulation" in changed and not is_environment(experiment.simulation):
         named = _with_simulation(experiment, _name_in_part(experiment, changed["simulation"]))
     version = max(run.code) + 1
     edited = (summary(copy.parts[name], part) for name, part in changed.items() if is_plug_in(name))
     return Continuation(named or experiment, parts, None, version, notes, tuple(dict.fromkeys(edited)))
+
+
+def _trust_accepted(copy: Copy, changed: Mapping[str, Part]) -> None:
+    """Trust methods and rankings in files as they were changed to, if the run's copy is trusted."""
+    for name in _OF_THE_TOOL:
+        part = changed.get(name)
+        if part is not None and part.in_file:
+            require_copy(copy, copy.parts[name], choose(copy, copy.parts[name]))
+            remember([part])
 
 
 def _with_data_of(part: Part | None, kept: Kept) -> Part | None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 from swarmwright.core.arguments import simulation_seed
 from swarmwright.core.errors import InputError
 from swarmwright.core.flatten import flat
+from swarmwright.core.modules import label_of
 from swarmwright.display import Caption
 from swarmwright.evaluation.module_code import is_in_python
 from swarmwright.evaluation.shown import ShownEpisode, check_shown_on
@@ -308,8 +309,7 @@ def _earlier_value(value: Any) -> str:  # noqa: ANN401 - any value of a file
 
 
 def _origin(experiment: "Experiment") -> list[tuple[str, str]]:
-    method: str = experiment.method.kind
-    return [("method", method), ("seed of the run", str(experiment.seed))]
+    return [("method", label_of(experiment.method.kind)), ("seed of the run", str(experiment.seed))]
 
 
 def _broker_of(run: "Run", simulation: str | type | None) -> str | None:

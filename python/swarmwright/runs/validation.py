@@ -25,12 +25,14 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.core.html import table
 from swarmwright.core.statistics import Estimate, estimate
+from swarmwright.core.warn_once import warn_once
 from swarmwright.evaluation.base import Backend, Progress
 from swarmwright.experiment.derived import reports_slow
 from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.start_from import samples_around_start, start_genomes
 from swarmwright.experiment.targets import slow_of
+from swarmwright.experiment.unavailable import unreadable
 from swarmwright.rankings import Ranking
 from swarmwright.rankings.race import RaceOptions
 from swarmwright.rankings.slow_simulation import METRIC
@@ -206,6 +208,10 @@ def of_run(run: "Run") -> Validation | None:
     if values["candidates"][0]["number"] != run.evaluation().number:
         return None  # the run went on, and another one is the best
     experiment = run.experiment
+    reason = unreadable(experiment.ranking)
+    if reason is not None:
+        warn_once(f"{run.path}: held-out fitness is not shown: {reason}")
+        return None
     target = slow_of(experiment) if reports_slow(experiment) else None
     return stored_validation(
         values,

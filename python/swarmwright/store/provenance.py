@@ -12,7 +12,7 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.core.revision import revision
 from swarmwright.core.simulation_names import SimulationName, is_environment
-from swarmwright.user_code.copying import Copy, with_modules
+from swarmwright.user_code.copying import Copy, with_files
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
@@ -31,7 +31,7 @@ def recorded(experiment: "Experiment", copy: Copy | None) -> dict[str, Any]:
             kept = copy.parts.get(part)
             return None if kept is None else copy.place_in_run(kept)
 
-        values["controller"] = with_modules(values["controller"], file_of)
+        values |= with_files(values, file_of)
     kept = None if copy is None else copy.parts.get("simulation")
     if kept is not None and is_environment(kept.component):
         values["simulation"] = kept.component

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.methods import Method
+from swarmwright.methods import METHODS, Method
 from swarmwright.testing._common import synthetic_metrics
 from swarmwright.typing import Fitness
 
@@ -57,7 +57,8 @@ def check_replay(method: Method) -> None:
 def main() -> None:
     """Replay the conversation given on standard input; write the genomes asked for."""
     conversation: dict[str, Any] = json.load(sys.stdin)
-    component, representation = (_find(*conversation[name]) for name in ("method", "representation"))
+    representation, kind = _find(*conversation["representation"]), conversation["options"]["kind"]
+    component: Any = METHODS.get(kind) if METHODS.is_in_file(kind) else _find(*conversation["method"])
     subject = representation(
         representation.options_model(**conversation["controller"]), **conversation["sizes"]
     )

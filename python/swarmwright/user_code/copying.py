@@ -175,23 +175,39 @@ def _inside(place: str) -> str:
     return place
 
 
-def with_modules(controller: Mapping[str, Any], place: Callable[[str, str], str | None]) -> dict[str, Any]:
-    """Return a controller's options with other files of behaviours and conditions that are named by these.
+def with_files(
+    experiment: Mapping[str, Any], place: Callable[[str, str], str | None]
+) -> dict[str, dict[str, Any]]:
+    """Return the sections of an experiment that name plug-ins by their files, with other files.
 
-    place: returns the file of a part, see `Part.name`, None where it stays; its second argument is the name.
+    Args:
+        experiment: plain values, with the sections controller, method and ranking.
+        place: returns the file of a part, see `Part.name`, None where it stays; its second argument is the
+            name.
+
     """
+    found = {"controller": _with_modules(experiment["controller"], place)}
+    for section in ("method", "ranking"):
+        values = experiment[section]
+        found[section] = {**values, "kind": _placed(values["kind"], section, place)}
+    return found
+
+
+def _with_modules(controller: Mapping[str, Any], place: Callable[[str, str], str | None]) -> dict[str, Any]:
     values = dict(controller)
     for what, key in (("behaviour", "behaviours"), ("condition", "conditions")):
         names = values.get(key)
         if isinstance(names, list):
-            values[key] = [_placed(name, what, place) for name in names]
+            values[key] = [
+                _placed(name, part_of(what, name), place) if isinstance(name, str) else name for name in names
+            ]
     return values
 
 
-def _placed(name: Any, what: str, place: Callable[[str, str], str | None]) -> Any:  # noqa: ANN401 - any value
-    if not isinstance(name, str) or not is_in_file(name):
+def _placed(name: str, part: str, place: Callable[[str, str], str | None]) -> str:
+    if not is_in_file(name):
         return name
-    found = place(part_of(what, name), name)
+    found = place(part, name)
     return name if found is None else SimulationName.parse(name).in_file(found)
 
 

@@ -144,7 +144,7 @@ def of_plug_in(section: str, kind: str) -> Part | None:
     """Return the source of a plug-in, None for what is built in. Raises InputError as the registry does."""
     what = section.partition(_SEPARATOR)[0]
     parsed = SimulationName.parse(kind)
-    if parsed.file is not None and what in MODULES:
+    if parsed.file is not None:
         return Part.of_file(section, parsed.in_file(parsed.file.name), parsed.file)
     if what in MODULES:
         from swarmwright.modules.registered import REGISTRIES as OF_MODULES  # noqa: PLC0415 - NumPy, not for --help
@@ -166,7 +166,11 @@ def of_plug_ins(experiment: Any) -> list[Part]:  # noqa: ANN401 - an Experiment,
     """Return the sources of all plug-ins that an experiment uses."""
     sections = ((section, getattr(experiment, section)) for section in SECTIONS)
     # What is not installed here has no source, and needs none where its run is only read.
-    names = [(name, options.kind) for name, options in sections if not getattr(options, "unavailable", False)]
+    names = [
+        (name, options.kind)
+        for name, options in sections
+        if not getattr(options, "unavailable", False) or SimulationName.parse(options.kind).file is not None
+    ]
     for what, name in getattr(experiment.controller, "plug_ins", ()):
         names.append((part_of(what, name), name))
     found = (of_plug_in(*one) for one in names)

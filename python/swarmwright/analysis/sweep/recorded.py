@@ -27,6 +27,8 @@ from swarmwright.store import FILE as STORE
 from swarmwright.user_code.copying import digest_of, display_name
 from swarmwright.user_code.permission import require_file, require_named
 
+_CLASSES = ("method", "ranking")
+"""Sections whose kind may be a class in a file."""
 _MODULES = ("behaviours", "conditions")
 """Options of a controller that name modules, which may be in files."""
 
@@ -119,8 +121,12 @@ def sweep_of(
 
 
 def with_names(values: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
-    """Return the keys of an experiment with other names of its simulation, behaviours and conditions."""
+    """Return the keys of an experiment with other names of its simulation and of plug-ins in files."""
     changed = {**values, "simulation": _named(values["simulation"], names)}
+    for key in _CLASSES:
+        section = values.get(key)
+        if isinstance(section, Mapping) and "kind" in section:
+            changed[key] = {**section, "kind": _named(section["kind"], names)}
     controller = values.get("controller")
     if isinstance(controller, Mapping):
         lists = {key: controller[key] for key in _MODULES if isinstance(controller.get(key), list)}
@@ -136,9 +142,10 @@ def _named(name: Any, names: Mapping[str, str]) -> Any:  # noqa: ANN401 - whatev
 
 
 def _names(experiment: Experiment) -> list[str]:
-    """Return the names of an experiment's simulation, behaviours and conditions."""
+    """Return the names of an experiment's simulation, and of what may be plug-ins in files."""
     lists = (getattr(experiment.controller, key, None) for key in _MODULES)
-    return [experiment.simulation, *(name for one in lists if isinstance(one, list | tuple) for name in one)]
+    modules = (name for one in lists if isinstance(one, list | tuple) for name in one)
+    return [experiment.simulation, *(getattr(experiment, key).kind for key in _CLASSES), *modules]
 
 
 def _seeds(seeds: Any) -> tuple[int, ...]:  # noqa: ANN401 - whatever a file says

@@ -242,6 +242,10 @@ def comparable(experiment: Experiment) -> dict[str, Any]:
         named = SimulationName.parse(display_name(experiment.simulation))
         # The same file in any folder: `changed_code` compares its content.
         values["simulation"] = named.text if named.file is None else named.in_file(named.file.name)
+    for key in ("method", "ranking"):
+        kind = SimulationName.parse(display_name(values[key]["kind"]))
+        if kind.file is not None:  # likewise
+            values[key] = {**values[key], "kind": kind.in_file(kind.file.name)}
     found: dict[str, Any] = json.loads(json.dumps(values, default=str))  # tuples are lists
     return found
 

@@ -8,6 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from swarmwright.analysis.labels import label_alone, labels_of, name_of
@@ -19,8 +20,11 @@ from swarmwright.experiment.derived import check_new
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.settings import assign, kept_options, key_path
 from swarmwright.plug_ins import REGISTRIES
+from swarmwright.simulations.names import absolute
 
 MOST_RUNS = 100_000
+_CLASSES = ("simulation", "method", "method.kind", "ranking", "ranking.kind")
+"""Keys whose value may be a class in a file, relative to the sweep file."""
 _DIGITS = 6
 """Hexadecimal digits of a variant's digest in the name of its folder."""
 
@@ -66,13 +70,21 @@ def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
     found: dict[Experiment, tuple[str, dict[str, Any], Experiment]] = {}  # grids may overlap
     for (at, changes), label in zip(combinations, labels, strict=True):
         try:
-            experiment = changed(base, changes)
+            experiment = changed(base, _placed(changes, source.folder(at)))
             check_new(experiment)
         except InputError as error:
             raise InputError(f"{source.place(at)}with {label}: {error}") from error
         if experiment not in found:
             found[experiment] = (label, changes, experiment)
     return _with_folders(found.values())
+
+
+def _placed(changes: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return values of a grid in which classes that are named by their files are looked for in a folder."""
+    return {
+        key: absolute(value, folder) if key in _CLASSES and isinstance(value, str) else value
+        for key, value in changes.items()
+    }
 
 
 def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[str, Any]]:  # noqa: ANN401

@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any, Self
 
 from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.warn_once import warn_once
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.derived import place_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, PseudoReality, Target, slow_of, targets_at_end
+from swarmwright.experiment.unavailable import unreadable
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import finite, numbers, unseen_seeds
 from swarmwright.runs.run import Run, written_run
@@ -230,6 +232,10 @@ def of_run(run: Run) -> tuple[Transferred, ...]:
     if stored is None or stored["source"] is None or stored["numbers"][0] != run.evaluation().number:
         return ()
     candidates = tuple(Candidate(*one) for one in stored["candidates"])
+    reason = unreadable(run.experiment.ranking)
+    if reason is not None:
+        warn_once(f"{run.path}: fitness in other simulations is not shown: {reason}")
+        return ()
     source, ranking = numbers(stored["source"]), run.experiment.new_ranking()
     of = {json.dumps(one["target"]): one for one in stored["targets"]}
     found = (of.get(json.dumps(_target_as_json(target))) for target in targets_at_end(run.experiment))
