@@ -67,7 +67,8 @@ def reference() -> str:
 
 def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
     """The options of a section: those that are the same for every kind, then the others of each."""
-    variants = schema["properties"][name]["oneOf"]
+    # Without classes in files.
+    variants = [one for one in schema["properties"][name]["oneOf"] if "const" in _kind(one)]
     shared = _shared([variant["properties"] for variant in variants])
     if shared:
         yield from ("", "Every kind has these options, unless its own table below has them otherwise.")
@@ -78,7 +79,7 @@ def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
         yield ""
         yield from _table(shared, set(), schema)
     for variant in variants:
-        kind = variant["properties"]["kind"]["const"]
+        kind = _kind(variant)["const"]
         yield from ("", f"### {name}: {{kind: {kind}}}{' (default)' if kind == DEFAULT_KINDS[name] else ''}")
         yield from ("", variant["description"])
         if name == "controller" and kind in _MORE:
@@ -89,6 +90,12 @@ def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
         if options:
             yield ""
             yield from _table(options, set(variant.get("required", [])), schema)
+
+
+def _kind(variant: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of the option `kind`; an empty one where there is none."""
+    found: dict[str, Any] = variant.get("properties", {}).get("kind", {})
+    return found
 
 
 def _shared(variants: list[dict[str, Any]]) -> dict[str, Any]:
@@ -180,7 +187,9 @@ def _type(key: dict[str, Any], schema: dict[str, Any]) -> str:
         items = _type(key["items"], schema)
         return f"list of ({items})" if "anyOf" in key["items"] else f"list of {items}"
     words: dict[str, str] = {"object": "mapping", "string": "text"}
-    kind: str = key["type"]
+    kind: str | list[str] = key["type"]
+    if isinstance(kind, list):
+        return " or ".join(words.get(one, one) for one in kind)
     return words.get(kind, kind) + _limits(key)
 
 

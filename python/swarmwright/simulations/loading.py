@@ -297,7 +297,7 @@ def _file(path: Path) -> ModuleType:
     if key not in files:
         if _importing.get(key) == threading.get_ident():
             raise ImportError(
-                "the file is named as a simulation while it is imported; put what starts a run under "
+                "the file is named by an experiment while it is imported; put what starts a run under "
                 '`if __name__ == "__main__":`'
             )
         with _explained(key):

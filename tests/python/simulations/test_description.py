@@ -239,7 +239,7 @@ def test_a_class_is_found_by_its_name(tmp_path: Path) -> None:
         (
             "from swarmwright import Experiment\nExperiment.from_mapping({'simulation': f'{__file__}:A'})",
             "there.py:A",
-            "there.py:2: ImportError while it is imported: the file is named as a simulation while it is",
+            "there.py:2: ImportError while it is imported: the file is named by an experiment while it is",
         ),
         ("import no_such_thing", "there.py:A", "there.py:1: ModuleNotFoundError while it is imported"),
         ("from .parts import A", "there.py:A", "there.py:1: a relative import needs a package"),

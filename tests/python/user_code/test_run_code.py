@@ -391,7 +391,6 @@ def test_a_plug_in_that_was_edited(installed: bool, project: Path, monkeypatch: 
         "ranking", RANKINGS.group, RANKINGS.built_in, "swarmwright.rankings:Ranking"
     )
     monkeypatch.setitem(REGISTRIES, "ranking", registry)
-    monkeypatch.setattr("swarmwright.experiment.experiment.RANKINGS", registry)
     values = {"simulation": "minisim", "ranking": {"kind": "coded"}, "servers": "local"}
     experiment = Experiment.from_mapping({**values, "method": {"population": 4, "generations": 2}})
     run = optimize(experiment, out=project / "run")
