@@ -205,6 +205,21 @@ impl Session {
         self.advance(out, terms, now);
     }
 
+    /// Is this the acknowledgement that the message waits for? Unknown identifiers are answered, or ignored.
+    pub fn expects(&self, id: u16, kind: Answer) -> bool {
+        let Some(flight) = self.flights.iter().find(|flight| flight.id == id) else {
+            return true;
+        };
+        match (kind, &flight.delivery) {
+            (Answer::Release, _) => true,
+            (Answer::Acknowledged, Some(delivery)) => delivery.qos == 1,
+            (Answer::Received, Some(delivery)) => delivery.qos == 2,
+            // PUBREC again after PUBREL was sent is harmless; a client may repeat it.
+            (Answer::Received | Answer::Complete, None) => true,
+            (Answer::Acknowledged, None) | (Answer::Complete, Some(_)) => false,
+        }
+    }
+
     /// PUBACK, PUBCOMP, or a PUBREC that refuses: the message is done. False = unknown identifier.
     pub fn finish(&mut self, id: u16) -> bool {
         let found = self.flights.iter().position(|flight| flight.id == id);

@@ -57,6 +57,16 @@ const OF_WILL: &[u8] = &[
     p::USER_PROPERTY,
 ];
 
+/// The version of a CONNECT, as far as it can be read: a client is refused in its own.
+pub fn version_of(body: &[u8]) -> Option<Version> {
+    let mut reader = Reader::new(body);
+    match (reader.string().ok()?, reader.u8().ok()?) {
+        ("MQTT", 5) => Some(Version::Five),
+        ("MQTT", 4) | ("MQIsdp", 3) => Some(Version::Three),
+        _ => None,
+    }
+}
+
 pub fn connect<'a>(reader: &mut Reader<'a>) -> Result<Connect<'a>, Refusal> {
     let name = reader.string()?;
     let version = match (name, reader.u8()?) {
@@ -76,6 +86,11 @@ pub fn connect<'a>(reader: &mut Reader<'a>) -> Result<Connect<'a>, Refusal> {
     if flags & 1 != 0 || will_qos == 3 || (!has_will && flags & 0x38 != 0) {
         return Err(Refusal::malformed(
             "the flags of CONNECT contradict each other",
+        ));
+    }
+    if version == Version::Three && flags & 0xc0 == 0x40 {
+        return Err(Refusal::malformed(
+            "a password without a user name, which MQTT 3 does not allow",
         ));
     }
     let mut connect = Connect {
@@ -105,9 +120,6 @@ pub fn connect<'a>(reader: &mut Reader<'a>) -> Result<Connect<'a>, Refusal> {
     if flags & 0x40 != 0 {
         connect.password = Some(reader.binary()?);
     }
-    if !reader.is_empty() {
-        return Err(Refusal::malformed("CONNECT is longer than its fields"));
-    }
     Ok(connect)
 }
 
@@ -115,6 +127,7 @@ fn properties_of_connect<'a>(
     reader: &mut Reader<'a>,
     connect: &mut Connect<'a>,
 ) -> Result<(), Refusal> {
+    let (mut has_method, mut has_data) = (false, false);
     each(reader, OF_CONNECT, |id, value| {
         match (id, value) {
             (p::SESSION_EXPIRY, Value::Long(seconds)) => connect.session_expiry = seconds,
@@ -125,14 +138,23 @@ fn properties_of_connect<'a>(
             }
             (p::RECEIVE_MAXIMUM, Value::Short(count)) => connect.receive_maximum = count,
             (p::MAXIMUM_PACKET_SIZE, Value::Long(bytes)) => connect.maximum_packet = bytes,
-            (p::AUTHENTICATION_METHOD, _) => {
-                let what = "enhanced authentication is not supported";
-                return Err(Refusal::new(reason::BAD_AUTHENTICATION_METHOD, what));
-            }
+            (p::AUTHENTICATION_METHOD, _) => has_method = true,
+            (p::AUTHENTICATION_DATA, _) => has_data = true,
             _ => {}
         }
         Ok(())
     })?;
+    if has_method {
+        return Err(Refusal::new(
+            reason::BAD_AUTHENTICATION_METHOD,
+            "enhanced authentication is not supported",
+        ));
+    }
+    if has_data {
+        return Err(Refusal::protocol(
+            "authentication data without an authentication method",
+        ));
+    }
     Ok(())
 }
 

@@ -3,6 +3,7 @@
 use super::connect::{Connect, connect};
 use super::properties::{self as p, Value, each};
 use super::{Refusal, Version, reader::Reader, reason};
+use crate::topic;
 
 /// A packet that a client may send, borrowed from what was received.
 #[derive(Debug, PartialEq, Eq)]
@@ -69,8 +70,12 @@ const OF_PUBLISH: &[u8] = &[
     p::RESPONSE_TOPIC,
     p::CORRELATION_DATA,
     p::TOPIC_ALIAS,
+    p::SUBSCRIPTION_ID,
     p::USER_PROPERTY,
 ];
+/// Reason codes of PUBACK and PUBREC, and of PUBREL and PUBCOMP: MQTT 5.0, 3.4.2.1 and 3.6.2.1.
+const OF_PUBACK: &[u8] = &[0x00, 0x10, 0x80, 0x83, 0x87, 0x90, 0x91, 0x97, 0x99];
+const OF_PUBREL: &[u8] = &[0x00, 0x92];
 
 /// First byte, length of the fixed header and length of the body of the packet that `bytes` start with; None = more bytes needed.
 pub fn frame(bytes: &[u8], maximum: usize) -> Result<Option<(u8, usize, usize)>, Refusal> {
@@ -114,7 +119,7 @@ pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Re
             "wrong flags in the first byte of a packet",
         ));
     }
-    Ok(match first >> 4 {
+    let packet = match first >> 4 {
         1 => Packet::Connect(connect(reader)?),
         3 => Packet::Publish(publish(flags, reader, version)?),
         4 => acknowledge(Answer::Acknowledged, reader, version)?,
@@ -127,7 +132,11 @@ pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Re
         14 => disconnect(reader, version)?,
         15 => return Err(Refusal::protocol("AUTH without an authentication method")),
         _ => return Err(Refusal::protocol("a packet that only a server may send")),
-    })
+    };
+    if !reader.is_empty() {
+        return Err(Refusal::malformed("a packet is longer than its fields"));
+    }
+    Ok(packet)
 }
 
 fn publish<'a>(
@@ -145,20 +154,20 @@ fn publish<'a>(
     let id = if qos == 0 { 0 } else { identifier(reader)? };
     let mut properties: &[u8] = &[];
     if version == Version::Five {
-        properties = each(reader, OF_PUBLISH, |id, value| match (id, value) {
-            (p::TOPIC_ALIAS, _) => Err(Refusal::new(
+        properties = each(reader, OF_PUBLISH, |id, _| match id {
+            p::TOPIC_ALIAS => Err(Refusal::new(
                 reason::BAD_TOPIC_ALIAS,
                 "topic aliases are not offered",
             )),
-            (p::RESPONSE_TOPIC, Value::Text(topic)) if topic.contains(['+', '#']) => {
-                Err(Refusal::protocol("a response topic with wildcards"))
-            }
+            p::SUBSCRIPTION_ID => Err(Refusal::protocol(
+                "a subscription identifier, which only a server may send with a message",
+            )),
             _ => Ok(()),
         })?;
     }
     Ok(Publish {
         topic,
-        payload: reader.rest(),
+        payload: reader.take(reader.rest().len())?,
         properties,
         qos,
         retain: flags & 1 != 0,
@@ -175,6 +184,13 @@ fn acknowledge<'a>(
     let mut code = reason::SUCCESS;
     if version == Version::Five && !reader.is_empty() {
         code = reader.u8()?;
+        let codes = match kind {
+            Answer::Acknowledged | Answer::Received => OF_PUBACK,
+            Answer::Release | Answer::Complete => OF_PUBREL,
+        };
+        if !codes.contains(&code) {
+            return Err(Refusal::protocol("a reason code that this packet does not have"));
+        }
         if !reader.is_empty() {
             each(reader, &[p::REASON_STRING, p::USER_PROPERTY], |_, _| Ok(()))?;
         }
@@ -203,7 +219,7 @@ fn subscribe<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'a>
     }
     let mut filters = Vec::new();
     while !reader.is_empty() {
-        let filter = reader.string()?;
+        let filter = filter(reader, version)?;
         let options = reader.u8()?;
         let (qos, retain_handling) = (options & 3, options >> 4 & 3);
         let reserved = if version == Version::Five { 0xc0 } else { 0xfc };
@@ -235,7 +251,7 @@ fn unsubscribe<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'
     }
     let mut filters = Vec::new();
     while !reader.is_empty() {
-        filters.push(reader.string()?);
+        filters.push(filter(reader, version)?);
     }
     if filters.is_empty() {
         return Err(Refusal::protocol("UNSUBSCRIBE without a topic filter"));
@@ -265,6 +281,17 @@ fn disconnect<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'a
         reason: code,
         session_expiry,
     })
+}
+
+/// A topic filter. MQTT 5 has a reason code for one whose wildcards are not valid; MQTT 3 ends the connection (3.1.1, 4.8).
+fn filter<'a>(reader: &mut Reader<'a>, version: Version) -> Result<&'a str, Refusal> {
+    match reader.string()? {
+        "" => Err(Refusal::malformed("an empty topic filter")),
+        filter if version == Version::Three && !topic::is_filter(filter) => Err(
+            Refusal::malformed("a topic filter whose wildcards are not valid"),
+        ),
+        filter => Ok(filter),
+    }
 }
 
 fn identifier(reader: &mut Reader<'_>) -> Result<u16, Refusal> {

@@ -63,55 +63,72 @@ pub struct Welcome<'a> {
     pub maximum_packet: u32,
 }
 
-/// Appends a CONNACK; `welcome` is left out when the client is refused, which `what` then explains.
-pub fn connack(
-    out: &mut Vec<u8>,
-    version: Version,
-    present: bool,
-    code: u8,
-    welcome: Option<&Welcome<'_>>,
-    what: &str,
-) {
+/// The CONNACK of a client that is accepted.
+pub fn connack(version: Version, present: bool, welcome: &Welcome<'_>) -> Vec<u8> {
     if version == Version::Three {
-        let code = match code {
-            reason::SUCCESS => 0,
-            reason::UNSUPPORTED_VERSION => 1,
-            reason::BAD_CLIENT_ID => 2,
-            reason::BAD_PASSWORD => 4,
-            reason::NOT_AUTHORIZED => 5,
-            _ => 3,
-        };
-        out.extend([0x20, 2, u8::from(present), code]);
-        return;
+        return vec![0x20, 2, u8::from(present), 0];
     }
     let mut properties = Vec::new();
-    if let Some(welcome) = welcome {
-        if let Some(seconds) = welcome.session_expiry {
-            properties.push(p::SESSION_EXPIRY);
-            properties.extend(seconds.to_be_bytes());
-        }
-        properties.push(p::RECEIVE_MAXIMUM);
-        properties.extend(welcome.receive_maximum.to_be_bytes());
-        properties.push(p::MAXIMUM_PACKET_SIZE);
-        properties.extend(welcome.maximum_packet.to_be_bytes());
-        properties.extend([p::SHARED_AVAILABLE, 0]);
-        if let Some(id) = welcome.assigned_id {
-            properties.push(p::ASSIGNED_CLIENT_ID);
-            string(&mut properties, id);
-        }
+    if let Some(seconds) = welcome.session_expiry {
+        properties.push(p::SESSION_EXPIRY);
+        properties.extend(seconds.to_be_bytes());
     }
-    if !what.is_empty() {
-        properties.push(p::REASON_STRING);
-        string(&mut properties, what);
+    properties.push(p::RECEIVE_MAXIMUM);
+    properties.extend(welcome.receive_maximum.to_be_bytes());
+    properties.push(p::MAXIMUM_PACKET_SIZE);
+    properties.extend(welcome.maximum_packet.to_be_bytes());
+    properties.extend([p::SHARED_AVAILABLE, 0]);
+    if let Some(id) = welcome.assigned_id {
+        properties.push(p::ASSIGNED_CLIENT_ID);
+        string(&mut properties, id);
     }
-    out.push(0x20);
+    let mut out = vec![0x20];
     variable(
-        out,
+        &mut out,
         2 + size_of_variable(properties.len()) + properties.len(),
     );
-    out.extend([u8::from(present), code]);
-    variable(out, properties.len());
+    out.extend([u8::from(present), reason::SUCCESS]);
+    variable(&mut out, properties.len());
     out.extend(properties);
+    out
+}
+
+/// Appends the CONNACK of a client that is refused, with the reason as text where the client takes packets of that size. MQTT 3
+/// has codes for some reasons; without one the connection is closed without an answer.
+pub fn refuse(out: &mut Vec<u8>, code: u8, what: &str, version: Version, maximum_packet: usize) {
+    match version {
+        Version::Three => {
+            let code = match code {
+                reason::UNSUPPORTED_VERSION => 1,
+                reason::BAD_CLIENT_ID => 2,
+                reason::BAD_PASSWORD => 4,
+                reason::NOT_AUTHORIZED => 5,
+                // MQTT 3.1.1, 3.1.4: a CONNECT that breaks the rules.
+                reason::MALFORMED | reason::PROTOCOL_ERROR => return,
+                _ => 3,
+            };
+            out.extend([0x20, 2, 0, code]);
+        }
+        Version::Five => explained(out, 0x20, &[0, code], what, maximum_packet),
+    }
+}
+
+/// Appends a packet of MQTT 5 with a reason as text, which is left out where the packet would become too large with it.
+fn explained(out: &mut Vec<u8>, first: u8, head: &[u8], what: &str, maximum_packet: usize) {
+    let properties = 3 + what.len();
+    let length = head.len() + size_of_variable(properties) + properties;
+    out.push(first);
+    if what.is_empty() || 1 + size_of_variable(length) + length > maximum_packet {
+        variable(out, head.len() + 1);
+        out.extend_from_slice(head);
+        out.push(0);
+        return;
+    }
+    variable(out, length);
+    out.extend_from_slice(head);
+    variable(out, properties);
+    out.push(p::REASON_STRING);
+    string(out, what);
 }
 
 /// Appends PUBACK, PUBREC, PUBREL or PUBCOMP.
@@ -160,16 +177,17 @@ pub fn pingresp(out: &mut Vec<u8>) {
     out.extend([0xd0, 0]);
 }
 
-/// Appends a DISCONNECT with its reason as text; servers cannot send one in MQTT 3 and only close.
-pub fn disconnect(out: &mut Vec<u8>, code: u8, what: &str, version: Version) {
+/// Appends a DISCONNECT, with its reason as text where the client takes packets of that size; servers cannot send one in MQTT 3 and
+/// only close.
+pub fn disconnect(
+    out: &mut Vec<u8>,
+    code: u8,
+    what: &str,
+    version: Version,
+    maximum_packet: usize,
+) {
     if version == Version::Five {
-        let properties = 3 + what.len();
-        out.push(0xe0);
-        variable(out, 1 + size_of_variable(properties) + properties);
-        out.push(code);
-        variable(out, properties);
-        out.push(p::REASON_STRING);
-        string(out, what);
+        explained(out, 0xe0, &[code], what, maximum_packet);
     }
 }
 

@@ -11,10 +11,11 @@ pub mod fuzz;
 mod properties;
 mod reader;
 
-pub use connect::Connect;
+pub use connect::{Connect, version_of};
 pub use decode::{Answer, Filter, Packet, Publish, decode, frame};
 pub use encode::{
-    Outgoing, Welcome, acknowledge, connack, disconnect, pingresp, publish, suback, unsuback,
+    Outgoing, Welcome, acknowledge, connack, disconnect, pingresp, publish, refuse, suback,
+    unsuback,
 };
 pub use properties::{expiry_of, without_expiry};
 
@@ -59,8 +60,6 @@ pub mod reason {
     pub const TAKEN_OVER: u8 = 0x8e;
     /// The topic filter is not valid.
     pub const BAD_FILTER: u8 = 0x8f;
-    /// The topic name is not valid.
-    pub const BAD_TOPIC: u8 = 0x90;
     /// The packet identifier is not known.
     pub const UNKNOWN_PACKET_ID: u8 = 0x92;
     /// More unacknowledged messages than the receive maximum allows.

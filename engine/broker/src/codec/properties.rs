@@ -1,6 +1,7 @@
 //! Properties of MQTT 5.0, chapter 2.2.2.
 
 use super::{Refusal, reader::Reader};
+use crate::topic;
 
 /// The value of a property, by its data type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,10 +52,12 @@ pub fn each<'a>(
         let id = inner.u8()?;
         let value = value(id, &mut inner)?;
         if !allowed.contains(&id) {
-            return Err(Refusal::protocol(
+            // MQTT 5.0, 2.2.2.2.
+            return Err(Refusal::malformed(
                 "a property that is not allowed in this packet",
             ));
         }
+        check(id, value)?;
         if id != USER_PROPERTY {
             let bit = 1 << (id & 63);
             if seen & bit != 0 {
@@ -65,6 +68,19 @@ pub fn each<'a>(
         take(id, value)?;
     }
     Ok(all)
+}
+
+/// Refuses values that a property may not have in any packet.
+fn check(id: u8, value: Value<'_>) -> Result<(), Refusal> {
+    match (id, value) {
+        (PAYLOAD_FORMAT | REQUEST_PROBLEM | REQUEST_RESPONSE, Value::Byte(2..)) => {
+            Err(Refusal::protocol("a property is neither 0 nor 1"))
+        }
+        (RESPONSE_TOPIC, Value::Text(topic)) if !topic::is_name(topic) => Err(Refusal::protocol(
+            "a response topic that cannot be published to",
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Like `each`, for properties that were checked before.

@@ -44,16 +44,28 @@ impl Hub {
         if let Some(will) = &connect.will
             && !topic::is_name(will.topic)
         {
-            return Err(Refusal::new(
-                reason::BAD_TOPIC,
+            return Err(Refusal::malformed(
                 "the will has a topic that cannot be published to",
             ));
         }
         let assigned = self.client_id(connect)?;
         let client_id = assigned.as_deref().unwrap_or(connect.client_id);
-        let (session, present) = self.session_for(client_id, connect, now);
         let longest = u32::try_from(self.limits.session.as_secs()).unwrap_or(u32::MAX);
         let expiry = connect.session_expiry.min(longest);
+        let welcome = Welcome {
+            assigned_id: assigned.as_deref(),
+            session_expiry: (expiry != connect.session_expiry).then_some(expiry),
+            receive_maximum: WINDOW,
+            maximum_packet: u32::try_from(self.limits.packet).unwrap_or(u32::MAX),
+        };
+        let version = connect.version;
+        if connack(version, false, &welcome).len() > connect.maximum_packet as usize {
+            return Err(Refusal::new(
+                reason::PACKET_TOO_LARGE,
+                "the client accepts no packets of the size of the answer to its CONNECT",
+            ));
+        }
+        let (session, present) = self.session_for(client_id, connect, now);
 
         let link = &mut self.links[id];
         link.session = Some(session);
@@ -87,20 +99,9 @@ impl Hub {
                 now,
             ),
         });
-        let welcome = Welcome {
-            assigned_id: assigned.as_deref(),
-            session_expiry: (expiry != connect.session_expiry).then_some(expiry),
-            receive_maximum: WINDOW,
-            maximum_packet: u32::try_from(self.limits.packet).unwrap_or(u32::MAX),
-        };
-        connack(
-            link.out.end(),
-            connect.version,
-            present,
-            reason::SUCCESS,
-            Some(&welcome),
-            "",
-        );
+        link.out
+            .end()
+            .extend(connack(version, present, &welcome));
         remembered.resume(&mut link.out, link.terms, now);
         log::debug!("client {client_id} at {} connected", link.peer);
         self.mark(id);

@@ -18,6 +18,7 @@ impl Hub {
                     reason::SHUTTING_DOWN,
                     "the broker is stopping",
                     version,
+                    link.terms.maximum_packet,
                 );
             }
             link.closing = true;
@@ -45,19 +46,19 @@ impl Hub {
                     refusal.reason,
                     refusal.what,
                     link.terms.version,
+                    link.terms.maximum_packet,
                 );
             }
             None => {
                 self.complaints.say(Kind::Refused, now, || {
                     format!("{}: {}; refused", link.peer, refusal.what)
                 });
-                codec::connack(
+                codec::refuse(
                     link.out.end(),
-                    link.terms.version,
-                    false,
                     refusal.reason,
-                    None,
                     refusal.what,
+                    link.terms.version,
+                    link.terms.maximum_packet,
                 );
             }
         }

@@ -37,6 +37,9 @@ impl Hub {
             done = start + body;
             self.links[id].allowance -= 1.0;
             self.work += WORK_OF_PACKET;
+            if self.links[id].session.is_none() {
+                self.note_version(id, &bytes[start..done]);
+            }
             let version = self.links[id].terms.version;
             let outcome = codec::decode(first, &bytes[start..done], version)
                 .and_then(|packet| self.handle(id, packet, now));
@@ -55,6 +58,13 @@ impl Hub {
             bytes.len()
         } else {
             done
+        }
+    }
+
+    /// Notes the version of a client from its CONNECT, for an answer also where nothing else of it can be read.
+    fn note_version(&mut self, id: usize, connect: &[u8]) {
+        if let Some(version) = codec::version_of(connect) {
+            self.links[id].terms.version = version;
         }
     }
 
@@ -85,18 +95,18 @@ impl Hub {
             Packet::Connect(_) => {}
             Packet::Publish(publish) => self.published(id, session, &publish, now)?,
             Packet::Acknowledge(kind, packet, code) => {
-                self.acknowledged(id, session, kind, packet, code, now)
+                self.acknowledged(id, session, kind, packet, code, now)?;
             }
             Packet::Subscribe {
                 id: packet,
                 identifier,
                 filters,
-            } => self.subscribe(id, session, packet, identifier, &filters, now),
+            } => self.subscribe(id, session, packet, identifier, &filters, now)?,
             Packet::Unsubscribe {
                 id: packet,
                 filters,
-            } => self.unsubscribe(id, session, packet, &filters),
-            Packet::Ping => self.answer(id, |out, _| codec::pingresp(out)),
+            } => self.unsubscribe(id, session, packet, &filters)?,
+            Packet::Ping => self.answer(id, |out, _| codec::pingresp(out))?,
             Packet::Disconnect {
                 reason,
                 session_expiry,
@@ -113,8 +123,13 @@ impl Hub {
         packet: u16,
         code: u8,
         now: Instant,
-    ) {
+    ) -> Result<(), Refusal> {
         let remembered = &mut self.sessions[session];
+        if !remembered.expects(packet, kind) {
+            return Err(Refusal::protocol(
+                "an acknowledgement that does not belong to the QoS of the message",
+            ));
+        }
         let known = |known| {
             if known {
                 reason::SUCCESS
@@ -137,20 +152,35 @@ impl Hub {
         if let Some((kind, code)) = reply {
             self.answer(id, |out, version| {
                 codec::acknowledge(out, kind, packet, code, version);
-            });
+            })?;
         }
         let link = &mut self.links[id];
         self.sessions[session].advance(&mut link.out, link.terms, now);
         self.mark(id);
         self.recount_session(session);
+        Ok(())
     }
 
-    /// Appends an answer to a packet that the client sent.
-    pub(super) fn answer(&mut self, id: usize, write: impl FnOnce(&mut Vec<u8>, Version)) {
+    /// Appends an answer to a packet that the client sent, unless it accepts none of that size.
+    pub(super) fn answer(
+        &mut self,
+        id: usize,
+        write: impl FnOnce(&mut Vec<u8>, Version),
+    ) -> Result<(), Refusal> {
         let link = &mut self.links[id];
-        let before = link.out.len();
-        write(link.out.end(), link.terms.version);
-        link.answers += link.out.len() - before;
+        let out = link.out.end();
+        let before = out.len();
+        write(out, link.terms.version);
+        let length = out.len() - before;
+        if length > link.terms.maximum_packet {
+            out.truncate(before);
+            return Err(Refusal::new(
+                reason::PACKET_TOO_LARGE,
+                "an answer is larger than the packets that the client accepts",
+            ));
+        }
+        link.answers += length;
         self.mark(id);
+        Ok(())
     }
 }

@@ -70,14 +70,10 @@ impl Hub {
         now: Instant,
     ) -> Result<(), Refusal> {
         if !topic::is_name(message.topic) {
-            return Err(Refusal::new(
-                reason::BAD_TOPIC,
-                "a topic that cannot be published to",
-            ));
+            return Err(Refusal::malformed("a topic that cannot be published to"));
         }
         if message.qos == 2 && !self.sessions[session].inbound.insert(message.id) {
-            self.answer_publish(id, message, reason::SUCCESS);
-            return Ok(());
+            return self.answer_publish(id, message, reason::SUCCESS);
         }
         if self.sessions[session].inbound.len() > usize::from(WINDOW) {
             return Err(Refusal::new(
@@ -95,19 +91,23 @@ impl Hub {
         if code >= 0x80 && message.qos == 2 {
             self.sessions[session].inbound.remove(&message.id);
         }
-        self.answer_publish(id, message, code);
-        Ok(())
+        self.answer_publish(id, message, code)
     }
 
-    fn answer_publish(&mut self, id: usize, message: &Publish<'_>, code: u8) {
+    fn answer_publish(
+        &mut self,
+        id: usize,
+        message: &Publish<'_>,
+        code: u8,
+    ) -> Result<(), Refusal> {
         let kind = match message.qos {
-            0 => return,
+            0 => return Ok(()),
             1 => Answer::Acknowledged,
             _ => Answer::Received,
         };
         self.answer(id, |out, version| {
-            acknowledge(out, kind, message.id, code, version)
-        });
+            acknowledge(out, kind, message.id, code, version);
+        })
     }
 
     /// Publishes the will of a session.

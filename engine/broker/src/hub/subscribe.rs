@@ -3,7 +3,7 @@
 use super::complaints::Kind;
 use super::lookups::Lookup;
 use super::{Hub, WORK_OF_PACKET};
-use crate::codec::{Filter, reason, suback, unsuback};
+use crate::codec::{Filter, Refusal, reason, suback, unsuback};
 use crate::subscriptions::{DEEPEST, Options};
 use crate::topic;
 use std::time::Instant;
@@ -17,7 +17,7 @@ impl Hub {
         identifier: Option<u32>,
         filters: &[Filter<'_>],
         now: Instant,
-    ) {
+    ) -> Result<(), Refusal> {
         self.work += WORK_OF_PACKET * filters.len();
         let mut codes = Vec::with_capacity(filters.len());
         let mut wanted = Vec::new();
@@ -43,8 +43,9 @@ impl Hub {
         }
         self.routes.clear();
         self.recount_session(session);
-        self.answer(id, |out, version| suback(out, packet, &codes, version));
+        self.answer(id, |out, version| suback(out, packet, &codes, version))?;
         self.look_up(id, wanted, now);
+        Ok(())
     }
 
     /// Adds one subscription; whether it is new, or the reason code of its refusal.
@@ -74,18 +75,26 @@ impl Hub {
         Ok(is_new)
     }
 
-    pub(super) fn unsubscribe(&mut self, id: usize, session: usize, packet: u16, filters: &[&str]) {
+    pub(super) fn unsubscribe(
+        &mut self,
+        id: usize,
+        session: usize,
+        packet: u16,
+        filters: &[&str],
+    ) -> Result<(), Refusal> {
         let mut codes = Vec::with_capacity(filters.len());
         for filter in filters {
             codes.push(if self.sessions[session].unsubscribe(filter) {
                 self.subscriptions.remove(session, filter);
                 reason::SUCCESS
-            } else {
+            } else if topic::is_filter(filter) {
                 reason::NO_SUBSCRIPTION
+            } else {
+                reason::BAD_FILTER
             });
         }
         self.routes.clear();
         self.recount_session(session);
-        self.answer(id, |out, version| unsuback(out, packet, &codes, version));
+        self.answer(id, |out, version| unsuback(out, packet, &codes, version))
     }
 }

@@ -1,5 +1,6 @@
 //! Exchanges with the broker without sockets, in virtual time.
 
+mod conformance;
 mod delivery;
 mod fuzz;
 mod limits;
@@ -81,7 +82,7 @@ fn publish(topic: &str, flags: u8, id: u16, properties: &[u8], payload: &[u8]) -
 impl Stage {
     fn new(limits: Limits) -> Self {
         Self {
-            hub: Hub::new(limits, None, None),
+            hub: Hub::new(limits, None, None, None),
             now: Instant::now(),
         }
     }
