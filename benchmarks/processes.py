@@ -63,8 +63,12 @@ class Broker:
 
 @contextlib.contextmanager
 def embedded(*options: str) -> Iterator[Broker]:
-    """The embedded broker, by `swarmwright broker`. options: further ones of the command line."""
-    with _running([*PROGRAM, "broker", "--port", "0", "--json", *options]) as process:
+    """The embedded broker, by `swarmwright broker`. options: further ones of the command line.
+
+    Any user of the machine is admitted, since what is measured has clients of all kinds.
+    """
+    account = [] if "--users" in options else ["--anonymous"]
+    with _running([*PROGRAM, "broker", "--port", "0", "--json", *account, *options]) as process:
         news = _line(process, "listening")
         yield Broker("embedded", int(news["port"]), process.pid)
 

@@ -14,7 +14,8 @@ const { Actuator, Control, Discovery, Fitness, Parameters, Requirements, Sensor,
 const simulationHash = `episode ${process.pid} of the generated client`;
 const seen = { sensors: [] };
 
-const client = mqtt.connect(broker);
+const { SWARMWRIGHT_USERNAME: username, SWARMWRIGHT_PASSWORD: password } = process.env;
+const client = mqtt.connect(broker, { username, password });
 const send = (topic, message) => client.publish(topic, message.marshal());
 
 const receive = {

@@ -1,6 +1,7 @@
 """The compiled engine. Everything here is built from `engine/python`; `mypy.stubtest` checks the two against each other."""
 
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, Literal, final
 
 import numpy as np
@@ -52,6 +53,7 @@ __all__ = [
     "Torus",
     "Watcher",
     "__version__",
+    "account",
     "aggregates",
     "centered_ranks",
     "certificates",
@@ -889,6 +891,7 @@ class Broker:
         socket_mode: int = 0o600,
         websocket_port: int | None = None,
         users: str | None = None,
+        accounts: Sequence[tuple[str, str]] | None = None,
         access: str | None = None,
         certificate: str | None = None,
         key: str | None = None,
@@ -900,6 +903,7 @@ class Broker:
         """port 0, the default: any free one; None: no MQTT over TCP. socket: path of a Unix socket to listen on; who may write to its file,
         by socket_mode, may connect. users, access: paths of a password file and of an access file, Mosquitto's formats.
 
+        accounts: users with random passwords, instead of `users`; without both, every client is admitted.
         client_ca: path of a PEM file; clients need a certificate that an authority in it has signed, and where `users` is
         given an account.
         origins: of web pages that may connect by websocket, as "https://dashboard.example.org"; "*" for all. Pages of the
@@ -915,6 +919,12 @@ class Broker:
     def socket_url(self) -> str | None: ...
     @property
     def port(self) -> int: ...
+    def publish(self, user: str, password: str) -> tuple[list[Path], str | None]:
+        """Have all programs of this user on this machine use an account of this broker, until it stops.
+
+        Returns the files that say so, one for each address; and why they could not be written, in which case only this
+        process uses it.
+        """
     def reload(self) -> None:
         """Read users, access, certificate, key and client_ca again; accounts that are gone or have another password are disconnected.
 
@@ -947,6 +957,13 @@ def evaluate_host(
     Returns fitness and metrics as `evaluate`, NaN where the simulation's code failed, and those evaluations:
     (candidate, episode, reason, traceback or None).
     Raises InputError for parameters that the simulation refuses, controllers that do not fit it.
+    """
+
+def account(broker: str) -> tuple[str | None, str | None]:
+    """User name and password with which this process connects to a broker: of one that this user runs on this machine, else
+    the environment's.
+
+    Raises InputError when the URL or a variable cannot be used.
     """
 
 def hash_password(password: str) -> str:

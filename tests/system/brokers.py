@@ -106,6 +106,8 @@ def _embedded(port: int, folder: Path, users: Mapping[str, str]) -> list[str]:
                 add, input=f"{password}\n", text=True, check=True, capture_output=True, env=environment()
             )
         command += ["--users", str(file)]
+    else:
+        command.append("--anonymous")  # for clients of all kinds, as Mosquitto below
     return command
 
 

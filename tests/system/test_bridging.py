@@ -79,7 +79,9 @@ def websocket(kind: Kind, tmp_path: Path, launch: Launch, cleanup: ExitStack) ->
     """The port of a broker of each kind that accepts MQTT over WebSocket."""
     port = free_port()
     if kind == "embedded":
-        launch("broker", "--port", 0, "--websocket-port", port, "--json").until_event("listening")
+        launch("broker", "--port", 0, "--websocket-port", port, "--anonymous", "--json").until_event(
+            "listening"
+        )
         return port
     broker = BrokerProcess("mosquitto", tmp_path / "broker")
     with (tmp_path / "broker" / "mosquitto.conf").open("a") as configuration:

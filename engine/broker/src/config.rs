@@ -1,5 +1,6 @@
 //! The configuration of the broker.
 
+use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -16,8 +17,11 @@ pub struct Config {
     pub socket_mode: u32,
     /// Port for MQTT over WebSocket; 0 = any free one, None = no WebSocket.
     pub websocket_port: Option<u16>,
-    /// Password file, `user:hash` lines; None = every client may connect.
+    /// Password file, `user:hash` lines; None = every client may connect, unless there are `accounts`.
     pub users: Option<PathBuf>,
+    /// Accounts with random passwords, instead of a password file: only their clients may connect, except at the Unix
+    /// socket, which is guarded by the permissions of its file.
+    pub accounts: Vec<Account>,
     /// Access file in Mosquitto's format; None = every client may read and write everything.
     pub access: Option<PathBuf>,
     /// Origins of web pages that may connect by WebSocket, as `https://dashboard.example.org`, or `*` for all. Pages from the
@@ -31,6 +35,21 @@ pub struct Config {
     pub client_ca: Option<PathBuf>,
     /// Limits on what is stored.
     pub limits: Limits,
+}
+
+/// An account of a broker whose clients get its password from the program that starts both.
+#[derive(Clone)]
+pub struct Account {
+    /// User name.
+    pub user: String,
+    /// At least 128 random bits: it is checked at once and any number of times, since it cannot be guessed.
+    pub password: String,
+}
+
+impl fmt::Debug for Account {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "Account({:?}, ...)", self.user)
+    }
 }
 
 /// Limits on what clients can make the broker store.
@@ -65,6 +84,7 @@ impl Default for Config {
             socket_mode: 0o600,
             websocket_port: None,
             users: None,
+            accounts: Vec::new(),
             access: None,
             origins: Vec::new(),
             certificate: None,

@@ -79,6 +79,9 @@ pub enum BrokerError {
     /// Client certificates are to be verified, without TLS.
     #[error("client certificates need TLS; the broker's own certificate and its key are missing")]
     ClientsWithoutTls,
+    /// A password file and accounts with random passwords.
+    #[error("the broker takes either a password file or accounts with random passwords, not both")]
+    TwoKindsOfAccounts,
     /// Anything else that the operating system refuses.
     #[error("the broker could not {what}: {source}")]
     System {

@@ -37,12 +37,12 @@ mod topic;
 mod transport;
 
 pub use certificates::{Certificates, certify};
-pub use config::{Config, Limits};
+pub use config::{Account, Config, Limits};
 pub use error::BrokerError;
 pub use passwords::{hash_for_mosquitto, hash_password};
 
 use access::Access;
-use passwords::{Passwords, Users};
+use passwords::{Keys, Passwords, Users};
 use server::{Listening, Renewal, Server, Stopper};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::path::Path;
@@ -77,7 +77,8 @@ impl Broker {
             .map(Passwords::new)
             .transpose()
             .map_err(system("start threads that check passwords"))?;
-        let hub = hub::Hub::new(config.limits.clone(), passwords, access);
+        let keys = Keys::new(&config.accounts);
+        let hub = hub::Hub::new(config.limits.clone(), passwords, keys, access);
         let (server, stopper) = Server::new(listening.listeners, tls, origins, hub)
             .map_err(system("wait for sockets"))?;
         let thread = thread::Builder::new()
@@ -113,6 +114,11 @@ impl Broker {
     /// The TCP port, the actual one where 0 was asked for; 0 without MQTT over TCP.
     pub fn port(&self) -> u16 {
         self.address.map_or(0, |address| address.port())
+    }
+
+    /// The addresses of the TCP ports, of MQTT and of WebSocket.
+    pub fn addresses(&self) -> impl Iterator<Item = SocketAddr> {
+        [self.address, self.websocket].into_iter().flatten()
     }
 
     /// The WebSocket port, where one was asked for.
@@ -189,6 +195,9 @@ impl std::fmt::Debug for Broker {
 
 /// Reads the files that a configuration names.
 fn read_files(config: &Config) -> Result<Renewal, BrokerError> {
+    if config.users.is_some() && !config.accounts.is_empty() {
+        return Err(BrokerError::TwoKindsOfAccounts);
+    }
     let tls = match (&config.certificate, &config.key) {
         (Some(certificate), Some(key)) => {
             let clients = config.client_ca.as_deref();

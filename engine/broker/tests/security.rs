@@ -15,8 +15,8 @@ use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
 use std::net::TcpStream;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
-use swarmwright_broker::{Broker, Config};
+use std::time::{Duration, Instant};
+use swarmwright_broker::{Account, Broker, Config};
 
 fn data(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
@@ -53,6 +53,86 @@ fn passwords_admit_and_refuse() {
             assert_eq!(code(None), missing);
         }
     });
+}
+
+fn private(socket: Option<PathBuf>) -> Config {
+    Config {
+        accounts: vec![Account {
+            user: "run".to_owned(),
+            password: "a random password".to_owned(),
+        }],
+        socket,
+        ..Config::default()
+    }
+}
+
+#[test]
+fn accounts_admit_their_clients_alone() {
+    in_time(|| {
+        let broker = Broker::start(&private(None)).unwrap();
+        for (version, refused) in [(4, 5), (5, 0x87)] {
+            let code = |user| {
+                let hello = Hello {
+                    version,
+                    user,
+                    ..Hello::default()
+                };
+                Client::knock(&broker, &hello).1
+            };
+            assert_eq!(code(Some(("run", "a random password"))), 0);
+            for wrong in ["a random passwore", "a random password ", "a", ""] {
+                assert_eq!(code(Some(("run", wrong))), refused);
+            }
+            assert_eq!(code(Some(("eve", "a random password"))), refused);
+            assert_eq!(code(None), refused);
+        }
+    });
+}
+
+#[test]
+fn guesses_do_not_delay_the_clients_of_an_account() {
+    in_time(|| {
+        let broker = Broker::start(&private(None)).unwrap();
+        let began = Instant::now();
+        for guess in 0..2000 {
+            let hello = Hello {
+                user: Some(("run", &guess.to_string())),
+                ..Hello::default()
+            };
+            assert_eq!(Client::knock(&broker, &hello).1, 0x87);
+        }
+        let hello = Hello {
+            user: Some(("run", "a random password")),
+            ..Hello::default()
+        };
+        assert_eq!(Client::knock(&broker, &hello).1, 0);
+        // With slow hashes, 8 wrong passwords of a network are checked in a second.
+        assert!(began.elapsed() < Duration::from_secs(50));
+    });
+}
+
+#[cfg(unix)]
+#[test]
+fn clients_of_a_unix_socket_need_no_account() {
+    in_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("broker.sock");
+        let broker = Broker::start(&private(Some(path.clone()))).unwrap();
+        let stream = std::os::unix::net::UnixStream::connect(&path).unwrap();
+        let mut client = Client::over(stream, &Hello::default());
+        assert_eq!(client.expect(CONNACK)[1], 0);
+        assert_eq!(Client::knock(&broker, &Hello::default()).1, 0x87);
+    });
+}
+
+#[test]
+fn a_password_file_and_accounts_exclude_each_other() {
+    let config = Config {
+        users: Some(data("users")),
+        ..private(None)
+    };
+    let error = Broker::start(&config).expect_err("both are given");
+    assert!(error.to_string().contains("not both"), "{error}");
 }
 
 #[test]

@@ -5,6 +5,7 @@
 //! websocket, Unix socket), the event loop on one thread without locks, and reconnection. One `poll` sends everything that was
 //! published since the last in one write, since a step of many agents is many small messages.
 
+mod accounts;
 mod connection;
 mod dialect;
 mod handshake;
@@ -19,6 +20,7 @@ mod transport;
 #[cfg(unix)]
 mod unix;
 
+pub use accounts::{Published, UserAndPassword};
 pub use connection::{Connection, Event, TooLarge, Traffic, Waker};
 pub use probe::holds_back_small_packets;
 pub use publication::PublishOptions;
@@ -65,7 +67,7 @@ pub enum ConnectError {
     /// The broker refuses the credentials.
     #[error(
         "the broker at {url} refuses {who} ({reason}); set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD \
-         (or SWARMWRIGHT_PASSWORD_FILE) to an account of that broker"
+         (or SWARMWRIGHT_PASSWORD_FILE) to an account of that broker, such as `swarmwright broker --account FILE` writes"
     )]
     Refused {
         /// Where.

@@ -7,6 +7,7 @@ use std::str::FromStr;
 use std::time::Duration;
 use std::{env, fmt, fs};
 
+use crate::accounts;
 use crate::session::Version;
 
 /// Seconds.
@@ -154,6 +155,34 @@ fn variable(name: &str) -> Option<String> {
     env::var(name).ok().filter(|value| !value.is_empty())
 }
 
+/// User name and password of the environment.
+fn environment_account() -> Result<(Option<String>, Option<String>), SettingsError> {
+    let username = variable("SWARMWRIGHT_USERNAME");
+    let password = match (
+        variable("SWARMWRIGHT_PASSWORD"),
+        variable("SWARMWRIGHT_PASSWORD_FILE"),
+    ) {
+        (Some(password), _) => Some(password),
+        (None, Some(file)) => Some(
+            fs::read_to_string(&file)
+                .map_err(|error| {
+                    SettingsError(format!("SWARMWRIGHT_PASSWORD_FILE {file:?}: {error}"))
+                })?
+                .lines()
+                .next()
+                .unwrap_or_default()
+                .to_owned(),
+        ),
+        (None, None) => None,
+    };
+    if password.is_some() && username.is_none() {
+        return Err(SettingsError(
+            "a password is set but SWARMWRIGHT_USERNAME is not; set both or neither".to_owned(),
+        ));
+    }
+    Ok((username, password))
+}
+
 /// A keep-alive interval.
 fn seconds(text: &str) -> Result<u16, SettingsError> {
     text.parse()
@@ -277,7 +306,8 @@ pub struct ClientCertificate {
 }
 
 impl Settings {
-    /// Settings with the credentials of the environment: `SWARMWRIGHT_USERNAME`, `SWARMWRIGHT_PASSWORD` or
+    /// Settings with the account of a broker that this user runs on this machine (see [`crate::Published`]), else with the
+    /// credentials of the environment: `SWARMWRIGHT_USERNAME`, `SWARMWRIGHT_PASSWORD` or
     /// `SWARMWRIGHT_PASSWORD_FILE` (first line), `SWARMWRIGHT_CA_FILE`, `SWARMWRIGHT_CERTIFICATE_FILE` with
     /// `SWARMWRIGHT_KEY_FILE`; and with its keep-alive interval, `SWARMWRIGHT_KEEP_ALIVE`.
     ///
@@ -287,29 +317,12 @@ impl Settings {
     /// A URL is not valid, the password file cannot be read, a password is set without a user name, a client certificate without
     /// its key or the reverse, or the keep-alive interval is not a number of seconds.
     pub fn from_environment(url: &str) -> Result<Self, SettingsError> {
-        let username = variable("SWARMWRIGHT_USERNAME");
-        let password = match (
-            variable("SWARMWRIGHT_PASSWORD"),
-            variable("SWARMWRIGHT_PASSWORD_FILE"),
-        ) {
-            (Some(password), _) => Some(password),
-            (None, Some(file)) => Some(
-                fs::read_to_string(&file)
-                    .map_err(|error| {
-                        SettingsError(format!("SWARMWRIGHT_PASSWORD_FILE {file:?}: {error}"))
-                    })?
-                    .lines()
-                    .next()
-                    .unwrap_or_default()
-                    .to_owned(),
-            ),
-            (None, None) => None,
+        let mut settings = Self::at(url)?;
+        // What a broker of this user says of itself is right, whatever the environment says of others.
+        (settings.username, settings.password) = match settings.account() {
+            Some((username, password)) => (Some(username), Some(password)),
+            None => environment_account()?,
         };
-        if password.is_some() && username.is_none() {
-            return Err(SettingsError(
-                "a password is set but SWARMWRIGHT_USERNAME is not; set both or neither".to_owned(),
-            ));
-        }
         let certificate = match (
             variable("SWARMWRIGHT_CERTIFICATE_FILE"),
             variable("SWARMWRIGHT_KEY_FILE"),
@@ -329,9 +342,6 @@ impl Settings {
                 )));
             }
         };
-        let mut settings = Self::at(url)?;
-        settings.username = username;
-        settings.password = password;
         settings.ca_file = variable("SWARMWRIGHT_CA_FILE").map(PathBuf::from);
         settings.certificate = certificate;
         Ok(settings)
@@ -374,6 +384,16 @@ impl Settings {
             timeout: Duration::from_secs(5),
             clear_text_is_known: false,
         }
+    }
+
+    /// The account of a broker that this user runs on this machine. None where other brokers would get the password, too.
+    fn account(&self) -> Option<(String, String)> {
+        let is_elsewhere = |url: &BrokerUrl| url.scheme != Scheme::Unix && !is_loopback(&url.host);
+        let mut urls = std::iter::once(&self.url).chain(&self.others);
+        if urls.clone().any(is_elsewhere) {
+            return None;
+        }
+        urls.find_map(accounts::find)
     }
 
     /// Goes on to the next broker of the cluster; the present one is then the last to be tried again.

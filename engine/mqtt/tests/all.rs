@@ -1,5 +1,6 @@
 //! The integration tests of this crate as one program: each program links the whole engine anew.
 
+mod accounts;
 mod common;
 mod connection;
 mod dialects;

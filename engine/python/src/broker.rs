@@ -4,7 +4,8 @@ use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use swarmwright_broker::{Broker, Config, Limits, certify};
+use swarmwright_broker::{Account, Broker, Config, Limits, certify};
+use swarmwright_mqtt::Published;
 
 use crate::errors::engine;
 
@@ -15,13 +16,15 @@ pub struct PyBroker {
     url: String,
     socket_url: Option<String>,
     port: u16,
+    /// Its account, where this user's programs find it.
+    published: Option<Published>,
 }
 
 #[pymethods]
 impl PyBroker {
     #[new]
     #[expect(clippy::too_many_arguments, reason = "keywords, each with a default")]
-    #[pyo3(signature = (host="127.0.0.1", port=Some(0), *, socket=None, socket_mode=0o600, websocket_port=None, users=None, access=None, certificate=None, key=None, client_ca=None, origins=None, rate=None, memory=None))]
+    #[pyo3(signature = (host="127.0.0.1", port=Some(0), *, socket=None, socket_mode=0o600, websocket_port=None, users=None, accounts=None, access=None, certificate=None, key=None, client_ca=None, origins=None, rate=None, memory=None))]
     fn new(
         py: Python<'_>,
         host: &str,
@@ -30,6 +33,7 @@ impl PyBroker {
         socket_mode: u32,
         websocket_port: Option<u16>,
         users: Option<PathBuf>,
+        accounts: Option<Vec<(String, String)>>,
         access: Option<PathBuf>,
         certificate: Option<PathBuf>,
         key: Option<PathBuf>,
@@ -48,6 +52,11 @@ impl PyBroker {
             socket_mode,
             websocket_port,
             users,
+            accounts: accounts
+                .unwrap_or_default()
+                .into_iter()
+                .map(|(user, password)| Account { user, password })
+                .collect(),
             access,
             certificate,
             key,
@@ -61,6 +70,23 @@ impl PyBroker {
             socket_url: broker.socket_url(),
             port: broker.port(),
             broker: Some(broker),
+            published: None,
+        })
+    }
+
+    /// Publishes an account of the broker; the files, one for each of its addresses, or why there are none.
+    fn publish(&mut self, py: Python<'_>, user: String, password: String) -> (Vec<PathBuf>, Option<String>) {
+        let Some(broker) = &self.broker else {
+            return (Vec::new(), None);
+        };
+        let addresses = broker.addresses().collect();
+        py.detach(|| {
+            let account = (user, password);
+            let mut published = Published::in_memory(addresses, &account);
+            let problem = published.write(&account).err();
+            let files = published.paths().map(Into::into).collect();
+            self.published = Some(published);
+            (files, problem.map(|error| error.to_string()))
         })
     }
 
@@ -87,8 +113,12 @@ impl PyBroker {
     }
 
     fn stop(&mut self, py: Python<'_>) {
+        let published = self.published.take();
         if let Some(broker) = self.broker.take() {
-            py.detach(|| broker.stop());
+            py.detach(|| {
+                broker.stop();
+                drop(published);
+            });
         }
     }
 }

@@ -62,6 +62,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<worlds::PyEpisode>()?;
     module.add_class::<episodes::PyEpisodes>()?;
     module.add_class::<broker::PyBroker>()?;
+    module.add_function(wrap_pyfunction!(account::account, module)?)?;
     module.add_function(wrap_pyfunction!(broker::hash_password, module)?)?;
     module.add_function(wrap_pyfunction!(broker::hash_for_mosquitto, module)?)?;
     module.add_function(wrap_pyfunction!(broker::certificates, module)?)?;

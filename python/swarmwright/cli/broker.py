@@ -8,10 +8,13 @@ import socket
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from threading import Event
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 from swarmwright.broker.address import PREFIX_VARIABLE
+from swarmwright.cli._broker_account import UserAccount, account_for
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log, log_options
 from swarmwright.cli._options import json_option
@@ -19,6 +22,9 @@ from swarmwright.cli._output import Output
 from swarmwright.cli._parameter_types import ExistingPath, Prefix, WholeNumber
 from swarmwright.cli._reloading import hangups, reload
 from swarmwright.core.open_files import allow_more_open_files
+
+if TYPE_CHECKING:
+    from swarmwright import _engine
 
 Port = WholeNumber(0, 65535)
 
@@ -83,6 +89,20 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
 )
 @click.option(
     "--users", type=ExistingPath(), metavar="FILE", help="Password file; only its users may connect."
+)
+@click.option(
+    "--anonymous",
+    is_flag=True,
+    help="Admit every client without an account, so that every user of this machine can read and change "
+    "runs on this broker. Default: only programs of the user who starts it are admitted.",
+)
+@click.option(
+    "--account",
+    "account_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write the variables with the account of this user into a file (mode 0600), for peers that are not "
+    "made with Swarmwright: `. FILE` in a shell before they start. It is removed when the broker ends.",
 )
 @click.option(
     "--access",
@@ -155,6 +175,8 @@ def command(
     websocket_port: int | None,
     origins: tuple[str, ...],
     users: Path | None,
+    anonymous: bool,
+    account_file: Path | None,
     access: Path | None,
     certificate: Path | None,
     key: Path | None,
@@ -172,10 +194,11 @@ def command(
 ) -> int:
     """Run an MQTT broker, or write the configuration of one.
 
-    It runs until Ctrl-C. Without a password file, every client that can reach the broker may use it.
-    Therefore it listens on the loopback address only, and to other machines only with TLS and a password
-    file or client certificates; a Unix socket is for users who may write to its file. On SIGHUP it reads
-    its files again.
+    It runs until Ctrl-C. Without a password file, it admits only programs of the user who starts it, on this
+    machine: swarmwright's commands, and servers in C++ and Python, find the account by themselves, others
+    take it from the environment (--account). A Unix socket is for users who may write to its file. To other
+    machines it listens only with TLS and a password file or client certificates. On SIGHUP it reads its
+    files again.
     """
     output = Output(as_json=as_json)
     if folder is not None or add_user is not None:
@@ -185,6 +208,8 @@ def command(
             "--websocket-port": websocket_port,
             "--origin": origins or None,
             "--users": users,
+            "--anonymous": anonymous or None,
+            "--account": account_file,
             "--access": access,
             "--certificate": certificate,
             "--key": key,
@@ -214,6 +239,11 @@ def command(
     elif port is None:
         port = 8883 if certificate else 1883
     _check_exposure(host, users=users, certificate=certificate, client_ca=client_ca)
+    account = account_for(
+        {"--anonymous": anonymous or None, "--users": users, "--client-ca": client_ca},
+        account_file,
+        has_port=port is not None or websocket_port is not None,
+    )
     from swarmwright import _engine
 
     allow_more_open_files()
@@ -225,6 +255,7 @@ def command(
             socket_mode=0o600 if socket_mode is None else socket_mode,
             websocket_port=websocket_port,
             users=str(users) if users else None,
+            accounts=None if account is None else [account.pair],
             access=str(access) if access else None,
             certificate=str(certificate) if certificate else None,
             key=str(key) if key else None,
@@ -235,23 +266,49 @@ def command(
         )
         _check_certificate(certificate)
         try:
-            where = dict.fromkeys(url for url in (broker.url, broker.socket_url) if url)
-            # Its URL is the one for this machine.
-            all_of_them = "all addresses of this machine, here " if _is_any(host) and broker.url else ""
-            output.text(f"The broker listens on {all_of_them}{' and '.join(where)} (Ctrl-C stops it)")
-            listening = {"event": "listening", "url": broker.url, "port": broker.port or None}
-            output.json({**listening, **({"socket": broker.socket_url} if socket_file else {})})
+            _announce(output, broker, host, account, anonymous=anonymous)
             lines.write("info", "listening", url=broker.url)
-            # In slices: a signal that comes just before a wait without end begins would never be noticed.
-            while True:
-                if hung_up.wait(0.5):
-                    hung_up.clear()
-                    reload(broker, output, lines)
+            _wait(broker, hung_up, output, lines)
         except KeyboardInterrupt:  # Ctrl-C or SIGTERM is how it is asked to end
             lines.write("info", "stopped")
         finally:
             broker.stop()
+            if account is not None:
+                account.remove()
     return 0
+
+
+def _wait(broker: "_engine.Broker", hung_up: Event, output: Output, lines: Log) -> NoReturn:
+    """Have the files read again on each SIGHUP, until Ctrl-C."""
+    # In slices: a signal that comes just before a wait without end begins would never be noticed.
+    while True:
+        if hung_up.wait(0.5):
+            hung_up.clear()
+            reload(broker, output, lines)
+
+
+def _announce(
+    output: Output, broker: "_engine.Broker", host: str, account: UserAccount | None, *, anonymous: bool
+) -> None:
+    """Say where a broker listens, and which clients it admits, once they can find their account."""
+    if account is not None:
+        account.publish(broker)
+    where = dict.fromkeys(url for url in (broker.url, broker.socket_url) if url)
+    # Its URL is the one for this machine.
+    all_of_them = "all addresses of this machine, here " if _is_any(host) and broker.url else ""
+    output.text(f"The broker listens on {all_of_them}{' and '.join(where)} (Ctrl-C stops it)")
+    listening = {"event": "listening", "url": broker.url, "port": broker.port or None}
+    if account is not None:
+        account.announce(output)
+    elif anonymous:
+        output.text("Every user of this machine may connect, and read and change runs (--anonymous)")
+    output.json(
+        {
+            **listening,
+            **({"socket": broker.socket_url} if broker.socket_url else {}),
+            **({"account": account.file} if account is not None else {}),
+        }
+    )
 
 
 def _needs(option: str, value: object, other: str, needed: object) -> None:

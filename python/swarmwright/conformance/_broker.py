@@ -6,11 +6,18 @@ from urllib.parse import urlsplit
 from swarmwright import _engine
 from swarmwright.conformance._proxy import Door
 
+OPEN = (
+    "The kit's broker admits every user of this machine, since peers need not have accounts; "
+    "--broker names another."
+)
+
 
 def open_broker(
     broker: str | None, stack: ExitStack, *, stranger: bool
 ) -> tuple[str, str | None, Door | None]:
     """Address for the kit, that of the embedded broker if there is one, and the door for the peer.
+
+    The embedded broker admits every client, since peers need not have accounts.
 
     stranger: the peer is started by another party, who knows the address of the broker.
     """

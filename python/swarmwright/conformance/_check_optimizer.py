@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from swarmwright.conformance._broker import open_broker
+from swarmwright.conformance._broker import OPEN, open_broker
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._run import run
 from swarmwright.conformance.optimizer import RULES
@@ -63,7 +63,9 @@ def check_optimizer(
         wait=wait,
     )
     with ExitStack() as stack:
-        address, _, door = open_broker(broker, stack, stranger=command is None)
+        address, direct, door = open_broker(broker, stack, stranger=command is None)
+        if direct is not None and say is not None:
+            say(OPEN)
         reach = door.url if door else address
         process = None
         if command is not None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from swarmwright.conformance._broker import open_broker
+from swarmwright.conformance._broker import OPEN, open_broker
 from swarmwright.conformance._client import PRESENCE, TO_TOOL, Client
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._run import run
@@ -74,6 +74,8 @@ def check_server(
     tell, say = tell or _nothing, say or _nothing
     with ExitStack() as stack:
         address, direct, door = open_broker(broker, stack, stranger=command is None and start is None)
+        if direct is not None:
+            say(OPEN)
         process = None
         if command is not None:
             values = {"broker": door.url if door else address, "id": server, "prefix": prefix}

@@ -8,7 +8,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Self
 from urllib.parse import urlsplit
 
@@ -18,8 +17,9 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
+from swarmwright import _engine
 from swarmwright.conformance.rules import Failure
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.errors import InputError, RunError, engine_errors
 
 TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", "fitness")
 PRESENCE = "swarmwright/v1/presence/"
@@ -87,7 +87,7 @@ class Client:
     """A connection to the broker.
 
     Args:
-        url: of the broker; user and password come from the environment, as everywhere.
+        url: of the broker; user and password as everywhere.
         prefix: what topics begin with, empty for none.
         subscriptions: topics without prefix.
 
@@ -224,9 +224,10 @@ def _paho(url: str) -> Paho:
     address = urlsplit(url)
     transport = {"ws": "websockets", "wss": "websockets", "unix": "unix"}.get(address.scheme, "tcp")
     paho = Paho(CallbackAPIVersion.VERSION2, protocol=MQTTv5, transport=transport)  # type: ignore[arg-type]
-    user = os.environ.get("SWARMWRIGHT_USERNAME")
+    with engine_errors():
+        user, password = _engine.account(url)
     if user:
-        paho.username_pw_set(user, _password())
+        paho.username_pw_set(user, password)
     if address.scheme in {"mqtts", "wss"}:
         _secure(paho)
     return paho
@@ -257,13 +258,3 @@ def _secure(paho: Paho) -> None:
         named = ", ".join(f"{name} {os.environ[name]}" for name in variables if os.environ.get(name))
         raise InputError(f"TLS: {named or 'the authorities of the system'}: {error}") from None
     paho.tls_set_context(context)
-
-
-def _password() -> str | None:
-    file = os.environ.get("SWARMWRIGHT_PASSWORD_FILE")
-    if not file:
-        return os.environ.get("SWARMWRIGHT_PASSWORD")
-    try:
-        return Path(file).read_text(encoding="utf-8").rstrip("\r\n")
-    except OSError as error:
-        raise InputError(f"SWARMWRIGHT_PASSWORD_FILE: {file}: {error.strerror}") from None

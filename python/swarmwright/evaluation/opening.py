@@ -11,11 +11,11 @@ from typing import Any, cast
 from swarmwright import _engine
 from swarmwright.broker.address import broker_problem
 from swarmwright.broker.credentials import check_environment, prepare
+from swarmwright.broker.private import start_private
 from swarmwright.broker.waiting import connect_with_retries
 from swarmwright.core.engine_types import Faults, Requirements, Timeouts
 from swarmwright.core.errors import InputError, RunError, engine_errors
 from swarmwright.core.modules import ACTUATORS, SENSORS
-from swarmwright.core.open_files import allow_more_open_files
 from swarmwright.core.server_use import ServerUses
 from swarmwright.core.simulation_names import is_command, is_python
 from swarmwright.evaluation.base import (
@@ -231,12 +231,11 @@ def open_servers(
     count = wanted if isinstance(wanted, int) else 1 if visual else automatic_count()
     if wanted == "local" and not visual:
         count = min(processors(), most or processors())
+    variables = experiment.timeouts.variables()
     if broker is None:
-        allow_more_open_files()
-        with engine_errors():
-            embedded = _engine.Broker()
-        stack.callback(embedded.stop)
-        address, first = embedded.url, 1
+        address, account = start_private(stack)
+        variables.update(account.variables)
+        first = 1
     else:
         # Others may have servers on this broker; ids must differ.
         address, first = broker, 1 + secrets.randbelow(2**31 - 1 - count)
@@ -260,7 +259,7 @@ def open_servers(
         visual=visual,
         episode_timeout=experiment.timeouts.episode,
         start_timeout=max(START_S, experiment.timeouts.discovery),
-        environment=experiment.timeouts.variables(),
+        environment=variables,
     )
     return address, stack.enter_context(servers)
 

@@ -2,9 +2,11 @@
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from typing import Any
 
 from swarmwright import _engine
+from swarmwright.broker.private import start_private
 from swarmwright.launchers import LAUNCHERS, Launcher, LauncherOptions, Specification
 from swarmwright.testing._common import check_common_options
 
@@ -26,8 +28,8 @@ def check_launcher(
     Args:
         kind: its name.
         options: those that it needs, as in an experiment, without `launcher` and `count`.
-        broker: address of a broker without accounts that its servers reach. Default: one is started on the
-            loopback address of this machine.
+        broker: address of a broker without accounts that its servers reach. Default: one with an account is
+            started on the loopback address of this machine.
         timeout: seconds that a server may take to start or to end.
         alive: returns how many processes or jobs of the servers there are, by other means than the launcher,
             for instance by asking the queue; it must be 0 after the end.
@@ -38,9 +40,25 @@ def check_launcher(
     component = LAUNCHERS.get(kind)
     given = dict(options or {})
     made = _check_options(component, kind, given)
-    embedded = _engine.Broker() if broker is None else None
-    address = embedded.url if embedded is not None else str(broker)
-    launcher = component(made, Specification(simulation="minisim", broker=address, label="swarmwright-check"))
+    with ExitStack() as stack:
+        if broker is None:
+            address, account = start_private(stack)
+            username, password = account.username, account.password
+        else:
+            address, username, password = broker, None, None
+        specification = Specification(
+            simulation="minisim",
+            broker=address,
+            username=username,
+            password=password,
+            label="swarmwright-check",
+        )
+        _check_launcher(component(made, specification), address, timeout, alive)
+
+
+def _check_launcher(
+    launcher: Launcher, address: str, timeout: float, alive: Callable[[], int] | None
+) -> None:
     try:
         _check_life(launcher, address, timeout)
         launcher.close()
@@ -50,8 +68,6 @@ def check_launcher(
             _until(lambda: alive() == 0, timeout, "after `close` nothing may be left")
     finally:
         launcher.close()
-        if embedded is not None:
-            embedded.stop()
 
 
 def _check_options(component: type[Launcher], kind: str, given: Mapping[str, Any]) -> LauncherOptions:

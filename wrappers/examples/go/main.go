@@ -158,6 +158,7 @@ func main() {
 	server := &Server{id: float64(id)}
 	options := mqtt.NewClientOptions().AddBroker(strings.Replace(os.Args[1], "mqtt://", "tcp://", 1))
 	options.SetClientID(fmt.Sprintf("line-server-%d", id))
+	options.SetUsername(os.Getenv("SWARMWRIGHT_USERNAME")).SetPassword(os.Getenv("SWARMWRIGHT_PASSWORD"))
 	options.SetConnectRetry(true)
 	// Again whenever the connection is back.
 	options.SetOnConnectHandler(func(client mqtt.Client) {

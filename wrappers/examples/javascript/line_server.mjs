@@ -80,7 +80,8 @@ function publish(topic, message) {
   client.publish(topic, JSON.stringify(message));
 }
 
-const client = mqtt.connect(broker);
+const { SWARMWRIGHT_USERNAME: username, SWARMWRIGHT_PASSWORD: password } = process.env;
+const client = mqtt.connect(broker, { username, password });
 client.on("connect", () => {
   client.stream.setNoDelay?.(true); // small messages need not wait for each other
   client.subscribe(Object.keys(SCHEMAS), () => console.log("serving"));

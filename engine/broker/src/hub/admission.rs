@@ -13,6 +13,10 @@ use std::time::Instant;
 const UNAUTHENTICATED_PART: usize = 2;
 
 const WRONG: Refusal = Refusal::new(reason::BAD_PASSWORD, "wrong user name or password");
+const PRIVATE: Refusal = Refusal::new(
+    reason::NOT_AUTHORIZED,
+    "only programs of the user who started this broker may connect, with the account that it was given",
+);
 const BUSY: Refusal = Refusal::new(
     reason::BUSY,
     "many passwords are waiting to be checked; try again in some seconds",
@@ -66,13 +70,23 @@ impl Hub {
         oldest.is_some()
     }
 
-    /// Checks user name and password, where a password file is in force; false = the check is running.
+    /// Checks user name and password, where there are accounts; false = the check is running.
     pub(super) fn admit(
         &mut self,
         id: usize,
         connect: &Connect<'_>,
         now: Instant,
     ) -> Result<bool, Refusal> {
+        if let Some(keys) = &self.keys {
+            let is_known = connect.user.is_some_and(|user| {
+                keys.admit(user, connect.password.unwrap_or_default())
+            });
+            return if is_known || self.links[id].is_private {
+                Ok(true)
+            } else {
+                Err(PRIVATE)
+            };
+        }
         let Some(passwords) = &mut self.passwords else {
             return Ok(true);
         };

@@ -32,6 +32,8 @@ pub struct Link {
     pub(super) session: Option<usize>,
     /// Its CONNECT has not been accepted yet.
     pub(super) is_unauthenticated: bool,
+    /// It came through a Unix socket.
+    pub(super) is_private: bool,
     pub(super) terms: Terms,
     pub(super) keep_alive: Option<Duration>,
     pub(super) heard: Instant,
@@ -61,10 +63,12 @@ impl Link {
             filled: None,
             session: None,
             is_unauthenticated: true,
+            is_private: false,
             terms: Terms {
                 version: Version::Three,
                 window: 1,
-                maximum_packet: usize::MAX,
+                // Until its CONNECT has said it.
+                maximum_packet: 0,
             },
             keep_alive: None,
             heard: now,

@@ -21,7 +21,7 @@ use crate::access::Access;
 use crate::codec::Refusal;
 use crate::config::Limits;
 use crate::outbox::Outbox;
-use crate::passwords::Passwords;
+use crate::passwords::{Keys, Passwords};
 use crate::retained::Retained;
 use crate::session::Session;
 use crate::subscriptions::Subscriptions;
@@ -46,6 +46,7 @@ const BYTES_OF_WORK: usize = 256;
 pub struct Hub {
     limits: Limits,
     passwords: Option<Passwords>,
+    keys: Option<Keys>,
     access: Option<Access>,
     links: Slab<Link>,
     /// The number of unauthenticated connections, and those of them that are to be closed at once.
@@ -74,11 +75,17 @@ pub struct Hub {
 
 impl Hub {
     /// An empty broker.
-    pub fn new(limits: Limits, passwords: Option<Passwords>, access: Option<Access>) -> Self {
+    pub fn new(
+        limits: Limits,
+        passwords: Option<Passwords>,
+        keys: Option<Keys>,
+        access: Option<Access>,
+    ) -> Self {
         let retained = Retained::new(limits.retained);
         Self {
             limits,
             passwords,
+            keys,
             access,
             links: Slab::new(),
             unauthenticated: 0,
@@ -118,6 +125,11 @@ impl Hub {
         let id = self.links.insert(Link::new(peer, self.limits.rate, now));
         self.recount(id);
         Some(id)
+    }
+
+    /// The connection came through a socket whose file only permitted users may open.
+    pub fn note_private(&mut self, id: usize) {
+        self.links[id].is_private = true;
     }
 
     /// Counts received bytes, of any content, as work.

@@ -3,11 +3,13 @@
 //! A hash is slow on purpose, so the broker's event loop never computes one. The order of checks is decided by
 //! [`CheckQueue`], so that clients can log in while others guess; pairs of user and password that were right are recognized at once.
 
+mod keys;
 mod queue;
 mod secret;
 mod users;
 mod workers;
 
+pub use keys::Keys;
 pub use secret::{hash_for_mosquitto, hash_password};
 pub use users::Users;
 

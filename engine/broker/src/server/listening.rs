@@ -207,9 +207,15 @@ impl Server {
         let layers = layers?;
         self.hub.make_room();
         self.close_dropped(now);
+        #[cfg(unix)]
+        let is_private = matches!(socket, Socket::Unix(_));
         let Some(id) = self.hub.open(peer, now) else {
             return Ok(());
         };
+        #[cfg(unix)]
+        if is_private {
+            self.hub.note_private(id);
+        }
         let interest = Interest::READABLE | Interest::WRITABLE;
         if let Err(error) = self
             .poll

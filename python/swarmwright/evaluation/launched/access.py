@@ -2,7 +2,6 @@
 
 import ipaddress
 import os
-import secrets
 import socket
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -13,6 +12,7 @@ from urllib.parse import urlsplit
 
 from swarmwright import _engine
 from swarmwright.broker.mosquitto import Account, access_rules
+from swarmwright.broker.private import new_account, start_private
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.open_files import allow_more_open_files
 from swarmwright.core.temporary import TemporaryFolder
@@ -69,7 +69,7 @@ class Access:
     address: str
     """As this process reaches it."""
     tool: Credentials | None = None
-    """Of this process; None: those of the environment."""
+    """Of this process; None: those that it finds by itself."""
     servers: dict[str, Credentials] = field(default_factory=dict)
     """By account."""
     authority_file: str | None = None
@@ -84,7 +84,7 @@ class Access:
 
     @property
     def account(self) -> tuple[str, str, str] | None:
-        """User name, password and authority's file of this process; None: the environment has them."""
+        """User name, password and authority's file of this process; None: it finds them by itself."""
         if self.tool is None:
             return None
         return self.tool.username or "", self.tool.password or "", self.authority_file or ""
@@ -125,27 +125,25 @@ def embedded(
     Raises:
         RunError: the port is taken.
     """
-    allow_more_open_files()
     if all(map(is_loopback, hosts)):
-        with engine_errors():
-            broker = _engine.Broker(port=port or 0)
-        stack.callback(broker.stop)
-        return Access(broker.url)
+        address, account = start_private(stack, port or 0)
+        own = Credentials(account.username, account.password)
+        return Access(address, servers=dict.fromkeys(accounts, own))
     return _with_accounts(stack, hosts, accounts, port=port, prefix=prefix)
 
 
 def _with_accounts(
     stack: ExitStack, hosts: Sequence[str], accounts: Sequence[str], *, port: int | None, prefix: str
 ) -> Access:
+    allow_more_open_files()
     folder = stack.enter_context(TemporaryFolder("broker"))
     names = list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1"]))
     with engine_errors("servers: broker_host: "):
         authority, _, certificate, key = _engine.certificates(names, _CERTIFICATE_DAYS)
-    words = {name: secrets.token_urlsafe(24) for name in (TOOL, *accounts)}
+    words = {name: new_account().password for name in (TOOL, *accounts)}
     under = prefix.removesuffix("/")
     rules = [Account(TOOL, "tool", under), *(Account(name, "server", under) for name in accounts)]
     files = {
-        "users": "".join(f"{name}:{_engine.hash_password(word)}\n" for name, word in words.items()),
         "access": access_rules(rules),
         "ca.pem": authority,
         "broker.pem": certificate,
@@ -158,7 +156,7 @@ def _with_accounts(
         broker = _engine.Broker(
             "::" if any(":" in host for host in hosts) else "0.0.0.0",  # noqa: S104 - with TLS and passwords
             port or 0,
-            users=str(folder / "users"),
+            accounts=list(words.items()),
             access=str(folder / "access"),
             certificate=str(folder / "broker.pem"),
             key=str(folder / "broker-key.pem"),
