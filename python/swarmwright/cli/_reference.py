@@ -28,7 +28,8 @@ SWARMWRIGHT_PASSWORD or a file named by SWARMWRIGHT_PASSWORD_FILE, and for TLS S
 certificate authority of the broker, and, where the broker requires a client certificate,
 SWARMWRIGHT_CERTIFICATE_FILE and SWARMWRIGHT_KEY_FILE. SWARMWRIGHT_BROKER is the address of the broker where
 none is given, SWARMWRIGHT_PREFIX the prefix of topics on it, SWARMWRIGHT_KEEP_ALIVE the keep-alive interval
-of connections to it, 1 to 3600 whole seconds (30).
+of connections to it, 1 to 3600 whole seconds (30). For a broker that the same user runs on this machine
+nothing needs to be set.
 """
 
 
