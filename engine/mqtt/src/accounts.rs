@@ -96,10 +96,15 @@ impl Drop for Published {
                 known.remove(address);
             }
         }
-        let _lock = self.files.first().and_then(|(path, _)| lock(path.parent()?));
+        let _lock = self
+            .files
+            .first()
+            .and_then(|(path, _)| lock(path.parent()?));
         for (path, file) in self.files.drain(..) {
             // Another broker may have put its own in this place.
-            if is_same(&path, &file) && let Err(error) = fs::remove_file(&path) {
+            if is_same(&path, &file)
+                && let Err(error) = fs::remove_file(&path)
+            {
                 log::warn!("{} could not be removed: {error}", path.display());
             }
         }
@@ -149,7 +154,10 @@ fn read(path: &Path) -> Option<UserAndPassword> {
             .filter_map(|line| line.strip_prefix("export ")?.split_once('='))
             .find_map(|(found, value)| (found == name).then(|| value.to_owned()))
     };
-    Some((value("SWARMWRIGHT_USERNAME")?, value("SWARMWRIGHT_PASSWORD")?))
+    Some((
+        value("SWARMWRIGHT_USERNAME")?,
+        value("SWARMWRIGHT_PASSWORD")?,
+    ))
 }
 
 /// The folder of the accounts: `XDG_STATE_HOME` or `~/.local/state`, by machine, since several may share a home.

@@ -75,7 +75,12 @@ impl PyBroker {
     }
 
     /// Publishes an account of the broker; the files, one for each of its addresses, or why there are none.
-    fn publish(&mut self, py: Python<'_>, user: String, password: String) -> (Vec<PathBuf>, Option<String>) {
+    fn publish(
+        &mut self,
+        py: Python<'_>,
+        user: String,
+        password: String,
+    ) -> (Vec<PathBuf>, Option<String>) {
         let Some(broker) = &self.broker else {
             return (Vec::new(), None);
         };

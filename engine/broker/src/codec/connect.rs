@@ -83,7 +83,9 @@ pub fn connect<'a>(reader: &mut Reader<'a>) -> Result<Connect<'a>, Refusal> {
     let flags = reader.u8()?;
     let will_qos = flags >> 3 & 3;
     let has_will = flags & 0x04 != 0;
-    if flags & 1 != 0 || will_qos == 3 || (!has_will && flags & 0x38 != 0) {
+    // MQTT 3.1 leaves the lowest bit to any use.
+    let is_reserved = flags & 1 != 0 && name == "MQTT";
+    if is_reserved || will_qos == 3 || (!has_will && flags & 0x38 != 0) {
         return Err(Refusal::malformed(
             "the flags of CONNECT contradict each other",
         ));

@@ -189,7 +189,9 @@ fn acknowledge<'a>(
             Answer::Release | Answer::Complete => OF_PUBREL,
         };
         if !codes.contains(&code) {
-            return Err(Refusal::protocol("a reason code that this packet does not have"));
+            return Err(Refusal::protocol(
+                "a reason code that this packet does not have",
+            ));
         }
         if !reader.is_empty() {
             each(reader, &[p::REASON_STRING, p::USER_PROPERTY], |_, _| Ok(()))?;

@@ -113,13 +113,21 @@ pub fn refuse(out: &mut Vec<u8>, code: u8, what: &str, version: Version, maximum
     }
 }
 
-/// Appends a packet of MQTT 5 with a reason as text, which is left out where the packet would become too large with it.
+/// Bytes of the largest packet that `explained` appends without text.
+pub const BARE: usize = 5;
+
+/// Appends a packet of MQTT 5 with a reason as text, which is left out where the packet would become too large with it. Nothing is
+/// appended for a client that accepts not even that.
 fn explained(out: &mut Vec<u8>, first: u8, head: &[u8], what: &str, maximum_packet: usize) {
     let properties = 3 + what.len();
     let length = head.len() + size_of_variable(properties) + properties;
+    let bare = head.len() + 1;
+    if 2 + bare > maximum_packet {
+        return;
+    }
     out.push(first);
     if what.is_empty() || 1 + size_of_variable(length) + length > maximum_packet {
-        variable(out, head.len() + 1);
+        variable(out, bare);
         out.extend_from_slice(head);
         out.push(0);
         return;

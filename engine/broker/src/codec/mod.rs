@@ -14,7 +14,7 @@ mod reader;
 pub use connect::{Connect, version_of};
 pub use decode::{Answer, Filter, Packet, Publish, decode, frame};
 pub use encode::{
-    Outgoing, Welcome, acknowledge, connack, disconnect, pingresp, publish, refuse, suback,
+    BARE, Outgoing, Welcome, acknowledge, connack, disconnect, pingresp, publish, refuse, suback,
     unsuback,
 };
 pub use properties::{expiry_of, without_expiry};

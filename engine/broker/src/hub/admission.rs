@@ -78,9 +78,9 @@ impl Hub {
         now: Instant,
     ) -> Result<bool, Refusal> {
         if let Some(keys) = &self.keys {
-            let is_known = connect.user.is_some_and(|user| {
-                keys.admit(user, connect.password.unwrap_or_default())
-            });
+            let is_known = connect
+                .user
+                .is_some_and(|user| keys.admit(user, connect.password.unwrap_or_default()));
             return if is_known || self.links[id].is_private {
                 Ok(true)
             } else {

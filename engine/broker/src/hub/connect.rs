@@ -99,9 +99,7 @@ impl Hub {
                 now,
             ),
         });
-        link.out
-            .end()
-            .extend(connack(version, present, &welcome));
+        link.out.end().extend(connack(version, present, &welcome));
         remembered.resume(&mut link.out, link.terms, now);
         log::debug!("client {client_id} at {} connected", link.peer);
         self.mark(id);

@@ -1,7 +1,7 @@
 //! What the hub keeps of one connection.
 
 use super::lookups::Lookup;
-use crate::codec::{Refusal, Version, reason};
+use crate::codec::{self, Refusal, Version, reason};
 use crate::outbox::Outbox;
 use crate::session::Terms;
 use std::collections::VecDeque;
@@ -67,8 +67,8 @@ impl Link {
             terms: Terms {
                 version: Version::Three,
                 window: 1,
-                // Until its CONNECT has said it.
-                maximum_packet: 0,
+                // Until its CONNECT has said it, no reasons as text.
+                maximum_packet: codec::BARE,
             },
             keep_alive: None,
             heard: now,

@@ -12,7 +12,12 @@ impl Keys {
     pub fn new(accounts: &[Account]) -> Option<Self> {
         let keys = accounts
             .iter()
-            .map(|account| (account.user.as_str().into(), hash(account.password.as_bytes())))
+            .map(|account| {
+                (
+                    account.user.as_str().into(),
+                    hash(account.password.as_bytes()),
+                )
+            })
             .collect::<HashMap<_, _>>();
         (!keys.is_empty()).then_some(Self(keys))
     }

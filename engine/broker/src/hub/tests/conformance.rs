@@ -32,7 +32,10 @@ fn a_connect_is_refused_in_its_own_version() {
     let mut stage = Stage::new(Limits::default());
     let method = [&[0x15][..], &text("unsupported"), &[0x16], &text("test")].concat();
     for (bytes, code) in [
-        (connect_with(&method, b"p"), reason::BAD_AUTHENTICATION_METHOD),
+        (
+            connect_with(&method, b"p"),
+            reason::BAD_AUTHENTICATION_METHOD,
+        ),
         (connect_with(&[], b"top\0\0"), reason::MALFORMED),
         (connect_with(&[], b"\xff"), reason::MALFORMED),
         (connect_with(&[0x21, 0, 0], b"p"), reason::PROTOCOL_ERROR),
@@ -50,10 +53,21 @@ fn a_connect_is_refused_in_its_own_version() {
     ] {
         assert_eq!(answer(&mut stage, &bytes, true), [], "{bytes:02x?}");
     }
-    let old = packet(0x10, &[&text("MQTT")[..], &[6, 2, 0, 10], &text("p")].concat());
+    let old = packet(
+        0x10,
+        &[&text("MQTT")[..], &[6, 2, 0, 10], &text("p")].concat(),
+    );
     assert_eq!(answer(&mut stage, &old, true), [0x20, 2, 0, 1]);
+    let bytes = [&text("MQIsdp")[..], &[3, 3, 0, 10], &text("p")].concat();
+    assert_eq!(
+        answer(&mut stage, &packet(0x10, &bytes), false),
+        [0x20, 2, 0, 0]
+    );
     let both = [text("user"), text("password")].concat();
-    assert_eq!(answer(&mut stage, &connect_three(0xc2, &both), false), [0x20, 2, 0, 0]);
+    assert_eq!(
+        answer(&mut stage, &connect_three(0xc2, &both), false),
+        [0x20, 2, 0, 0]
+    );
 }
 
 /// MQTT 5.0, 3.1.2.11.4, 3.2.2.3.9 and 3.14.2.2.3.
@@ -65,7 +79,11 @@ fn no_packet_is_larger_than_its_client_accepts() {
         stage.say(link, &subscribe("aa", 3));
         let sent = stage.hub.outbox(link).pending().len();
         let whole = 7 + "subscription options that do not exist".len();
-        let expected = if usize::from(maximum) < whole { 4 } else { whole };
+        let expected = if usize::from(maximum) < whole {
+            4
+        } else {
+            whole
+        };
         assert_eq!(sent, expected, "at most {maximum}");
         let heard = stage.heard(link);
         assert_eq!((heard[0].0, heard[0].1[0]), (DISCONNECT, reason::MALFORMED));
@@ -86,6 +104,8 @@ fn no_packet_is_larger_than_its_client_accepts() {
     let bytes = connect_with(&[0x27, 0, 0, 0, 14], b"p");
     let refused = [0x20, 3, 0, reason::PACKET_TOO_LARGE, 0];
     assert_eq!(answer(&mut stage, &bytes, true), refused);
+    let tiny = connect_with(&[0x27, 0, 0, 0, 4], b"p");
+    assert_eq!(answer(&mut stage, &tiny, true), []);
 }
 
 #[test]
@@ -139,7 +159,11 @@ fn an_acknowledgement_must_belong_to_the_qos() {
         stage.say(writer, &packet(0x62, &[0, 1]));
         stage.heard(link);
         stage.say(link, &packet(kind, &[0, 1]));
-        assert_eq!(!stage.hub.is_closing(link), is_right, "{kind:02x} at QoS {qos}");
+        assert_eq!(
+            !stage.hub.is_closing(link),
+            is_right,
+            "{kind:02x} at QoS {qos}"
+        );
         if qos == 2 && is_right {
             // PUBREC again, then PUBCOMP; an identifier that is not known is answered so.
             stage.say(link, &packet(0x50, &[0, 1]));
