@@ -18,6 +18,10 @@ from swarmwright.scxml._conditions import Bits, Condition, named
 Rows = NDArray[np.int64]
 Output = tuple[int, float]
 """An actuator, and the number that it gets."""
+_MOST_EVENTS = 10_000
+"""Events that wait at once, at most."""
+_MOST_ASSIGNMENTS = 100_000
+"""Assignments of one step, at most."""
 _MOST_MICROSTEPS = 1000
 """Transitions of one step after which a machine is said not to come to rest."""
 
@@ -122,6 +126,7 @@ class Steps:
             if key in branch.seen or branch.microsteps > _MOST_MICROSTEPS:
                 atomic = min(one for one in branch.active if self._states[one].is_atomic)
                 raise EndlessError(repr(self._states[atomic].name))
+            _check_size(branch)
             branch = replace(branch, seen=branch.seen | {key})
             for rows, chosen in self._select(branch, lambda e: None if e.of.events else e.condition, started):
                 one = replace(branch, rows=rows)
@@ -374,13 +379,19 @@ def _queued(
     block: Sequence[Any], internal: tuple[str, ...], external: tuple[str, ...]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return both queues with the events of a block of actions."""
-    for one in block:
-        if isinstance(one, Event):
-            if one.internal:
-                internal += (one.name,)
-            else:
-                external += (one.name,)
-    return internal, external
+    events = [one for one in block if isinstance(one, Event)]
+    return (
+        internal + tuple(one.name for one in events if one.internal),
+        external + tuple(one.name for one in events if not one.internal),
+    )
+
+
+def _check_size(branch: _Branch) -> None:
+    """Raise ValueError for a machine that goes on and on, before it takes all memory."""
+    if len(branch.internal) + len(branch.external) > _MOST_EVENTS:
+        raise ValueError(f"more than {_MOST_EVENTS} events wait at once")
+    if len(branch.done) > _MOST_ASSIGNMENTS:
+        raise ValueError(f"one step assigns more than {_MOST_ASSIGNMENTS} numbers")
 
 
 class Descriptors:

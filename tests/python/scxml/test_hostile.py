@@ -46,6 +46,27 @@ def test_time_grows_with_the_size_alone(text: str, answer: str | None, tmp_path:
     assert time.process_time() - before < 20  # some took minutes
 
 
+@pytest.mark.parametrize(
+    ("actions", "answer"),
+    [
+        ("<raise event='e'/>" * 200, "more than 10000 events wait at once"),
+        (
+            "<raise event='e'/>" + "<assign location='turn' expr='0'/>" * 5000,
+            "assigns more than 100000 numbers",
+        ),
+    ],
+)
+def test_steps_that_grow_are_refused(actions: str, answer: str, tmp_path: Path) -> None:
+    path = tmp_path / "machine.scxml"
+    path.write_text(
+        "<scxml version='1.0'><state id='a'><transition event='step' target='b'/></state>"
+        f"<state id='b'><onentry>{actions}</onentry><transition event='e' target='c'/></state>"
+        "<state id='c'><transition target='b'/></state></scxml>"
+    )
+    with pytest.raises(InputError, match=answer):
+        scxml.read(path).specification(["near"], ["turn"])
+
+
 @pytest.mark.parametrize("number", ["9" * 400, "9" * 5000, "0x" + "F" * 800, "0x" + "F" * 5000])
 def test_numbers_that_are_too_large_are_refused(number: str, tmp_path: Path) -> None:
     path = tmp_path / "machine.scxml"
