@@ -248,8 +248,8 @@ def resume(
 
     Raises:
         InputError: there is no such run, its store is damaged or of another version, another process works on
-            it, fewer generations are asked for than there are, or its code or its experiment.yaml was
-            changed.
+            it, fewer generations are asked for than there are, another limit than the one that is raised
+            ends it, or its code or its experiment.yaml was changed.
         RunError: as in `optimize`; or the method, with the versions installed here or with changed code that
             was accepted, does not come to the same candidates again.
     """
@@ -298,6 +298,7 @@ def _continue(
             return
         code = _code(run, wanted.experiment, accept_changed_code, simulation)
         loop = _replayed(wanted.experiment, store, reader, code)
+        wanted.check_goes_on(run, loop.ended)
         if loop.done and not wanted.validation_is_due:
             if not wanted.had_ended:
                 # It was killed between its last generation and its end: only the end is missing.

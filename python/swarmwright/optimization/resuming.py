@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import problems_of
 from swarmwright.core.yaml import dotted_path
+from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.unavailable import method_of, require
 from swarmwright.runs import edits
@@ -61,6 +62,26 @@ class Resumption:
             has_all_generations=run.state == "done" and experiment.budget == run.experiment.budget,
             had_ended=any(one.outcome in {"done", "stopped"} for one in reader.sessions()[-1:]),
             has_other_validation=experiment.validate != run.experiment.validate,
+        )
+
+    def check_goes_on(self, run: Run, ended: Ended | None) -> None:
+        """Raise InputError where a larger budget leaves nothing to evaluate: another limit ends the run.
+
+        Args:
+            run: that is resumed.
+            ended: what ends it after the generations that it has; None where it goes on.
+        """
+        budget = self.experiment.budget
+        if ended is None or budget == run.experiment.budget:
+            return
+        how = (
+            f"begin a new run with another one, from the best of this one: --set start_from={run.path}"
+            if ended == "target"
+            else f"raise that limit as well: --set method.{ended}=N"
+        )
+        raise InputError(
+            f"{run.path}: with this budget nothing is left to evaluate, since "
+            f"{budget.words(ended, run.generations, run.evaluations)}; {how}"
         )
 
     @cached_property

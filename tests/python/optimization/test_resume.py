@@ -72,6 +72,34 @@ def test_a_finished_run_can_be_prolonged(whole: Run, tmp_path: Path) -> None:
     assert Experiment.load(longer.path / "experiment.yaml") == whole.experiment
 
 
+@pytest.mark.parametrize(
+    ("method", "budget", "reason"),
+    [
+        (
+            {"evaluations": 60},
+            {"generations": 300},
+            ".* 60 evaluations; .*: --set method.evaluations=N",
+        ),
+        (
+            {"generations": 3},
+            {"evaluations": 9000},
+            "all 3 generations are done; raise that limit as well: --set method.generations=N",
+        ),
+        ({"evaluations": 60}, {"evaluations": 65}, "the next generation would not fit into 65 evaluations"),
+        ({"generations": 3, "target": -99.0}, {"generations": 9}, "the target is reached; .* start_from="),
+    ],
+)
+def test_a_larger_budget_that_leaves_nothing_to_evaluate(
+    method: dict[str, Any], budget: dict[str, Any], reason: str, tmp_path: Path
+) -> None:
+    run = optimize(EXPERIMENT.replace(method=method), out=tmp_path / "run")
+    assert run.state == "done"
+    with pytest.raises(InputError, match=f"with this budget nothing is left to evaluate, since {reason}"):
+        resume(run, **budget)
+    again = Run.open(run.path)
+    assert (again.state, again.experiment, len(again.sessions)) == ("done", run.experiment, 1)
+
+
 @pytest.mark.parametrize("operation", ["generational", "steady_state"])
 def test_a_store_with_more_generations_than_its_experiment_has(operation: str, tmp_path: Path) -> None:
     run = optimize(
