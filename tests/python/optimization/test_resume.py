@@ -85,7 +85,7 @@ def test_a_finished_run_can_be_prolonged(whole: Run, tmp_path: Path) -> None:
             {"evaluations": 9000},
             "all 3 generations are done; raise that limit as well: --set method.generations=N",
         ),
-        ({"evaluations": 60}, {"evaluations": 65}, "the next generation would not fit into 65 evaluations"),
+        ({"evaluations": 60}, {"evaluations": 61}, "the next generation would not fit into 61 evaluations"),
         ({"generations": 3, "target": -99.0}, {"generations": 9}, "the target is reached; .* start_from="),
     ],
 )
