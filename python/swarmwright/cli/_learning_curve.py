@@ -51,9 +51,15 @@ def show_learning_curve(
     for one in curve.points:
         best = one.best.fitness
         interval = "" if best.low is None else f"  {best.low:.5g} to {best.high:.5g}"
+        failed = f", {one.best.failed} failed" if one.best.failed else ""
         output.text(
             f"{one.generation:>10}{one.evaluations:>13,}{one.best.label:>12}"
-            f"{one.best.recorded + 0.0:>13.5g}{best.mean + 0.0:>13.5g}{interval}"
+            f"{one.best.recorded + 0.0:>13.5g}{best.mean + 0.0:>13.5g}{interval}{failed}"
+        )
+    if not curve.is_reportable:
+        output.text(
+            "Means leave failed episodes out and are not to be reported; --set ranking.failed=NUMBER gives "
+            "these a fitness."
         )
     if file is not None:
         output.text(f"The {'table' if file.suffix.lower() == '.csv' else 'figure'} is in {file}")

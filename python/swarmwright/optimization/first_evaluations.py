@@ -35,6 +35,7 @@ class FirstEvaluations:
         self._failure_fitness = failure_fitness
         self._kinds: set[str] = set()
         self._failed = 0
+        self._lacks_value = False  # the fitness expression, for an episode
         self.is_open = True
         """Whether no evaluation has succeeded yet, and those so far have failed in the same way."""
 
@@ -61,8 +62,13 @@ class FirstEvaluations:
                 is_last = self._add(waiting.pop(place))
                 place += 1
                 if is_last:
+                    hint = (
+                        "; ranking.failed: NUMBER gives failed episodes a fitness"
+                        if self._lacks_value
+                        else ""
+                    )
                     raise FirstFailedError(
-                        f"the first {FIRST} evaluations all failed in the same way, and none succeeded",
+                        f"the first {FIRST} evaluations all failed in the same way, and none succeeded{hint}",
                         journal,
                     )
 
@@ -86,6 +92,7 @@ class FirstEvaluations:
             kinds.setdefault(failure.candidate, set()).add(kind_of(failure.reason))
         for warning in results.journal.warnings:
             if warning.candidate in rows and warning.error is not None:
+                self._lacks_value = True
                 if self._failure_fitness is not None:
                     self.close()
                 kinds.setdefault(warning.candidate, set()).add(kind_of(warning.error))

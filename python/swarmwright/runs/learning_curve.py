@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 POINTS = 20
 """Of a curve, unless another number is given."""
-_HEAD = ("generation", "evaluations", "best", "recorded", "held-out", "low", "high")
+_HEAD = ("generation", "evaluations", "best", "recorded", "held-out", "low", "high", "failed")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +66,11 @@ class LearningCurve:
         """Simulation seed of each episode."""
         return self.points[-1].best.seeds
 
+    @property
+    def is_reportable(self) -> bool:
+        """Whether all episodes of all points count; see `PostEvaluation.is_reportable`."""
+        return all(one.best.is_reportable for one in self.points)
+
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, without those of each episode."""
         return {
@@ -98,7 +103,8 @@ class LearningCurve:
         """Write a table as CSV, a row for each point; return its path.
 
         Columns: generation, evaluations, best (generation:candidate), its recorded fitness, its mean fitness
-        on the held-out seeds, and the ends of the 95 % confidence interval (Student's t).
+        on the held-out seeds, the ends of the 95 % confidence interval (Student's t), and how many of these
+        episodes failed, which the mean leaves out unless `ranking.failed` is a number.
 
         Raises InputError for a file that cannot be written.
         """
@@ -119,6 +125,7 @@ class LearningCurve:
                 one.best.fitness.mean,
                 one.best.fitness.low,
                 one.best.fitness.high,
+                one.best.failed,
             )
             for one in self.points
         ]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, InputError, Run, compare, optimize, post_evaluate, resume
+from swarmwright import Experiment, InputError, Run, compare, learning_curve, optimize, post_evaluate, resume
 from swarmwright.cli import run as run_command
 from swarmwright.rankings.absolute import Absolute, AbsoluteOptions
 from swarmwright.rankings.multi_fidelity import MultiFidelity, MultiFidelityOptions
@@ -135,6 +135,13 @@ def test_comparisons_count_failures(left_out: Run, counted: Run, tmp_path: Path)
     (row,) = csv.DictReader(table.splitlines())
     assert (row["failed"], row["held_out_failed"]) == ("167", str(lost))
     assert "held-out failed" in held_out.export(tmp_path / "table.tex").read_text(encoding="utf-8")
+    curve = learning_curve(left_out, points=1, episodes=30)
+    assert not curve.is_reportable
+    (point,) = csv.DictReader(curve.export(tmp_path / "curve.csv").read_text(encoding="utf-8").splitlines())
+    assert point["failed"] == str(lost)
+    assert "Means leave failed episodes out" in said(
+        "evaluate", left_out.path, "--curve", "1", "--episodes", "30"
+    )
     # With a number, nothing is left out; and it is another quantity than without one.
     assert "do not report" not in str(compare([counted], held_out=True))
     both = compare([left_out, counted], held_out=True)
