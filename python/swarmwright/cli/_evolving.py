@@ -228,11 +228,11 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
         {
             "best": {"fitness": best.fitness, "candidate": best.candidate, "generation": best.generation},
             "evaluations": run.evaluations,
-            "failed": run.failed_evaluations,
             "generations": run.generations,
             "seconds": run.seconds,
             "run": str(run.path),
         }
+        | ({"failed": run.failed_evaluations} if run.failed_evaluations else {})
         | ({"episodes_saved": run.episodes_saved} if run.episodes_saved else {})
         | ({} if unseen is None else {"unseen": unseen_facts(unseen)})
         | ({} if validation is None else {"validation": validation_facts(validation)})
