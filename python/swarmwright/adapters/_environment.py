@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from swarmwright.adapters import NEW_EACH_EPISODE
 from swarmwright.adapters._restoring import SECONDS, Actions, Restoring, close, found_by_trials
-from swarmwright.core.errors import InputError, SimulationError, explained
+from swarmwright.core.errors import InputError, SimulationError
+from swarmwright.core.tracebacks import located
 from swarmwright.core.untrusted import paths_elsewhere
 from swarmwright.core.warn_once import warn_once
 from swarmwright.simulations.base import Simulation
@@ -182,7 +183,7 @@ class Environment(Simulation):
             raise
         except Exception as error:  # libraries raise various exceptions
             where = f"{', '.join(parameters)}: {label}" if parameters else label
-            raise InputError(f"{where}: {explained(error)}") from error
+            raise InputError(f"{where}: {located(error)}") from error
 
     def _replace_environment(self, parameters: dict[str, Any]) -> None:
         """Have a new environment with these parameters. Raises InputError where there is none."""

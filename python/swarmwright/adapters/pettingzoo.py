@@ -17,9 +17,10 @@ from swarmwright.adapters._environment import Environment, check_step, environme
 from swarmwright.adapters._masks import Allowed
 from swarmwright.adapters._restoring import Actions
 from swarmwright.adapters._spaces import Actuators, Sensors, actuators, with_mask
-from swarmwright.core.errors import InputError, SimulationError, explained
+from swarmwright.core.errors import InputError, SimulationError
 from swarmwright.core.ranges import common
 from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.tracebacks import located
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.groups import Group
 
@@ -59,7 +60,7 @@ class PettingZoo(Environment):
             hint = _alike(name) if error.name == name else ""
             if not hint:
                 raise
-            raise InputError(f"PettingZoo {name}: {explained(error)}{hint}") from error
+            raise InputError(f"PettingZoo {name}: {located(error)}{hint}") from error
         if not hasattr(module, "parallel_env"):
             if hasattr(module, "env"):
                 raise InputError(
@@ -106,13 +107,13 @@ class PettingZoo(Environment):
         seen, rewards, *flags, _ = returned
         self._steps += 1
         self._check_known((*rewards, *seen))
-        self._check_rewards(rewards, alive)
         for name, reward in rewards.items():
             if name in alive:
                 self._rewards[self._agents[name]] += single(self.environment, reward, self._steps)
         flagged = {name for ends in flags for name, ended in ends.items() if ended}
         # One that leaves the environment is gone, and comes back if the environment has it again.
         self._ended = {name for name in self.env.agents if name in self._ended or name in flagged}
+        self._check_rewards(rewards, alive - self._ended)
         terminations, truncations = ({name for name in alive if ends.get(name)} for ends in flags)
         self._truncated = bool(truncations) and not terminations
         self._check_seen(seen)
@@ -209,7 +210,7 @@ class PettingZoo(Environment):
         try:
             return getattr(self.env, kind)(agent), where
         except Exception as error:  # whatever the environment raises
-            raise InputError(f"{where}: {explained(error)}") from error
+            raise InputError(f"{where}: {located(error)}") from error
 
     def _sizes(self) -> tuple[int, int]:
         names = getattr(self.env, "possible_agents", None)

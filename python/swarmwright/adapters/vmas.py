@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from swarmwright.adapters._environment import check_paths, environment_seed
 from swarmwright.adapters._spaces import ranges
-from swarmwright.core.errors import InputError, explained
+from swarmwright.core.errors import InputError
 from swarmwright.core.ranges import common
+from swarmwright.core.tracebacks import located
 from swarmwright.simulations.batches import BatchSimulation
 
 
@@ -108,7 +109,7 @@ class Vmas(BatchSimulation):
                 )
         except Exception as error:  # libraries raise various exceptions
             where = f"{', '.join(parameters)}: " if parameters else ""
-            raise InputError(f"{where}Vmas {self.environment}: {explained(error)}") from error
+            raise InputError(f"{where}Vmas {self.environment}: {located(error)}") from error
 
     def _sizes(self, env: Any) -> tuple[int, int]:  # noqa: ANN401 - a type of VMAS
         seen = {space.shape for space in env.observation_space}

@@ -2,6 +2,7 @@
 
 import contextlib
 import inspect
+import linecache
 import sysconfig
 import traceback
 from functools import cache
@@ -50,13 +51,20 @@ def words_of(error: BaseException) -> str:
 
 
 def located(error: BaseException) -> str:
-    """Return kind, text, and the last line of code that is not installed: `KeyError: 'x' (mine.py:12)`."""
+    """Return kind, text, and the last line of code that is not installed: `KeyError: 'x' (mine.py:12)`.
+
+    An exception without a text is shown with the code: `AssertionError (mine.py:12: assert left > 0)`.
+    """
     words = one_line(words_of(error)).strip()
     found = f"{type(error).__name__}{': ' if words else ''}{words}"
     frames = traceback.walk_tb(error.__traceback__)
     lines = [(frame.f_code.co_filename, line) for frame, line in frames]
     own = [(file, line) for file, line in lines if not is_installed(file)]
-    return f"{found} ({shown(own[-1][0])}:{own[-1][1]})" if own else found
+    if not own:
+        return found
+    file, line = own[-1]
+    code = "" if words else one_line(linecache.getline(file, line).strip())
+    return f"{found} ({shown(file)}:{line}{': ' if code else ''}{code})"
 
 
 def place_of(kind: Any) -> str:  # noqa: ANN401 - a class or a function

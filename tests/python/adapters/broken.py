@@ -18,7 +18,8 @@ class Parallel:
     without a word), flags (agents that have ended are flagged, and stay), dropped (agents that are gone have
     rewards and observations all the same), alone (reset returns observations alone), four (step returns four
     values), all (a reward of `__all__`), refused (SimulationError), unseen (a has no
-    observation in the third step), unpaid (b has no reward), nothing (rewards are None), none. extra: more
+    observation in the third step), unpaid (b has no reward), last (b has none in the step in which it is
+    flagged, and later), back (b returns for the last step), nothing (rewards are None), none. extra: more
     agents like b. alike: agents have names of one kind. reward: instead of a number.
     """
 
@@ -62,7 +63,7 @@ class Parallel:
             raise SimulationError("the wheels came off")
         if self.trouble == "more" and self.left == 3:
             self.agents.append("c")
-        if self.left == 2 and "b" in self.agents and self.trouble != "flags":
+        if self.left == 2 and "b" in self.agents and self.trouble not in {"flags", "last"}:
             self.agents.remove("b")
         rewards = self.rewards(actions)
         seen = self.seen()
@@ -71,6 +72,13 @@ class Parallel:
         if self.trouble == "dropped":
             rewards = dict.fromkeys(self.possible_agents, float(self.left))
             seen = {name: np.ones(self.size) for name in self.possible_agents}
+        if self.trouble == "back" and self.left == 1:
+            self.agents.append("b")
+            seen = self.seen()
+        if self.trouble == "last":
+            if self.left <= 2:
+                rewards.pop("b", None)
+            return seen, rewards, {"b": self.left <= 2}, dict.fromkeys(self.agents, self.left == 0), {}
         if self.trouble == "flags":
             # b is flagged in a single step, as its observation is nothing later.
             seen = {name: None if name == "b" and self.left < 2 else one for name, one in seen.items()}

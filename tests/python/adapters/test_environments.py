@@ -163,6 +163,23 @@ def test_agents_that_are_flagged_are_gone() -> None:
     assert simulate(one.replace(fitness="steps"), servers="in-process") == 6
 
 
+def test_an_agent_that_drops_out_needs_no_reward_in_its_last_step() -> None:
+    one = experiment("pettingzoo:broken?trouble=last")
+    assert simulate(one, servers="in-process") == (15 + 12) / 2
+
+
+def test_an_agent_that_is_listed_again_acts_again() -> None:
+    """b is not listed after the fourth step, again after the fifth, and acts in the sixth."""
+    kind: Any = load("pettingzoo:broken?trouble=back")
+    zoo = kind()
+    zoo.reset({}, 1)
+    acted = []
+    while not zoo.done():
+        acted.append(len(zoo.acting()))
+        zoo.step(np.zeros((2, 3), np.float32))
+    assert acted == [2, 2, 2, 2, 1, 2]
+
+
 def test_agents_that_are_dropped_get_and_sense_nothing_more() -> None:
     """Also where the environment goes on to give rewards and observations to all that are possible."""
     kind: Any = load("pettingzoo:broken?trouble=dropped")
@@ -356,6 +373,7 @@ def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
             "pettingzoo:broken?trouble=assert",
             r"PettingZoo broken: AssertionError \(.*broken.py:\d+: assert trouble != \"assert\"\)",
         ),
+        ("pettingzoo:broken?size=x", r"broken: observation_space\('a'\): TypeError: .* \(.*broken.py:\d+\)"),
         (
             "gymnasium:ALF/Pong-v5",
             "NamespaceNotFound: .* gymnasium:MODULE:ALF/Pong-v5, as in gymnasium:ale_py:ALE/Pong-v5",
