@@ -24,8 +24,6 @@ _INTEGERS = (
 _NUMBERS = (*_REALS, *_INTEGERS, "Boolean")
 VERSIONS = ("2.0", "3.0")
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
-_TOLERANCE = 1e-5
-"""Of solvers, where the FMU proposes none: FMPy's."""
 STRUCTURAL = "structuralParameter"
 """The causality of parameters of FMI 3.0 that sizes of arrays depend on."""
 RANGE = "swarmwright.range"
@@ -87,8 +85,6 @@ class Exchange:
     """Event indicators."""
     completes: bool
     """Whether it has to be told when a step of the solver is completed."""
-    tolerance: float
-    """Relative, of the solver."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +101,8 @@ class Description:
     start_time: float
     stop_time: float | None
     step_size: float | None
+    tolerance: float | None
+    """Relative, that the FMU proposes for solvers."""
     only_once: bool
     """Whether a process can have one instance only."""
     platforms: tuple[str, ...]
@@ -196,7 +194,7 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
         exchange = _exchange(found)
         times = {
             key: None if experiment is None else _number(getattr(experiment, key))
-            for key in ("startTime", "stopTime", "stepSize")
+            for key in ("startTime", "stopTime", "stepSize", "tolerance")
         }
     except ValueError as error:
         raise InputError(f"{file}: modelDescription.xml: {error}") from None
@@ -208,6 +206,7 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
         times["startTime"] or 0.0,
         times["stopTime"],
         times["stepSize"] or None,
+        times["tolerance"] or None,
         bool((found.coSimulation or found.modelExchange).canBeInstantiatedOnlyOncePerProcess),
         tuple(sorted({one[1] for one in places if len(one) > 2 and one[0] == "binaries"})),
         {one.name: Unit.of(one.baseUnit) for one in found.unitDefinitions},
@@ -245,14 +244,11 @@ def _ranges(text: bytes) -> dict[str, Range]:
 def _exchange(found: Any) -> Exchange | None:  # noqa: ANN401 - FMPy has no types
     if found.modelExchange is None:
         return None
-    experiment = found.defaultExperiment
-    tolerance = None if experiment is None else _number(experiment.tolerance)
     return Exchange(
         found.modelExchange.modelIdentifier,
         int(found.numberOfContinuousStates or 0),
         int(found.numberOfEventIndicators or 0),
         bool(found.modelExchange.needsCompletedIntegratorStep),
-        tolerance or _TOLERANCE,
     )
 
 

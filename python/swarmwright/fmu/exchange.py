@@ -14,6 +14,8 @@ from fmpy.sundials import CVodeSolver
 from swarmwright.fmu.description import Description, Variable
 from swarmwright.fmu.instances import FmuError, Instance
 
+_TOLERANCE = 1e-5
+"""Relative, where the FMU proposes none: FMPy's."""
 _LONGEST_STEP = 50
 """Steps of CVode in an episode, at least: as in FMPy."""
 
@@ -81,7 +83,7 @@ class ExchangeInstance(Instance):
             set_time=self._kept(fmu.setTime),
             startTime=self._begin,
             maxStep=(stop - self._begin) / _LONGEST_STEP,
-            relativeTolerance=self._known.tolerance,
+            relativeTolerance=self._description.tolerance or _TOLERANCE,
             **arguments,
         )
 

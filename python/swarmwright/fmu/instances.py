@@ -1,23 +1,39 @@
 """Instances of an FMU in this process, stepped by FMPy."""
 
-import contextlib
 import ctypes
+import itertools
+import re
 import sys
+import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
+from weakref import WeakValueDictionary
 
-from fmpy import extract
+from fmpy import calloc, extract, free
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2Terminated
+from fmpy.fmi2 import (
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+    fmi2DoStepStatus,
+    fmi2Terminated,
+)
 from fmpy.fmi3 import FMU3Slave
 from fmpy.logging import addLoggerProxy
 
 from swarmwright.fmu.description import STRUCTURAL, Description, Variable, flat
 from swarmwright.fmu.values import native
 
-_OK, _WARNING, _DISCARD, _FATAL = 0, 1, 2, 4
+_OK, _WARNING, _DISCARD, _FATAL, _PENDING = 0, 1, 2, 4, 5
+_POLL_S = 0.001
+"""Between two questions whether a step that an FMU computes in the background is done."""
+_REFERENCE = re.compile(r"##|#([ribs])(\d+)#")
+"""A variable in a message of FMI 2.0, by type and value reference, or an escaped #; section 2.1.5."""
+_REFERRED = {"r": ("Real",), "i": ("Integer", "Enumeration"), "b": ("Boolean",), "s": ("String",)}
 _MOST_PLANS = 10_000
 """Lists of variables of which it is remembered how they are set and got; three for each agent."""
 _MOST_WARNINGS = 1000
@@ -27,6 +43,45 @@ _STATUS = {_DISCARD: "that it is not done", 3: "an error", _FATAL: "a fatal erro
 
 class FmuError(Exception):
     """An episode cannot go on; the text says why."""
+
+
+_instances: WeakValueDictionary[int, "Instance"] = WeakValueDictionary()
+"""Of FMI 2.0, by the number that each gives its FMU as componentEnvironment."""
+_numbers = itertools.count(1)
+
+
+def _take_message(
+    environment: int | None, name: bytes | None, status: int, _category: bytes | None, text: bytes | None
+) -> None:
+    """Pass a message of an FMU of FMI 2.0 to the instance that it is from.
+
+    Some FMUs do not pass componentEnvironment on as they have to, but their name.
+    """
+    named = (one for one in _instances.values() if one.name.encode() == name)
+    instance = _instances.get(environment or 0) or next(named, None)
+    if instance is not None:
+        instance.take_message(status, text)
+
+
+_logger = fmi2CallbackLoggerTYPE(_take_message)
+"""One for all instances: FMPy's proxy, which formats the variadic arguments, has a single target."""
+# The functions of C themselves: they work in each thread of an FMU, also while Python ends.
+_allocate_memory = ctypes.cast(calloc, fmi2CallbackAllocateMemoryTYPE)
+_free_memory = ctypes.cast(free, fmi2CallbackFreeMemoryTYPE)
+
+
+def _callbacks(environment: int) -> fmi2CallbackFunctions:
+    """Return what FMI 2.0, section 2.1.5, requires of an importer.
+
+    Without stepFinished, which is optional, an FMU is asked whether a step is done.
+    """
+    made = fmi2CallbackFunctions()
+    made.logger = _logger
+    made.allocateMemory = _allocate_memory
+    made.freeMemory = _free_memory
+    made.componentEnvironment = environment
+    addLoggerProxy(ctypes.byref(made))
+    return made
 
 
 @dataclass(frozen=True)
@@ -60,6 +115,8 @@ class Instance:
     ) -> None:
         self._description = description
         self._two = description.version == "2.0"
+        self.name, self._number = name, next(_numbers)
+        _instances[self._number] = self
         self._last, self._messages, self._warnings = "", log, 0
         self._plans: dict[int, _Plan] = {}
         arguments = {
@@ -84,30 +141,22 @@ class Instance:
     def _make(self) -> None:
         try:
             if self._two:
-                self._fmu.instantiate(callbacks=self._callbacks(), loggingOn=True)
+                self._fmu.instantiate(callbacks=_callbacks(self._number), loggingOn=True)
             else:
                 self._fmu.instantiate(
                     loggingOn=True,
-                    logMessage=lambda _environment, status, _category, text: self._log(status, text),
+                    logMessage=lambda _environment, status, _category, text: self.take_message(status, text),
                 )
         except Exception as error:
             raise FmuError(self._explained("the FMU cannot be instantiated", error)) from error
         self._is_fresh = True
 
-    def _callbacks(self) -> Any:  # noqa: ANN401 - FMPy has no types
-        def log(_environment: Any, _name: Any, status: int, _category: Any, text: bytes) -> None:  # noqa: ANN401 - of ctypes
-            self._log(status, text)
-
-        made = fmi2CallbackFunctions()
-        made.logger = fmi2CallbackLoggerTYPE(log)
-        addLoggerProxy(ctypes.byref(made))
-        return made
-
-    def _log(self, status: int, text: bytes | None) -> None:
-        """Take a message. Logging is on: without, some FMUs do not say why a call fails."""
+    def take_message(self, status: int, text: bytes | None) -> None:
+        """Take a message of the FMU. Logging is on: without, some FMUs do not say why a call fails."""
         if status == _OK or not text:
             return
         said = text.decode(errors="replace").strip()
+        said = _REFERENCE.sub(self._referred, said) if self._two else said
         self._last = said or self._last
         if self._messages is None:
             return
@@ -118,6 +167,14 @@ class Instance:
         self._messages.write(f"{said}\n")
         if self._warnings == _MOST_WARNINGS and status == _WARNING:
             self._messages.write("other warnings of this FMU are left out\n")
+
+    def _referred(self, found: re.Match[str]) -> str:
+        """Return the name of a variable that a message refers to."""
+        if found[1] is None:
+            return "#"
+        kinds, reference = _REFERRED[found[1]], int(found[2])
+        known = self._description.variables.values()
+        return next((one.name for one in known if one.reference == reference and one.type in kinds), found[0])
 
     def _explained(self, what: str, error: Exception) -> str:
         self.is_corrupted |= isinstance(error, FMICallException) and error.status == _FATAL
@@ -133,11 +190,19 @@ class Instance:
         except FMICallException as error:
             raise FmuError(self._explained(what, error)) from error
 
+    def _free(self) -> None:
+        """End the instance; not after a fatal error, which forbids any further call."""
+        if self._fmu.component is not None and not self.is_corrupted:
+            (self._fmu.fmi2FreeInstance if self._two else self._fmu.fmi3FreeInstance)(self._fmu.component)
+            self._fmu.component = None
+
     def begin(self, start: Mapping[str, Any], time: float, stop: float) -> None:
         """Start an episode, with these values of variables."""
-        fmu = self._fmu
         if not self._is_fresh:
-            self._called("reset", fmu.reset)
+            # A reset does not do: 20-sim's FMUs keep some of their state, AMESim's refuse it.
+            self._free()
+            self._make()
+        fmu = self._fmu
         self._is_fresh = False
         given = [(self._description.variables[name], value) for name, value in start.items()]
         sizes = [pair for pair in given if pair[0].causality == STRUCTURAL]
@@ -149,11 +214,12 @@ class Instance:
         for variable, value in given:
             if variable.causality != STRUCTURAL:
                 self.set(variable, value)
+        times = {"startTime": time, "stopTime": stop, "tolerance": self._description.tolerance}
         if self._two:
-            self._called("setup", lambda: fmu.setupExperiment(startTime=time, stopTime=stop))
+            self._called("setup", lambda: fmu.setupExperiment(**times))
             self._called("initialization", fmu.enterInitializationMode)
         else:
-            self._called("initialization", lambda: fmu.enterInitializationMode(startTime=time, stopTime=stop))
+            self._called("initialization", lambda: fmu.enterInitializationMode(**times))
         self._called("initialization", fmu.exitInitializationMode)
 
     def set(self, variable: Variable, value: Any) -> None:  # noqa: ANN401 - a number, boolean or text
@@ -249,9 +315,12 @@ class Instance:
         try:
             done = self._fmu.doStep(currentCommunicationPoint=time, communicationStepSize=size)
         except FMICallException as error:
-            if error.status == _DISCARD and self._two and self._has_terminated():
+            status = error.status if error.status != _PENDING or not self._two else self._finished()
+            if status == _DISCARD and self._two and self._has_terminated():
                 return True
-            raise FmuError(self._explained(f"the step from {time:g} s", error)) from error
+            if status not in (_OK, _WARNING):
+                failed = FMICallException(error.function, status)
+                raise FmuError(self._explained(f"the step from {time:g} s", failed)) from error
         if self._two:
             return False
         _, terminates, early, last = done
@@ -263,13 +332,21 @@ class Instance:
         """End the episode, so that what the FMU has taken for it, such as a simulation server, is free."""
         if self._is_fresh or self.is_corrupted:
             return
-        with contextlib.suppress(FMICallException):
-            self._fmu.reset()
-            self._is_fresh = True
+        self._free()
 
     def end(self) -> None:
         """Free the instance and its library."""
-        self._fmu.freeInstance()
+        self._free()
+        self._fmu.freeLibrary()
+
+    def _finished(self) -> int:
+        """Wait for a step that the FMU computes in the background; return its status."""
+        try:
+            while (status := self._fmu.getStatus(fmi2DoStepStatus)) == _PENDING:
+                clock.sleep(_POLL_S)
+        except FMICallException as error:
+            return int(error.status)
+        return int(status)
 
     def _has_terminated(self) -> bool:
         value = ctypes.c_int(0)

@@ -45,6 +45,12 @@ class Episodes:
         )
         done = attachment["done"]
         self._done = None if done is None else Expression(done)
+        self._begun = 0
+
+    @property
+    def needs_new_process(self) -> bool:
+        """Whether the last episode may have failed to begin as a process can have one instance only."""
+        return self._known.only_once and self._begun > 1
 
     def _make(self, count: int) -> Sequence[Instance | Coupled]:
         """Return so many instances."""
@@ -84,8 +90,11 @@ class Episodes:
             start[name] = seed_of(self._known.variables[name], seed)
         self._begin = self._known.start_time
         self._made = 0
+        self._begun += 1
         self._values: list[list[list[float]]] = []
-        stop = self._begin + self._size * self._attachment["steps"]
+        last = self._begin + self._size * (self._attachment["steps"] - 1)
+        # Some FMUs refuse a step that ends later, also by a rounding error.
+        stop = max(self._begin + self._size * self._attachment["steps"], last + self._size)
         for instance in self._instances:
             instance.begin(start, self._begin, stop)
         return self._answer()
@@ -229,6 +238,8 @@ def main(arguments: Sequence[str]) -> int:
                 answer = episodes.step(message["actuators"])
         except FmuError as error:
             if episodes is not None:
+                if "reset" in message and episodes.needs_new_process:
+                    break
                 episodes.give_up()
             answer = {"error": str(error)}
         number = {"id": message["id"]} if "id" in message else {}

@@ -270,6 +270,7 @@ def _flat(file: Path, system: System) -> Description:
         start_time=every[0].start_time,
         stop_time=min(stops, default=None),
         step_size=max(sizes, default=None),
+        tolerance=None,
         only_once=any(one.only_once for one in every),
         platforms=missing[0].platforms if missing else place(),
         units={},

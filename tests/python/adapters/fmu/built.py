@@ -75,6 +75,25 @@ ROBOTS = """<?xml version="1.0" encoding="UTF-8"?>
 <ModelStructure><Output valueReference="1"/></ModelStructure>
 </fmiModelDescription>"""
 
+MEMORY = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Memory" guid="memory" numberOfEventIndicators="0">
+<ModelExchange modelIdentifier="memory"/>
+<CoSimulation modelIdentifier="memory" canRunAsynchronuously="true"
+ canHandleVariableCommunicationStepSize="true" canBeInstantiatedOnlyOncePerProcess="false"/>
+<DefaultExperiment startTime="0" stopTime="1" tolerance="1e-6" stepSize="0.125"/>
+<ModelVariables>
+<ScalarVariable name="input" valueReference="0" causality="input"><Real start="0"/></ScalarVariable>
+<ScalarVariable name="total" valueReference="1" causality="output" initial="exact">
+<Real start="0"/></ScalarVariable>
+<ScalarVariable name="sound" valueReference="2" causality="output"><Real/></ScalarVariable>
+<ScalarVariable name="mode" valueReference="3" causality="parameter" variability="fixed">
+<Integer start="0"/></ScalarVariable>
+<ScalarVariable name="der(total)" valueReference="4"><Real derivative="2"/></ScalarVariable>
+</ModelVariables>
+<ModelStructure><Outputs><Unknown index="2"/><Unknown index="3"/></Outputs>
+<Derivatives><Unknown index="5"/></Derivatives></ModelStructure>
+</fmiModelDescription>"""
+
 FLEET = ROBOTS.replace('<Dimension start="3"/>', '<Dimension valueReference="3"/>').replace(
     "</ModelVariables>",
     """<UInt64 name="count" valueReference="3" causality="structuralParameter" variability="fixed" start="3"/>
