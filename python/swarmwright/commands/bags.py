@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
+from swarmwright.commands import bag_limits
 from swarmwright.commands.failure import CommandFailure
 
 _ITEMS = 64
@@ -26,24 +27,29 @@ def missing(form: str) -> str | None:
 
 def rosbag(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[Row]:
     """Yield the messages of a bag of ROS 1 or 2: of wanted topics all, of others the first one."""
-    from rosbags.highlevel import AnyReader  # noqa: PLC0415 - may not be installed
-    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - as above
-
     if isinstance(file, bytes):
         raise CommandFailure(f"{name}: a bag must be a file")
-    seen: set[str] = set()
     try:
-        with AnyReader([file], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            for number, (connection, _, data) in enumerate(reader.messages()):
-                topic = connection.topic
-                if topic not in seen or _is_wanted(topic, wanted):
-                    seen.add(topic)
-                    message = reader.deserialize(data, connection.msgtype)
-                    yield f"{name}: message {number}", dict(_fields(message, topic))
+        bag_limits.check(name, file)
+        yield from _rosbag(name, file, wanted)
     except CommandFailure:
         raise
     except Exception as error:  # noqa: BLE001 - the library raises various ones
         raise _unreadable(name, error) from None
+
+
+def _rosbag(name: str, file: Path, wanted: Collection[str]) -> Iterator[Row]:
+    from rosbags.highlevel import AnyReader  # noqa: PLC0415 - may not be installed
+    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - as above
+
+    seen: set[str] = set()
+    with AnyReader([file], default_typestore=get_typestore(Stores.LATEST)) as reader:
+        for number, (connection, _, data) in enumerate(reader.messages()):
+            topic = connection.topic
+            if topic not in seen or _is_wanted(topic, wanted):
+                seen.add(topic)
+                message = reader.deserialize(data, connection.msgtype)
+                yield f"{name}: message {number}", dict(_fields(message, topic))
 
 
 def mcap(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[Row]:
@@ -54,11 +60,12 @@ def mcap(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[Row
         raise CommandFailure(f"{name}: a log of MCAP must be a file")
     seen: set[str] = set()
     try:
+        bag_limits.check(name, file)
         with file.open("rb") as stream:
             summary = make_reader(stream).get_summary()
             encodings = {one.message_encoding for one in summary.channels.values()} if summary else set()
             if "json" not in encodings:
-                yield from rosbag(name, file, wanted)
+                yield from _rosbag(name, file, wanted)
                 return
             for number, (_, channel, message) in enumerate(make_reader(stream).iter_messages()):
                 topic = channel.topic
