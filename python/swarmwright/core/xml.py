@@ -5,6 +5,7 @@ it: entities, which expand to text of any length, and attributes with defaults, 
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -62,8 +63,8 @@ class _RootFoundError(Exception):
 
 
 class _Builder:
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, most: int, deepest: int) -> None:
+        self.name, self.most, self.deepest = name, most, deepest
         self.open: list[Element] = []
         self._texts: list[list[str]] = []
         self._count = 0
@@ -87,10 +88,10 @@ class _Builder:
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         element = Element(self.name, self.parser.CurrentLineNumber, tag, attributes)
         self._count += 1 + len(attributes)
-        if self._count > _MOST_NODES:
-            raise element.error(f"the file has more than {_MOST_NODES} elements and attributes")
-        if len(self.open) >= _DEEPEST_NESTING:
-            raise element.error(f"nested more than {_DEEPEST_NESTING} deep")
+        if self._count > self.most:
+            raise element.error(f"the file has more than {self.most} elements and attributes")
+        if len(self.open) >= self.deepest:
+            raise element.error(f"nested more than {self.deepest} deep")
         if self.open:
             self.open[-1].children.append(element)
         else:
@@ -116,6 +117,40 @@ class _Builder:
         raise InputError(
             f"{self.name}:{line}: uses the entity {entity} of a DTD, which is not supported; write its text"
         )
+
+
+class _Counter(_Builder):
+    """Keeps of the elements only those that are open, without what is inside."""
+
+    def __init__(self, name: str, most: int, deepest: int) -> None:
+        super().__init__(name, most, deepest)
+        self.parser.CommentHandler = self._other
+        self.parser.ProcessingInstructionHandler = self._other
+
+    def _end(self, tag: str) -> None:
+        super()._end(tag)
+        if self.open:
+            self.open[-1].children.clear()
+
+    def _text(self, text: str) -> None:
+        """Leave the text out."""
+
+    def _other(self, *_: object) -> None:
+        self._count += 1
+
+
+def check(data: bytes, name: str, most: int, deepest: int) -> None:
+    """Check XML for other parsers: these keep all of it, and may expand or fetch entities.
+
+    Args:
+        data: the file's content.
+        name: of the file, for messages.
+        most: elements, attributes, comments and processing instructions.
+        deepest: levels of nesting.
+
+    Raises InputError, with file and line, for what is not valid, too much, or declared in a DTD.
+    """
+    _feed(_Counter(name, most, deepest), data)
 
 
 def read(path: Path) -> Element:
@@ -144,16 +179,19 @@ def _parsed(path: Path, *, stop: bool = False) -> _Builder:
     first = first_character_of(data)
     if first not in {"", "<"}:
         raise InputError(f"{path}: is not XML, which begins with '<', not with {first!r}")
-    builder = _Builder(str(path))
+    builder = _Builder(str(path), _MOST_NODES, _DEEPEST_NESTING)
     if stop:
         builder.parser.StartElementHandler = builder.begin
+    with suppress(_RootFoundError):
+        _feed(builder, data)
+    return builder
+
+
+def _feed(builder: _Builder, data: bytes) -> None:
     try:
         builder.parser.Parse(data, True)
-    except _RootFoundError:
-        pass
     except expat.ExpatError as error:
         reason = expat.errors.messages[error.code]
-        raise InputError(f"{path}:{error.lineno}: is not valid XML: {reason}") from None
+        raise InputError(f"{builder.name}:{error.lineno}: is not valid XML: {reason}") from None
     except (LookupError, ValueError) as error:  # an unknown encoding
-        raise InputError(f"{path}:1: is not valid XML: {error}") from None
-    return builder
+        raise InputError(f"{builder.name}:1: is not valid XML: {error}") from None

@@ -1,19 +1,16 @@
 """Reading the files of a bundle that somebody hands over, before anything in them is believed."""
 
-import re
 import stat
-import zipfile
-import zlib
 from collections.abc import Collection
 from pathlib import Path
 
+from swarmwright.core import archives
 from swarmwright.core.errors import InputError
 from swarmwright.core.untrusted import one_line
 from swarmwright.export.bundle import MANIFEST
 
 _LARGEST_BUNDLE_BYTES = 1 << 28
 """Bytes of all files of a bundle."""
-_DRIVE = re.compile(r"[A-Za-z]:")
 
 
 def read_files(path: Path) -> dict[str, bytes]:
@@ -24,25 +21,17 @@ def read_files(path: Path) -> dict[str, bytes]:
     """
     if path.is_dir():
         return _read_folder(path)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            for info in archive.infolist():
-                _check_name(path, info.filename)
-                if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
-                    raise InputError(_not_plain(path, info.filename))
-            infos = [info for info in archive.infolist() if not info.is_dir()]  # other programs add folders
-            _check_size(path, sum(info.file_size for info in infos))
-            names = [info.filename for info in infos]
-            if len(set(names)) < len(names):
-                raise InputError(f"{path}: has a file twice: {one_line(_twice(names))}")
-            _check_manifest(path, names)
-            return {info.filename: archive.read(info) for info in infos}
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (
-        zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError,
-    ) as error:  # fmt: skip
-        raise InputError(f"{path}: is not a bundle, or is damaged: {error}") from error
+    with archives.opened(path, "a bundle") as archive:
+        for info in archive.infolist():
+            if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
+                raise InputError(_not_plain(path, info.filename))
+        infos = [info for info in archive.infolist() if not info.is_dir()]  # other programs add folders
+        _check_size(path, sum(info.file_size for info in infos))
+        names = [info.filename for info in infos]
+        if len(set(names)) < len(names):
+            raise InputError(f"{path}: has a file twice: {one_line(_twice(names))}")
+        _check_manifest(path, names)
+        return {name: archives.content(archive, path, name, _LARGEST_BUNDLE_BYTES) for name in names}
 
 
 def _read_folder(folder: Path) -> dict[str, bytes]:
@@ -70,10 +59,10 @@ def _not_plain(path: Path, name: str) -> str:
 
 def _check_name(path: Path, name: str) -> None:
     """Raise InputError for a name that some programs unpack to a place outside the bundle's folder."""
-    if name.startswith("/") or "\\" in name or _DRIVE.match(name) or ".." in name.split("/"):
+    if archives.is_outside(name):
         raise InputError(
             f"{path}: {one_line(name)}: is not a name inside a folder (absolute, with .., a backslash or a "
-            "drive letter); no bundle has such names: do not unpack it"
+            "drive letter); no bundle has such names"
         )
 
 

@@ -1,28 +1,36 @@
 """Conversions between the units that an FMU defines."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree as ET
 
 from swarmwright.fmu.units import Unit
 
 
-def conversions(units: Sequence[Any], inverse: set[str]) -> Mapping[str, Mapping[str, tuple[float, float]]]:
-    """Return unit -> other unit -> factor and offset, by which a value in the one becomes one in the other.
+class Conversions(Mapping[str, Mapping[str, tuple[float, float]]]):
+    """Unit -> other unit -> factor and offset, by which a value in the one becomes one in the other.
 
     A unit is converted to its display units, and to units of the same SI base units and their display units.
     FMI 3.0, section 2.4.4: base = factor unit + offset; display unit = factor unit + offset.
 
+    Those of a unit are computed when they are asked for: all of them would be the square of their number.
+
     Args:
         units: unit definitions, as FMPy has read them.
         inverse: display units that are left out, since they are reciprocals.
+
     """
-    found: dict[str, dict[str, tuple[float, float]]] = {}
-    bases = {one.name: Unit.of(one.baseUnit) for one in units}
-    for one in units:
-        others, base = {one.name: (1.0, 0.0)}, bases[one.name]
-        for other in units:
-            to = bases[other.name]
+
+    def __init__(self, units: Sequence[Any], inverse: set[str]) -> None:
+        self._units, self._inverse = {one.name: one for one in units}, inverse
+        self._bases = {one.name: Unit.of(one.baseUnit) for one in units}
+
+    def __getitem__(self, unit: str) -> Mapping[str, tuple[float, float]]:
+        """Return the units that one is converted to, with factor and offset."""
+        one, base = self._units[unit], self._bases[unit]
+        others = {unit: (1.0, 0.0)}
+        for other in self._units.values():
+            to = self._bases[other.name]
             if other is one or base is None or to is None or base.exponents != to.exponents:
                 continue
             # The value in base units is in between.
@@ -32,8 +40,15 @@ def conversions(units: Sequence[Any], inverse: set[str]) -> Mapping[str, Mapping
                 others.setdefault(shown.name, _composed((factor, offset), shown))
         # Its own definitions come before those by way of others.
         others.update({shown.name: _composed((1.0, 0.0), shown) for shown in one.displayUnits})
-        found[one.name] = {name: by for name, by in others.items() if name not in inverse}
-    return found
+        return {name: by for name, by in others.items() if name not in self._inverse}
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names of the units."""
+        return iter(self._units)
+
+    def __len__(self) -> int:
+        """Return how many units there are."""
+        return len(self._units)
 
 
 def _composed(by: tuple[float, float], shown: Any) -> tuple[float, float]:  # noqa: ANN401 - FMPy has no types

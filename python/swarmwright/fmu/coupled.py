@@ -120,9 +120,7 @@ class Coupled:
     def _value(self, connection: Connection) -> float:
         name, variable = connection.start
         value = self._instances[name].get(self._system.components[name].variables[variable])
-        if (connection.factor, connection.offset) == (1.0, 0.0):
-            return value
-        return connection.factor * value + connection.offset
+        return connection.transformation(value)
 
     def _give(self, connection: Connection, value: float) -> None:
         name, variable = connection.end

@@ -81,6 +81,7 @@ def coupled(name: str, files: Mapping[str, Path], connections: Sequence[str]) ->
             taken[end] = start
             one = ET.SubElement(listed, f"{{{_SSD}}}Connection", _attributes(start, end))
             if by is not None:
+                one.set("suppressUnitConversion", "true")  # it is part of the transformation
                 about = {"factor": repr(by[0]), "offset": repr(by[1])}
                 ET.SubElement(one, f"{{{_SSC}}}LinearTransformation", about)
                 scaled[text] = words
@@ -103,7 +104,8 @@ def _scaling(
     """
     one, other = first.stands_for, last.stands_for
     units = [variable.unit if of is None else of.unit for variable, of in ((first, one), (last, other))]
-    factor, offset = conversion(system, start, end, units[0], units[1], {})
+    found = conversion(system, start, end, units[0], units[1], {})
+    factor, offset = found.factor, found.offset
     if one == other or not (_is_known(first) and _is_known(last)):
         return None, ""
     words = []

@@ -3,6 +3,7 @@
 import importlib.util
 import itertools
 import math
+import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -11,25 +12,33 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
+from swarmwright.core import archives, xml
 from swarmwright.core.errors import InputError, explained
 from swarmwright.core.ranges import Range
-from swarmwright.fmu.conversions import conversions, inverse_units
+from swarmwright.fmu.conversions import Conversions, inverse_units
 from swarmwright.fmu.terminals import terminals_of
 from swarmwright.fmu.units import Unit
 
 _REALS = ("Real", "Float32", "Float64")
-_INTEGERS = (
+INTEGERS = (
     "Integer", "Enumeration", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64",
 )  # fmt: skip
-_NUMBERS = (*_REALS, *_INTEGERS, "Boolean")
+_NUMBERS = (*_REALS, *INTEGERS, "Boolean")
 VERSIONS = ("2.0", "3.0")
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 STRUCTURAL = "structuralParameter"
 """The causality of parameters of FMI 3.0 that sizes of arrays depend on."""
 RANGE = "swarmwright.range"
 """The annotation of a scaled variable: what -1 and 1 stand for, `<Range low=".." high=".." unit=".."/>`."""
+_DESCRIPTION = "modelDescription.xml"
+_LARGEST_XML_BYTES = 1 << 26
+_MOST_NODES = 1_000_000
+"""Elements and attributes of an XML file, of which FMPy and this module take about 500 bytes each."""
+_DEEPEST_NESTING = 200
 _MOST_ELEMENTS = 10_000
 """Of an array variable."""
+_MOST_VARIABLES = 500_000
+"""With the elements of arrays."""
 _MOST_FAULTS = 300
 """Characters of what is wrong with a file that are repeated."""
 
@@ -60,6 +69,8 @@ class Variable:
     """Of an element: how many the array has."""
     items: tuple[int, ...] = ()
     """Of an enumeration: the values that it can have."""
+    labels: tuple[str, ...] = ()
+    """Of an enumeration: the names of these values, in the same order."""
     stands_for: Range | None = None
     """What -1 and 1 stand for, of a scaled variable of an FMU that Swarmwright exported."""
 
@@ -161,17 +172,18 @@ def for_coupling(file: Path) -> Description:
 def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) -> Description:
     if not is_installed():
         raise InputError(NEEDS)
-    from fmpy import read_model_description  # noqa: PLC0415 - optional
-
     try:
-        with zipfile.ZipFile(file) as archive:
+        with archives.opened(file, "an FMU") as archive:
             places = [Path(name).parts for name in archive.namelist()]
-            found = read_model_description(str(file), validate=False)
-            text = archive.read("modelDescription.xml")
+            text = checked_xml(archive, file, _DESCRIPTION)
+            found = _by_fmpy(text)
             _add_limits(found.modelVariables, text)
             ranges = _ranges(text)
             inverse = inverse_units(text)
-            terminals = terminals_of(archive.read(TERMINALS)) if TERMINALS in archive.namelist() else {}
+            has_terminals = TERMINALS in archive.namelist()
+            terminals = terminals_of(checked_xml(archive, file, TERMINALS)) if has_terminals else {}
+    except InputError:
+        raise
     except Exception as error:  # noqa: BLE001 - whatever a broken file leads to
         raise InputError(f"{file}: is not an FMU: {explained(error)[:_MOST_FAULTS]}") from None
     version = next((one for one in VERSIONS if str(found.fmiVersion).startswith(one)), None)
@@ -186,11 +198,13 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
     experiment = found.defaultExperiment
     try:
         sizes = dict(given)
-        variables = {
-            one.name: replace(one, stands_for=ranges.get(one.name))
-            for variable in found.modelVariables
-            for one in _with_elements(variable, sizes)
-        }
+        variables: dict[str, Variable] = {}
+        types: dict[int, tuple[tuple[int, ...], tuple[str, ...]]] = {}
+        for variable in found.modelVariables:
+            for one in _with_elements(variable, sizes, types):
+                variables[one.name] = replace(one, stands_for=ranges.get(one.name))
+            if len(variables) > _MOST_VARIABLES:
+                raise ValueError(f"has more than {_MOST_VARIABLES:,} variables and elements of arrays")
         exchange = _exchange(found)
         times = {
             key: None if experiment is None else _number(getattr(experiment, key))
@@ -210,11 +224,30 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
         bool((found.coSimulation or found.modelExchange).canBeInstantiatedOnlyOncePerProcess),
         tuple(sorted({one[1] for one in places if len(one) > 2 and one[0] == "binaries"})),
         {one.name: Unit.of(one.baseUnit) for one in found.unitDefinitions},
-        conversions(found.unitDefinitions, inverse),
+        Conversions(found.unitDefinitions, inverse),
         exchange,
         terminals,
         (found.generationTool or "").startswith("Swarmwright "),
     )
+
+
+def checked_xml(archive: zipfile.ZipFile, file: Path, name: str) -> bytes:
+    """Return an XML file in an archive, which parsers that keep all of it can be given.
+
+    Raises InputError where it is missing, is not valid, or has too much or what only a DTD can say.
+    """
+    data = archives.content(archive, file, name, _LARGEST_XML_BYTES)
+    xml.check(data, f"{file}: {name}", _MOST_NODES, _DEEPEST_NESTING)
+    return data
+
+
+def _by_fmpy(text: bytes) -> Any:  # noqa: ANN401 - FMPy has no types
+    """Return what FMPy reads from a model description that has been checked."""
+    from fmpy import read_model_description  # noqa: PLC0415 - optional
+
+    with tempfile.TemporaryDirectory(prefix="swarmwright-fmu-") as folder:
+        (Path(folder) / _DESCRIPTION).write_bytes(text)
+        return read_model_description(folder, validate=False)
 
 
 def _add_limits(variables: Any, text: bytes) -> None:  # noqa: ANN401 - FMPy has no types
@@ -252,13 +285,17 @@ def _exchange(found: Any) -> Exchange | None:  # noqa: ANN401 - FMPy has no type
     )
 
 
-def _with_elements(found: Any, given: Mapping[str, int]) -> Iterator[Variable]:  # noqa: ANN401 - FMPy has no types
+def _with_elements(
+    found: Any,  # noqa: ANN401 - FMPy has no types
+    given: Mapping[str, int],
+    types: dict[int, tuple[tuple[int, ...], tuple[str, ...]]],
+) -> Iterator[Variable]:
     """Yield a variable, and of an array of numbers its elements; `given` are values of parameters."""
     sizes = tuple(
         int(one.start if one.variable is None else given.get(one.variable.name, one.variable.start))
         for one in found.dimensions or ()
     )
-    whole = replace(_variable(found), shape=sizes)
+    whole = replace(_variable(found, types), shape=sizes)
     count = math.prod(sizes)
     if not whole.is_array or whole.type not in _NUMBERS or not 0 < count <= _MOST_ELEMENTS:
         yield whole
@@ -270,13 +307,16 @@ def _with_elements(found: Any, given: Mapping[str, int]) -> Iterator[Variable]: 
         yield replace(whole, name=name, is_array=False, shape=(), index=index, count=count)
 
 
-def _variable(found: Any) -> Variable:  # noqa: ANN401 - FMPy has no types
+def _variable(
+    found: Any,  # noqa: ANN401 - FMPy has no types
+    types: dict[int, tuple[tuple[int, ...], tuple[str, ...]]],
+) -> Variable:
     unit = found.unit or (found.declaredType.unit if found.declaredType is not None else None)
     low, high = (
         getattr(found, name) if getattr(found, name) is not None else getattr(found.declaredType, name, None)
         for name in ("min", "max")
     )
-    items = _items(found)
+    items, labels = _items(found, types)
     if items:  # an actuator's range, unless the enumeration is limited to some
         low, high = (
             limit if known is None else known for known, limit in ((low, items[0]), (high, items[-1]))
@@ -296,16 +336,28 @@ def _variable(found: Any) -> Variable:  # noqa: ANN401 - FMPy has no types
         _number(high),
         is_array,
         items=items,
+        labels=labels,
     )
 
 
-def _items(found: Any) -> tuple[int, ...]:  # noqa: ANN401 - FMPy has no types
-    """Return the values of an enumeration in their order; none where the FMU does not define them."""
-    listed = () if found.declaredType is None else found.declaredType.items
-    values = [one.value for one in listed]
-    if found.type != "Enumeration" or None in values:  # FMI requires values, but FMPy reads it without
-        return ()
-    return tuple(sorted(map(int, values)))
+def _items(
+    found: Any,  # noqa: ANN401 - FMPy has no types
+    types: dict[int, tuple[tuple[int, ...], tuple[str, ...]]],
+) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Return values and names of an enumeration, in the order of the values; none where it defines none.
+
+    types: those of types that variables before had, which thousands of variables may share.
+    """
+    declared = found.declaredType
+    if found.type != "Enumeration" or declared is None:
+        return (), ()
+    if id(declared) not in types:
+        listed = [(one.value, one.name) for one in declared.items]
+        if any(value is None for value, _ in listed):  # FMI requires values, but FMPy reads it without
+            listed = []
+        pairs = sorted((int(value), name) for value, name in listed)
+        types[id(declared)] = tuple(value for value, _ in pairs), tuple(name for _, name in pairs)
+    return types[id(declared)]
 
 
 def _start(kind: str, text: Any) -> Any:  # noqa: ANN401 - as in the file

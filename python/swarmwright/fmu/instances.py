@@ -1,5 +1,6 @@
 """Instances of an FMU in this process, stepped by FMPy."""
 
+import contextlib
 import ctypes
 import itertools
 import re
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any, TextIO
 from weakref import WeakValueDictionary
 
-from fmpy import calloc, extract, free
+from fmpy import calloc, free
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import (
     FMU2Slave,
@@ -25,6 +26,8 @@ from fmpy.fmi2 import (
 from fmpy.fmi3 import FMU3Slave
 from fmpy.logging import addLoggerProxy
 
+from swarmwright.core import archives
+from swarmwright.core.errors import InputError
 from swarmwright.fmu.description import STRUCTURAL, Description, Variable, flat
 from swarmwright.fmu.values import native
 
@@ -190,6 +193,18 @@ class Instance:
         except FMICallException as error:
             raise FmuError(self._explained(what, error)) from error
 
+    def _renew(self) -> None:
+        """Have an instance that no episode has used.
+
+        A reset does it for FMUs that Swarmwright exported, some of which are connected to servers. In others
+        it cannot be relied on: 20-sim's FMUs keep some of their state, AMESim's refuse it.
+        """
+        if self._fmu.component is not None and self._description.is_exported:
+            self._called("reset", self._fmu.reset)
+            return
+        self._free()
+        self._make()
+
     def _free(self) -> None:
         """End the instance; not after a fatal error, which forbids any further call."""
         if self._fmu.component is not None and not self.is_corrupted:
@@ -199,9 +214,7 @@ class Instance:
     def begin(self, start: Mapping[str, Any], time: float, stop: float) -> None:
         """Start an episode, with these values of variables."""
         if not self._is_fresh:
-            # A reset does not do: 20-sim's FMUs keep some of their state, AMESim's refuse it.
-            self._free()
-            self._make()
+            self._renew()
         fmu = self._fmu
         self._is_fresh = False
         given = [(self._description.variables[name], value) for name, value in start.items()]
@@ -332,7 +345,12 @@ class Instance:
         """End the episode, so that what the FMU has taken for it, such as a simulation server, is free."""
         if self._is_fresh or self.is_corrupted:
             return
-        self._free()
+        if self._description.is_exported:
+            with contextlib.suppress(FMICallException):
+                self._fmu.reset()
+                self._is_fresh = True
+        else:
+            self._free()
 
     def end(self) -> None:
         """Free the instance and its library."""
@@ -360,7 +378,8 @@ class Instance:
 def unpacked(file: str, folder: Path) -> Path:
     """Unpack an FMU. Raises FmuError."""
     try:
-        extract(file, str(folder))
-    except Exception as error:  # whatever a broken file leads to
-        raise FmuError(f"{file}: cannot be unpacked: {error}") from error
+        with archives.opened(Path(file), "an FMU") as archive:
+            archive.extractall(folder)
+    except InputError as error:
+        raise FmuError(f"cannot be unpacked: {error}") from error
     return folder

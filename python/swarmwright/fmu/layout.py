@@ -8,7 +8,7 @@ from swarmwright.fmu.description import Description
 
 AGENT = "{agent}"
 """Stands for an agent's number, from 1, in names of variables."""
-_OF_AGENT = re.compile(r"agent\[(\d+)\]\.(.+)")
+_OF_AGENT = re.compile(r"agent\[(\d{1,9})\]\.(.+)")
 _ACTS = "acts"
 _METRICS = "metrics."
 

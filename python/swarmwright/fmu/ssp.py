@@ -1,21 +1,32 @@
 """Systems of FMUs: System Structure and Parameterization (SSP) 1.0, files `.ssp`."""
 
+import math
 import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree as ET
 
+from swarmwright.core import archives
 from swarmwright.core.errors import InputError, explained
 from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.warn_once import warn_once
 from swarmwright.fmu import description as fmus
-from swarmwright.fmu.description import Description, Variable, place, runs_here
+from swarmwright.fmu.description import Description, Variable, checked_xml, place, runs_here
 from swarmwright.fmu.layout import stop_time
+from swarmwright.fmu.ssp_parameters import SSD, Parameter, bindings, start_value
+from swarmwright.fmu.transformations import (
+    IDENTITY,
+    SSC,
+    Linear,
+    Transformation,
+    linear_of,
+    table_of,
+)
 from swarmwright.fmu.units import Unit, units_of
-from swarmwright.fmu.values import expected, fits
 
 Algorithm = Literal["jacobi", "gauss_seidel"]
 """How the components of a system are stepped."""
@@ -23,20 +34,19 @@ STRUCTURE = "SystemStructure.ssd"
 VERSION = "SSP 1.0"
 ENDING = ".ssp"
 _FMU_TYPES = (None, "application/x-fmu-sharedlibrary")
-_SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
-_SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
 _MOST_FAULTS = 300
+_SHOWN_NAMES = 10
 
 
 @dataclass(frozen=True)
 class Connection:
-    """An output of a component that is the input of another: end = factor * start + offset."""
+    """An output of a component that is the input of another."""
 
     start: tuple[str, str]
     """Component and variable."""
     end: tuple[str, str]
-    factor: float = 1.0
-    offset: float = 0.0
+    transformation: Transformation = IDENTITY
+    """What the value becomes on the way."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +60,9 @@ class System:
     connections: tuple[Connection, ...]
     starts: Mapping[str, Any]
     """Values of the parameter sets, by `component.variable`."""
+    start_time: float | None = None
+    """Of the default experiment; None where there is none."""
+    stop_time: float | None = None
 
 
 def described(file: Path, start: Mapping[str, Any] | None = None) -> Description:
@@ -74,52 +87,82 @@ def system_of(file: Path) -> System:
 def _system(file: Path, _changed: int) -> System:
     if not fmus.is_installed():
         raise InputError(fmus.NEEDS)
-    from fmpy.ssp.ssd import Component, read_ssd  # noqa: PLC0415 - optional
+    with archives.opened(file, "an SSP") as archive:
+        root = _parsed(file, archive, STRUCTURE, "SystemStructureDescription.xsd")
+        top = root.find(f"{SSD}System")
+        assert top is not None  # the schema requires it
+        elements = list(top.iterfind(f"{SSD}Elements/*"))
+        others = [one.get("name", "") for one in elements if one.tag != f"{SSD}Component"]
+        if others:
+            raise InputError(
+                f"{file}: {STRUCTURE}: {', '.join(others)}: systems inside of systems and signal "
+                "dictionaries are not supported; export one system of components"
+            )
+        sources = {one.get("name", ""): _source(file, one) for one in elements}
+        if not sources:
+            raise InputError(f"{file}: {STRUCTURE}: the system has no components")
+        known = System(top.get("name") or file.stem, sources, _components(file, sources), (), {})
+        experiment = root.find(f"{SSD}DefaultExperiment")
+        try:
+            known = replace(known, connections=tuple(_connections(known, root)))
+            starts = _starts(file, archive, known, [*elements, top])
+            times = [_time(experiment, key) for key in ("startTime", "stopTime")]
+        except (InputError, ValueError) as error:
+            raise InputError(f"{file}: {STRUCTURE}: {error}") from None
+    return replace(known, starts=starts, start_time=times[0], stop_time=times[1])
+
+
+def _time(experiment: ET.Element | None, key: str) -> float | None:
+    """Return a time of the default experiment; None where it has none."""
+    text = None if experiment is None else experiment.get(key)
+    return None if text is None or not math.isfinite(float(text)) else float(text)
+
+
+def _components(file: Path, sources: Mapping[str, str]) -> dict[str, Description]:
+    """Return what the FMU of each component announces."""
+    found, sizes = {}, {}
+    with tempfile.TemporaryDirectory(prefix="swarmwright-ssp-") as folder:
+        for source in dict.fromkeys(sources.values()):
+            fmu = extracted(file, source, Path(folder))
+            found[source] = fmus.for_coupling(fmu)
+            with archives.opened(fmu, "an FMU") as archive:
+                sizes[source] = fmu.stat().st_size + archives.unpacked_bytes(archive)
+    # Each component is unpacked for itself.
+    archives.check_size(file, sum(sizes[one] for one in sources.values()), "its components unpack to")
+    return {name: found[source] for name, source in sources.items()}
+
+
+def _parsed(file: Path, archive: zipfile.ZipFile, name: str, schema: str) -> ET.Element:
+    """Return the root of an XML file of an SSP. Raises InputError unless it is valid by its schema."""
+    from fmpy.ssp.ssd import validate_tree  # noqa: PLC0415 - optional
+    from lxml import etree  # noqa: PLC0415 - comes with FMPy
 
     try:
-        found = read_ssd(str(file))
-        with zipfile.ZipFile(file) as archive:
-            root = ET.fromstring(archive.read(STRUCTURE))  # noqa: S314 - entities from outside are not read
+        data = checked_xml(archive, file, name)
+        validate_tree(etree.fromstring(data), schema)
+        return ET.fromstring(data)  # noqa: S314 - it has been checked
     except Exception as error:  # noqa: BLE001 - whatever a broken file leads to
-        raise InputError(f"{file}: is not an SSP: {explained(error)[:_MOST_FAULTS]}") from None
-    others = [one.name for one in found.system.elements if not isinstance(one, Component)]
-    if others:
-        raise InputError(
-            f"{file}: {STRUCTURE}: {', '.join(others)}: systems inside of systems and signal dictionaries "
-            "are not supported; export one system of components"
-        )
-    sources = {one.name: _source(file, one) for one in found.system.elements}
-    if not sources:
-        raise InputError(f"{file}: {STRUCTURE}: the system has no components")
-    with tempfile.TemporaryDirectory(prefix="swarmwright-ssp-") as folder:
-        components = {
-            name: fmus.for_coupling(extracted(file, source, Path(folder))) for name, source in sources.items()
-        }
-    known = System(found.system.name or file.stem, sources, components, (), {})
-    try:
-        known = replace(known, connections=tuple(_connections(known, root)))
-        return replace(known, starts=dict(_starts(known, found.system)))
-    except InputError as error:
-        raise InputError(f"{file}: {STRUCTURE}: {error}") from None
+        words = str(error) if isinstance(error, InputError) else f"{file}: {name}: {explained(error)}"
+        raise InputError(f"{file}: is not an SSP: {words.removeprefix(f'{file}: ')[:_MOST_FAULTS]}") from None
 
 
 def extracted(file: Path, source: str, folder: Path) -> Path:
     """Take the FMU of a component out of an SSP. Raises InputError where it is not there."""
-    try:
-        with zipfile.ZipFile(file) as archive:
+    with archives.opened(file, "an SSP") as archive:
+        try:
             return Path(archive.extract(source, folder))
-    except (KeyError, OSError, zipfile.BadZipFile, RuntimeError) as error:
-        raise InputError(f"{file}: {source}: cannot be taken out: {explained(error)}") from None
+        except (KeyError, OSError, *archives.DAMAGED) as error:
+            raise InputError(f"{file}: {source}: cannot be taken out: {explained(error)}") from None
 
 
-def _source(file: Path, component: Any) -> str:  # noqa: ANN401 - FMPy has no types
-    source = component.source or ""
-    if component.type not in _FMU_TYPES or not source.endswith(".fmu"):
+def _source(file: Path, component: ET.Element) -> str:
+    source = component.get("source", "")
+    if component.get("type") not in _FMU_TYPES or not source.endswith(".fmu"):
         raise InputError(
-            f"{file}: {STRUCTURE}: {component.name}: its source is {source or 'missing'}, expected an FMU in "
-            "the archive, resources/NAME.fmu"
+            f"{file}: {STRUCTURE}: {component.get('name')}: its source is {source or 'missing'}, expected an "
+            "FMU in the archive, resources/NAME.fmu"
         )
-    return str(source)
+    return source
 
 
 def variable_of(system: System, name: str) -> Variable:
@@ -159,29 +202,49 @@ def checked(system: System, start: str, end: str) -> tuple[Variable, Variable]:
 
 def _connections(system: System, root: ET.Element) -> Iterator[Connection]:
     units = {
-        one.get("name", ""): Unit.of(one.find(f"{_SSC}BaseUnit"))
-        for one in root.iterfind(f"{_SSD}Units/{_SSC}Unit")
+        one.get("name", ""): Unit.of(one.find(f"{SSC}BaseUnit"))
+        for one in root.iterfind(f"{SSD}Units/{SSC}Unit")
     }
     taken: dict[str, str] = {}
-    for one in root.iterfind(f"{_SSD}System/{_SSD}Connections/{_SSD}Connection"):
+    for one in root.iterfind(f"{SSD}System/{SSD}Connections/{SSD}Connection"):
         names = [one.get(f"{side}Element") for side in ("start", "end")]
         if None in names:
             continue  # from or to the outside, where nothing is connected
         start, end = (
             f"{one.get(f'{side}Element')}.{one.get(f'{side}Connector')}" for side in ("start", "end")
         )
-        first, last = checked(system, start, end)
+        if [variable_of(system, name).causality for name in (start, end)] == ["input", "output"]:
+            start, end = end, start  # start and end do not say where data flows, the variables do
+        checked(system, start, end)
         if end in taken:
             raise InputError(f"{end} is connected twice, to {taken[end]} and to {start}")
         taken[end] = start
-        linear = one.find(f"{_SSC}LinearTransformation")
-        if linear is not None:
-            factor, offset = float(linear.get("factor", "1")), float(linear.get("offset", "0"))
-        elif one.get("suppressUnitConversion") == "true":
-            factor, offset = 1.0, 0.0
-        else:
-            factor, offset = conversion(system, start, end, first.unit, last.unit, units)
-        yield Connection(_parts(start), _parts(end), factor, offset)
+        ends = _parts(start), _parts(end)
+        yield Connection(*ends, _transformation(system, one, ends, units))
+
+
+def _transformation(
+    system: System,
+    connection: ET.Element,
+    ends: tuple[tuple[str, str], tuple[str, str]],
+    units: Mapping[str, Unit | None],
+) -> Transformation:
+    """Return what values become in a connection: by units first, and then by its transformation."""
+    first, last = (system.components[name].variables[variable] for name, variable in ends)
+    table = table_of(connection, first, last, f"the connection from {'.'.join(ends[0])}")
+    if table is not None:
+        return table
+    linear = linear_of(connection)
+    if connection.get("suppressUnitConversion") in ("true", "1"):
+        return linear or IDENTITY
+    try:
+        start, end = (".".join(names) for names in ends)
+        by = conversion(system, start, end, first.unit, last.unit, units)
+    except InputError:
+        if linear is None:
+            raise
+        return linear  # of quantities that only it relates to one another, such as a current and a force
+    return by if linear is None else linear.after(by)
 
 
 def _parts(name: str) -> tuple[str, str]:
@@ -191,60 +254,65 @@ def _parts(name: str) -> tuple[str, str]:
 
 def conversion(
     system: System, start: str, end: str, first: str, last: str, units: Mapping[str, Unit | None]
-) -> tuple[float, float]:
-    """Return factor and offset from one unit to another; those of the FMUs, else those of the system.
+) -> Linear:
+    """Return the conversion from one unit to another; by those of the FMUs, else those of the system.
 
     Raises InputError for units of different quantities.
     """
-    if first == last or not first or not last:
-        return 1.0, 0.0
-    one = units_of(system.components[_parts(start)[0]].units).get(first) or units.get(first)
-    other = units_of(system.components[_parts(end)[0]].units).get(last) or units.get(last)
+    one, other = (
+        units_of(system.components[_parts(name)[0]].units).get(unit) or units.get(unit)
+        for name, unit in ((start, first), (end, last))
+    )
+    about = f"{start} [{first}] and {end} [{last}]"
+    return _conversion(one, other, (first, last), about, "the connection a linear transformation or")
+
+
+def _conversion(
+    one: Unit | None, other: Unit | None, names: tuple[str, str], about: str, remedy: str
+) -> Linear:
+    if names[0] == names[1] or not all(names):
+        return IDENTITY
     if one is None or other is None:
-        unknown = first if one is None else last
         raise InputError(
-            f"{start} [{first}] and {end} [{last}]: the unit {unknown} is not defined, so that it cannot be "
-            "converted; give the connection a linear transformation or suppressUnitConversion"
+            f"{about}: the unit {names[0] if one is None else names[1]} is not defined, so that it cannot be "
+            f"converted; give {remedy} suppressUnitConversion"
         )
     if one.exponents != other.exponents:
-        raise InputError(f"{start} [{first}] and {end} [{last}]: these units are of different quantities")
-    return one.factor / other.factor, (one.offset - other.offset) / other.factor
+        raise InputError(f"{about}: these units are of different quantities")
+    return Linear(one.factor / other.factor, (one.offset - other.offset) / other.factor)
 
 
-def _starts(system: System, found: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - FMPy has no types
-    """Give the values of all parameter sets; those of a component come after those of the system."""
-    for element, prefix in [(found, ""), *((one, f"{one.name}.") for one in found.elements)]:
-        for binding in element.parameterBindings:
-            mapped = {
-                entry.source: (entry.target, entry.transformation)
-                for mapping in binding.parameterMapping
-                for entry in mapping.mappingEntries
-            }
-            for values in binding.parameterValues:
-                for one in values.parameters:
-                    target, linear = mapped.get(one.name, (one.name, None))
-                    name = f"{prefix}{binding.prefix or ''}{target}"
-                    variable = variable_of(system, name)
-                    value = _value(variable, one.value, name)
-                    if linear is not None:
-                        value = float(linear.factor) * value + float(linear.offset)
-                    yield name, value
+def _from_set(name: str, one: Parameter, unit: str, units: Mapping[str, Unit | None]) -> Linear:
+    """Return the conversion of a value of a parameter set to the unit of its variable."""
+    about = f"{name} [{unit}]: a value in {one.unit}"
+    base = one.base or units.get(one.unit)
+    return _conversion(base, units.get(unit), (one.unit, unit), about, "an entry of a parameter mapping")
 
 
-def _value(variable: Variable, text: str, name: str) -> Any:  # noqa: ANN401 - of its type
-    if variable.type == "String":
-        return text
-    try:
-        if variable.type == "Boolean":
-            return {"true": True, "1": True, "false": False, "0": False}[text]
-        value = float(text) if variable.is_real else int(text)
-    except (KeyError, ValueError):
-        raise InputError(f"{name}: the value {text!r} is not of the type {variable.type}") from None
-    if not fits(variable, value):
-        raise InputError(
-            f"{name}: the value {text!r} is not of the type {variable.type}, expected {expected(variable)}"
-        )
-    return value
+def _starts(
+    file: Path, archive: zipfile.ZipFile, system: System, elements: list[ET.Element]
+) -> dict[str, Any]:
+    """Return the values of all parameter sets, those of the system after those of its components.
+
+    As SSP has it: the later one of two values counts, and names without a variable are ignored.
+    """
+    found: dict[str, Any] = {}
+    unknown: dict[str, None] = {}
+    for element in elements:
+        prefix = "" if element.tag == f"{SSD}System" else f"{element.get('name')}."
+        for name, one, entry in bindings(element, partial(_parsed, file, archive)):
+            full = f"{prefix}{name}"
+            component, variable = _parts(full)
+            known = system.components.get(component)
+            if known is None or variable not in known.variables:
+                unknown[full] = None
+                continue
+            convert = partial(_from_set, full, one, known.variables[variable].unit, known.units)
+            found[full] = start_value(full, known.variables[variable], one, entry, convert)
+    if unknown:
+        names = ", ".join(list(unknown)[:_SHOWN_NAMES]) + (", .." if len(unknown) > _SHOWN_NAMES else "")
+        warn_once(f"{file}: parameter sets have values for {names}, which are no variables: ignored")
+    return found
 
 
 def _flat(file: Path, system: System) -> Description:
@@ -267,8 +335,8 @@ def _flat(file: Path, system: System) -> Description:
         identifier=system.name,
         token=str(file),
         variables=variables,
-        start_time=every[0].start_time,
-        stop_time=min(stops, default=None),
+        start_time=every[0].start_time if system.start_time is None else system.start_time,
+        stop_time=min(stops, default=None) if system.stop_time is None else system.stop_time,
         step_size=max(sizes, default=None),
         tolerance=None,
         only_once=any(one.only_once for one in every),
