@@ -13,6 +13,7 @@ from swarmwright.export.writing import write
 from swarmwright.fmu.coupled import Coupled
 from swarmwright.fmu.coupling import coupled
 from swarmwright.fmu.ssp import described, system_of
+from swarmwright.fmu.transformations import Linear
 from swarmwright.simulations import catalogue
 from tests.python.export.specifications import ALL, subject
 
@@ -76,9 +77,9 @@ def test_coupled_with_its_world_a_scaled_controller_gives_the_fitness_of_the_run
     }
     file = tmp_path / "system.ssp"
     file.write_bytes(data)
-    by = {one.start[1]: (one.factor, one.offset) for one in system_of(file).connections}
-    assert by["actuators.sensors_thrust"] == (50.0, 50.0)
-    assert by["actuators.dist"] == (0.2, -1.0)
+    by = {one.start[1]: one.transformation for one in system_of(file).connections}
+    assert by["actuators.sensors_thrust"] == Linear(50.0, 50.0)
+    assert by["actuators.dist"] == Linear(0.2, -1.0)
     system = Coupled(str(file), system_of(file), tmp_path / "unpacked", "gauss_seidel")
     system.begin({}, 0.0, 10.0)
     size = described(file).step_size
