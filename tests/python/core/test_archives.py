@@ -64,7 +64,7 @@ def test_methods_whose_output_cannot_be_limited(tmp_path: Path, method: int) -> 
 
 @pytest.mark.parametrize("name", ["/etc/x", "../x", "a/../../x", "C:x", "a\\x"])
 def test_names_outside_of_the_folder(tmp_path: Path, name: str) -> None:
-    file = packed(tmp_path / "x.zip", **{name: b""})
+    file = packed(tmp_path / "x.zip", zipfile.ZIP_DEFLATED, **{name: b""})
     with (
         pytest.raises(InputError, match="is not a name inside a folder"),
         archives.opened(file, "an archive"),
