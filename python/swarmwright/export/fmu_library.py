@@ -1,12 +1,11 @@
 """The shared library of an FMU, which the C compiler (CC) makes of its sources."""
 
-import io
 import re
 import subprocess
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from swarmwright.core import archives
 from swarmwright.core.errors import InputError
 from swarmwright.core.temporary import TemporaryFolder
 from swarmwright.export._base import Files
@@ -28,6 +27,8 @@ machine: riscv64
 """
 """Preprocessed, this is the machine: options such as -m32 change it, and not what -dumpmachine says."""
 _TIME_OUT_S = 120
+_LARGEST_FILE_BYTES = 1 << 26
+"""Of a file in an FMU; those that Swarmwright writes have some kilobytes, a library some hundreds."""
 _SOURCES, _BINARIES = "sources/", "binaries/"
 
 
@@ -57,9 +58,14 @@ def library(prefix: str, sources: Mapping[str, bytes], fmi: str) -> tuple[str, b
 
 
 def add_library(file: Path, prefix: str, fmi: str) -> None:
-    """Compile the sources of an FMU without a library, and put this into the archive. Raises as `library`."""
-    with zipfile.ZipFile(io.BytesIO(file.read_bytes())) as archive:
-        inside: Files = {name: archive.read(name) for name in archive.namelist()}
+    """Compile the sources of an FMU without a library, and put this into the archive.
+
+    Raises as `library`, and InputError where the FMU, which may be from a bundle, is damaged or too large.
+    """
+    with archives.opened(file, "an FMU") as archive:
+        inside: Files = {
+            name: archives.content(archive, file, name, _LARGEST_FILE_BYTES) for name in archive.namelist()
+        }
     if any(name.startswith(_BINARIES) for name in inside):
         return
     sources = {
