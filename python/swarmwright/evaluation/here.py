@@ -75,6 +75,9 @@ def require_here(experiment: Experiment) -> None:
         warning = commands.warning_of(experiment)
         if warning is not None:
             warn_once(f"{place_of(experiment, 'simulation')}{warning}")
+    notice = catalogue.notice(simulation, experiment.parameters)
+    if notice is not None:
+        warn_once(f"{place_of(experiment, 'parameters')}{notice}")
     announced, wanted = catalogue.description(simulation), experiment.requirements
     title, most = announced["title"], announced.get("max_agents")
     if wanted.dimensions != announced["dimensions"]:

@@ -68,6 +68,14 @@ class Described(ABC):
     """Seconds of a step in the world that is simulated, above 0: how often exported controllers are to be
     stepped. None: `frame_seconds` where the class sets it, else not known."""
 
+    @classmethod
+    def notice_before_run(cls, parameters: Mapping[str, Any]) -> str | None:  # noqa: ARG003 - for those that override it
+        """Return what a user is told before a run with these parameters; None, the default, for nothing.
+
+        parameters: those that the experiment gives, which have not been checked.
+        """
+        return None
+
 
 class Simulation(Described):
     """A simulation: agents sense, controllers compute, agents act, until the episode ends with a fitness.

@@ -2,7 +2,7 @@
 
 import inspect
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
@@ -105,6 +105,17 @@ def unmeasured(simulation: str) -> str | None:
         f"{kind.__name__}.metrics names {', '.join(metrics)}, but the class has no method measure() that "
         "returns them; add it, or leave metrics out"
     )
+
+
+def notice(simulation: str, parameters: Mapping[str, Any]) -> str | None:
+    """Return what a class in Python has a user told before a run; None for nothing.
+
+    Raises InputError for a class that cannot be loaded.
+    """
+    if not is_python(simulation) or is_command(simulation) or has_missions(simulation):
+        return None
+    told: str | None = _load(simulation).notice_before_run(parameters)
+    return told
 
 
 def is_described(simulation: str) -> bool:

@@ -40,6 +40,16 @@ class Configuration:
     overridden: tuple[str, ...]
     """The options and the elements of additional files that therefore have no effect."""
 
+    @property
+    def notice(self) -> str | None:
+        """What the user is told of them; None where there are none."""
+        if not self.overridden:
+            return None
+        return (
+            f"config: {self.path}: without effect here: {', '.join(self.overridden)}; episodes follow from "
+            "their seed alone, in lock-step, and SUMO writes no files"
+        )
+
 
 def checked(config: str) -> Configuration:
     """Return a configuration whose network, routes and additional files can be read.

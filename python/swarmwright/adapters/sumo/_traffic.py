@@ -162,15 +162,19 @@ class Traffic(Simulation):
         """Return what pictures call a vehicle: waiting or driving."""
         return "waiting" if self.sumo.vehicle.getSpeed(vehicle) < HALTING else "driving"
 
+    @classmethod
+    def notice_before_run(cls, parameters: Mapping[str, Any]) -> str | None:
+        """Say which options of the configuration have no effect; one that cannot be read is refused later."""
+        with contextlib.suppress(InputError):
+            return checked(str(parameters.get("config", ""))).notice
+        return None
+
     def _read(self, config: str) -> None:
         """Check the files of a configuration; say which of its options have no effect here."""
         self._files = checked(config)
         self._path, self._config = self._files.path, config
-        if self._files.overridden:
-            warn_once(
-                f"config: {self._path}: without effect here: {', '.join(self._files.overridden)}; episodes "
-                "follow from their seed alone, in lock-step, and SUMO writes no files"
-            )
+        if self._files.notice is not None:
+            warn_once(self._files.notice)
 
     def _advance(self, ticks: int) -> list[str]:
         """Let SUMO go on; return the vehicles that have departed and are still there, sorted."""

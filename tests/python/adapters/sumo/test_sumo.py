@@ -179,6 +179,17 @@ def test_options_of_a_configuration_that_break_episodes_have_no_effect(
                  "save-state.times", "inductionLoop d", "timedEvent", "device.ssm.file"):  # fmt: skip
         assert name in said
     assert "write-unfinished" not in said
+    # The tool says it, too, where its user sees it.
+    one = Experiment.from_mapping(
+        {
+            "simulation": "swarmwright.adapters.sumo:TrafficLights",
+            "parameters": {"config": config, "steps": 2},
+        }
+    )
+    monkeypatch.setattr(warn_once, "_given", set())
+    caplog.clear()
+    simulate(one, servers=1)
+    assert [record.getMessage() for record in caplog.records] == [f"parameters: {said}"]
     # Said only where they would do something.
     caplog.clear()
     Path(config).write_text(
