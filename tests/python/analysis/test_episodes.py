@@ -22,7 +22,7 @@ def about_episodes(notes: tuple[str, ...]) -> list[str]:
 
 
 def test_unlike_numbers_of_episodes_per_evaluation_are_shown_and_noted(tmp_path: Path) -> None:
-    comparison = compare([*runs(tmp_path, [1, 2.0]), *runs(tmp_path, [5, 6.0], **EIGHT)])
+    comparison = compare([*runs(tmp_path, [1, 2.0]), *runs(tmp_path, [5, 6.0], **EIGHT)], order="given")
     assert [one.counts for one in comparison.groups] == [(4, 4)] * 2
     assert [one.episodes for one in comparison.groups] == [(4, 4), (32, 32)]
     head, first, second = [line.split() for line in str(comparison).splitlines()[:3]]
@@ -107,10 +107,10 @@ def test_episodes_that_a_race_left_out_do_not_count(tmp_path: Path) -> None:
         swarmwright.optimize(experiment, servers="in-process", out=tmp_path / name)
     raced = Run.open(tmp_path / "race")
     assert raced.episodes_saved > 0
-    whole, less = compare([tmp_path / "plain", raced]).groups
+    whole, less = compare([tmp_path / "plain", raced], order="given").groups
     assert whole.episodes == (10 * whole.runs[0].evaluations,)
     assert less.episodes == (np.isfinite(raced.record.episodes).sum(),)
-    early = compare([tmp_path / "plain", raced], at=30).groups[1].episodes[0]
+    early = compare([tmp_path / "plain", raced], at=30, order="given").groups[1].episodes[0]
     assert early == np.isfinite(raced.record.episodes[:30]).sum()
     used = np.cumsum(np.isfinite(raced.record.episodes).sum(axis=1))
     for episodes in (early - 1, early, early + 1, used[-1] - 1, used[-1]):
