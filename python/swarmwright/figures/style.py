@@ -159,6 +159,8 @@ def dress(axes: "Axes", *, x: str = "", y: str = "") -> None:
     """Give axes their labels, grid and frame."""
     axes.set_xlabel(x, fontsize=points(11), color=INK)
     axes.set_ylabel(y, fontsize=points(11), color=INK)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.label.set_parse_math(False)  # names and units of others' simulations are plain text
     axes.tick_params(labelsize=points(10), colors=INK)
     axes.grid(color=GRID, linewidth=points(0.8))
     axes.set_axisbelow(True)

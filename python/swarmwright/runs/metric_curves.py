@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from swarmwright.core.arguments import listed, text
 from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import unknown
+from swarmwright.core.untrusted import one_line
 from swarmwright.runs.run import Run
 from swarmwright.simulations import catalogue
 
@@ -52,7 +53,7 @@ def _label(run: Run, name: str) -> str:
         return name
     found = catalogue.description(run.experiment.simulation, run.experiment.parameters)["metrics"]
     unit = found.get(name, {}).get("unit")
-    return f"{name} ({unit})" if unit and unit != name else name
+    return one_line(f"{name} ({unit})") if unit and unit != name else name
 
 
 class MetricCurves:

@@ -9,7 +9,7 @@ from matplotlib.text import Text
 from swarmwright import InputError, compare
 from swarmwright.figures.publishers import STYLES, Page, on
 from swarmwright.figures.run import draw
-from swarmwright.figures.style import entitle, new_figure, save
+from swarmwright.figures.style import dress, entitle, new_figure, save
 from swarmwright.runs.diversity import diversity
 from tests.python.analysis.runs import KnownRun
 
@@ -96,3 +96,11 @@ def test_lengths_are_read_with_their_units() -> None:
     assert Page.of("screen").width is None
     with pytest.raises(InputError, match=r"^style: must be one of screen, ieee, .*, not 'iee'$"):
         Page.of("iee")
+
+
+def test_labels_are_plain_text() -> None:
+    figure = new_figure(4.0, 3.0)
+    axes = figure.subplots()
+    dress(axes, x="costs $5", y="unit (\\frac{$)")
+    figure.draw_without_rendering()
+    assert axes.get_ylabel() == "unit (\\frac{$)"
