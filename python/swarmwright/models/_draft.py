@@ -127,7 +127,7 @@ class Draft:
             "parameters:" if self.parameters.fixed else "parameters: {}",
         ]
         lines += [_line(name, value, where) for name, (value, where) in self.parameters.fixed.items()]
-        lines += [f"  # not taken over: {reason}" for reason in self.parameters.left_out]
+        lines += [f"  # not taken over: {one_line(reason)}" for reason in self.parameters.left_out]
         lines += ["", "controller:", f"  kind: {_TEAM if self.groups else self.kind}"]
         if self.groups:
             lines.append("  groups:")
@@ -183,5 +183,5 @@ def _text(value: Any) -> str:  # noqa: ANN401 - any plain value
 
 
 def _line(name: str, value: Any, where: str, indent: str = "  ") -> str:  # noqa: ANN401 - any plain value
-    key = dump({name: 0}).partition(":")[0]
+    key = dump({name: 0}).removesuffix(": 0\n")
     return f"{indent}{key}: {_text(value)}".ljust(40) + f"  # {one_line(where)}"

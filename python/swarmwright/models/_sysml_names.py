@@ -22,7 +22,7 @@ _WITH_MEMBERS = frozenset({"item", "package", "part", "port"})
 _MOST_STEPS = 50
 """Steps over types, imports and aliases to where a member is defined."""
 
-_MOST_STEPS_OF_ALL = 1_000_000
+_MOST_STEPS_OF_ALL = 500_000
 """Steps for all names of a file: about a second."""
 
 Path = tuple[str, ...]

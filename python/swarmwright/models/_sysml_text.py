@@ -97,6 +97,7 @@ _IN_EXPRESSIONS = frozenset(
     | {"private", "protected", "public", "true"}
 )
 _ESCAPES = {"b": "\b", "f": "\f", "n": "\n", "r": "\r", "t": "\t", "v": "\v"}
+_ESCAPED = re.compile(r"\\(['\"\\])")
 _CLOSING = {"(": ")", "[": "]", "{": "}"}
 _UNCLOSED = {"//*": "a note", "/*": "a comment", '"': "a text", "'": "a name in quotation marks"}
 
@@ -114,8 +115,8 @@ class Word:
 
     @property
     def name(self) -> str:
-        """A name without its quotation marks."""
-        return unescaped(self.text[1:-1]) if self.text.startswith("'") else self.text
+        """A name without its quotation marks; escapes of line ends stay, as names have one line."""
+        return _ESCAPED.sub(r"\1", self.text[1:-1]) if self.text.startswith("'") else self.text
 
 
 @dataclass(slots=True)

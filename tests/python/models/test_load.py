@@ -252,3 +252,27 @@ def test_names_of_several_parameters_are_refused(edited: Edited, tmp_path: Path)
     parts = [load_part(file) for file in files]
     with pytest.raises(InputError, match="'a gent' may be the agents 'Agent' or 'A-gent'"):
         Parameters.of(Model.of(parts), known, evolved=True)
+
+
+def test_names_with_colons_and_line_breaks_stay_names(tmp_path: Path) -> None:
+    """They do not become keys of the experiment, neither in its list nor in what is left out."""
+    properties = '<propentry key="a: 1&#10;seed: 9" type="INT" value="1"/>'
+    entry = '<entry key="classname" value="NAME"/>'
+    for name, parameters in (("Elsewhere", {"a: 1\nseed: 9": 1}), ("minisim.Minisim", {})):
+        path = tmp_path / "problem.xml"
+        path.write_text(
+            f"<icomponent><config>{entry.replace('NAME', name)}</config><properties>{properties}</properties>"
+            "</icomponent>"
+        )
+        imported = models.load([path])
+        assert imported.experiment.seed == 1
+        assert imported.experiment.parameters == parameters
+        assert ("not taken over: a: 1\\nseed: 9 = 1" in imported.yaml) == (not parameters)
+    path = tmp_path / "escape.sysml"
+    path.write_text(
+        "package P { attribute 'a: b\\nseed: 9' = 1; action 'c\\nseed: 9'; part def A { in x; out y; } "
+        "part agents : A[3]; }"
+    )
+    imported = models.load([path], simulation="elsewhere")
+    assert imported.experiment.seed == 1
+    assert imported.experiment.parameters == {"a: b\\nseed: 9": 1, "agents": 3}
