@@ -110,6 +110,8 @@ def _right_form(path: Path_, values: Mapping[str, Any]) -> str:
     kind, names = values.get(str(path[0])), REGISTRIES[str(path[0])].names()
     if not isinstance(kind, str):
         return ""
+    if kind.endswith(".py") and REGISTRIES[str(path[0])].in_files:
+        return f"; a class in a file is named like {kind}:Class"
     near = kind if kind in names else next(iter(get_close_matches(kind, names, n=1)), None)
     return "" if near is None else f"; write {{kind: {near}}}"
 
