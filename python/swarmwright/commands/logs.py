@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarmwright.commands import bags, units
+from swarmwright.commands.definition import STANDARD_OUTPUT
 from swarmwright.commands.failure import CommandFailure
 from swarmwright.core.formatting import counted
 from swarmwright.core.suggestions import did_you_mean
@@ -130,7 +131,10 @@ def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str
     columns: Columns = {name: Column() for name in wanted}
     seen: dict[str, None] = {}
     for name, file in files.items():
-        reader = _READERS[format_of(name, formats)]
+        form = format_of(name, formats)
+        if name == STANDARD_OUTPUT and isinstance(file, bytes):
+            form, file = _without_banner(file, form, formats == "auto", wanted)  # noqa: PLW2901 - the rest
+        reader = _READERS[form]
         for place, row in reader(name, file, wanted):
             for column in row:
                 seen.setdefault(column)
@@ -146,6 +150,38 @@ def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str
             where, hint = ", ".join(files), did_you_mean(column, known)
             raise CommandFailure(f"{where}: has no column {column!r}{hint or ';'} available: {there}")
     return columns
+
+
+def _without_banner(data: bytes, form: str, is_guessed: bool, wanted: Collection[str]) -> tuple[str, bytes]:
+    """Return the format of what a command has printed, and the log in it.
+
+    Libraries print a greeting or warnings where a log is expected. Such lines are blanked, so that the others
+    keep their numbers: in JSON those that begin no object, in a table those before the names of columns.
+    """
+    lines = data.split(b"\n")
+    starts = [line.lstrip()[:1] for line in lines]
+    if is_guessed and next((one for one in reversed(starts) if one), b"") == b"{":
+        form = "jsonl"
+    if form == "jsonl":
+        lines = [line if start == b"{" else b"" for line, start in zip(lines, starts, strict=True)]
+    elif form == "json":
+        first = next((at for at, start in enumerate(starts) if start in {b"{", b"["}), 0)
+        lines[:first] = [b""] * first
+    elif form in {"csv", "tsv"}:
+        delimiter = "\t" if form == "tsv" else ","
+        texts = [line.decode("utf-8-sig", "replace").rstrip("\r") for line in lines]
+        first = next(
+            (
+                at
+                for at, text in enumerate(texts)
+                if _can_be_read(text, delimiter) and not set(wanted).isdisjoint(_words(text, delimiter))
+            ),
+            0,
+        )
+        lines[:first] = [
+            line if start == b"#" else b"" for line, start in zip(lines[:first], starts, strict=False)
+        ]
+    return form, b"\n".join(lines)
 
 
 def _number(place: str, column: str, value: Any) -> tuple[float, Problem | None]:  # noqa: ANN401 - as above
