@@ -2,7 +2,6 @@
 
 import errno
 import os
-import resource
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
@@ -13,6 +12,7 @@ from swarmwright.cli import _output
 from swarmwright.cli._commands import program
 from swarmwright.cli._signals import INTERRUPTED, terminate_like_interrupt
 from swarmwright.core import untrusted
+from swarmwright.core.open_files import more_open_files
 from swarmwright.user_code.trust import asking
 
 FAILED = 1
@@ -165,7 +165,10 @@ def _show_error(error: BaseException) -> int:
     """Say what went wrong; the exit status that goes with it."""
     status = getattr(error, "exit_status", None)
     if isinstance(status, int):
-        _complain(str(error))
+        cause = error.__cause__
+        # Whatever could not be opened or made is only named where it was tried.
+        few_files = isinstance(cause, OSError) and cause.errno == errno.EMFILE
+        _complain(f"{error}{_remedy(errno.EMFILE) if few_files else ''}")
         return status
     engine = sys.modules.get("swarmwright._engine")
     if engine is not None and isinstance(error, engine.InputError):
@@ -231,8 +234,7 @@ def _remedy(number: int) -> str:
     if number == errno.ENOSPC:
         return "; free some space and run again"
     if number == errno.EMFILE:
-        most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-        return f"; this process may open {most}: let it have more (ulimit -n 4096), or start fewer servers"
+        return f"; {more_open_files()}"
     return ""
 
 

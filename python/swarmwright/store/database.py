@@ -1,5 +1,7 @@
 """Opening the store, and the errors when it cannot be used."""
 
+import errno
+import os
 import resource
 import shutil
 import sqlite3
@@ -10,6 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.open_files import more_open_files, no_more_files
 from swarmwright.store import digests
 
 FILE = "run.sqlite"
@@ -362,6 +365,8 @@ def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
             f"this process may write files of at most {largest >> 10:,} KiB (ulimit -f), which is too little "
             "for it: let it write larger ones; what was written before is kept"
         )
+    if code == sqlite3.SQLITE_CANTOPEN and no_more_files():
+        return f"cannot be opened: {os.strerror(errno.EMFILE)}; {more_open_files()}"
     reasons = {
         sqlite3.SQLITE_FULL: "the disk is full; what was written before is kept",
         sqlite3.SQLITE_IOERR: f"the disk reports an error ({error}); what was written before is kept",
