@@ -6,9 +6,7 @@ from swarmwright.commands import logs
 from swarmwright.commands.definition import STANDARD_OUTPUT
 from swarmwright.commands.failure import CommandFailure
 
-BANNER = (
-    "pygame 2.6.1 (SDL 2.28.4, Python 3.11.2)\nHello from the pygame community. See x.org, please.\n"
-)
+BANNER = "pygame 2.6.1 (SDL 2.28.4, Python 3.11.2)\nHello from the pygame community. See x.org, please.\n"
 
 
 def read(text: str, form: str = "auto", name: str = STANDARD_OUTPUT) -> list[float]:
