@@ -12,7 +12,8 @@ import pytest
 from swarmwright import Experiment, InputError, Run, optimize
 from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.opening import open_backend
-from swarmwright.methods import METHODS, Method
+from swarmwright.methods import METHODS
+from swarmwright.optimization.ahead import Ahead
 from swarmwright.optimization.generation import Generation
 from tests.python.records import same_record
 
@@ -31,9 +32,12 @@ def experiment(method: dict[str, Any], **other: Any) -> Experiment:
 
 
 def without_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Method, "sample", None)
-    for name in METHODS.names():
-        monkeypatch.setattr(METHODS.get(name), "sample", None)
+    """Send servers the genomes; the engine, which evolves by itself, sends samples."""
+    of = Controllers.of
+    monkeypatch.setattr(
+        Controllers, "of", lambda representation, genomes, _=None: of(representation, genomes)
+    )
+    monkeypatch.setattr(Ahead, "of", lambda *_, **__: None)
 
 
 @pytest.mark.parametrize("method", SAMPLED, ids=lambda method: f"{method['kind']}-{method['population']}")
