@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.commands.failure import CommandFailure
+from swarmwright.core import hash_seed
 from swarmwright.core.suggestions import did_you_mean, nearest
 
 KEEPER = Path(__file__).with_name("keeper.py")
@@ -100,7 +101,7 @@ class Processes:
         what = {
             "command": list(command),
             "folder": str(folder),
-            "environment": {**environment, _MARK: self._mark},
+            "environment": {**hash_seed.variables(), **environment, _MARK: self._mark},
             "largest": largest,
         }
         try:

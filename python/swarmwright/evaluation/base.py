@@ -113,6 +113,9 @@ class Backend(Protocol):
     """Where the work is done, for people and the journal."""
     may_fail: bool
     """Whether an episode may fail."""
+    hash_seed: str | None
+    """Python's hash seed where episodes are evaluated, `random` where each process has its own; None if not
+    known."""
 
     def evaluate(
         self,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core import hash_seed
 from swarmwright.core.engine_types import AttemptRow
 from swarmwright.core.errors import SimulationError, engine_errors
 from swarmwright.core.processes import use_threads
@@ -51,6 +52,7 @@ class InProcessBackend:
         self.sensors: int = announced["sensors"]
         self.actuators: int = announced["actuators"]
         self.description = "in this process"
+        self.hash_seed: str | None = hash_seed.of_this_process()
         self._simulation = experiment.simulation
         self.parameters = experiment.parameters
         self._expression = fitness_expression(experiment)

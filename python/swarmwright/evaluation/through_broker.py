@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core import hash_seed
 from swarmwright.core.engine_types import AttemptRow, Report
 from swarmwright.core.errors import RunError, SimulationError, engine_errors
 from swarmwright.core.server_use import ServerUses
@@ -62,6 +63,7 @@ class BrokerBackend:
         self._expression = fitness_expression(experiment)
         self.metrics = metrics_of(self._expression, metrics)
         self.description = where
+        self.hash_seed = None if servers is None else hash_seed.of_started()
 
         try:
             with engine_errors():

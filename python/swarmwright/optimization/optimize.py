@@ -18,12 +18,20 @@ from swarmwright.core.errors import InputError, PlugInError, RunError, reworded
 from swarmwright.core.place import Place
 from swarmwright.core.plug_in_code import reported
 from swarmwright.core.processes import use_threads
+from swarmwright.core.simulation_names import is_python
 from swarmwright.core.warn_once import warn_once
 from swarmwright.evaluation.base import HERE, Backend, Progress, Servers, chosen
-from swarmwright.experiment.derived import check_new, place_of, reports_slow, steers_agents
+from swarmwright.experiment.derived import (
+    check_new,
+    has_python_modules,
+    place_of,
+    reports_slow,
+    steers_agents,
+)
 from swarmwright.experiment.experiment import Experiment, checked_again, experiment_of
 from swarmwright.experiment.setting_warnings import setting_warnings
 from swarmwright.optimization.generation import Generation, OnGeneration
+from swarmwright.optimization.hash_seeds import warn_of_hash_seed
 from swarmwright.optimization.interruption import report_interruption
 from swarmwright.optimization.loop import Loop
 from swarmwright.optimization.memory import check_memory, stored
@@ -163,6 +171,7 @@ def optimize(
                         libraries,
                         1 if code else None,
                         classes=fingerprints(experiment.simulation),
+                        hash_seed=_hash_seed(resolved, backend),
                     )
                     _run(resolved, store, loop, backend, on_generation, on_progress)
             _transfer(experiment, folder.path, on_progress, broker=broker, servers=servers)
@@ -332,8 +341,15 @@ def _continue(
             None if copy is None else copy.version,
             notes,
             fingerprints(experiment.simulation),
+            _hash_seed(experiment, backend),
         )
         _run(experiment, store, loop, backend, on_generation, on_progress)
+
+
+def _hash_seed(experiment: Experiment, backend: Backend) -> str | None:
+    """Return Python's hash seed where episodes are evaluated by code in Python; None if it is not known."""
+    in_python = is_python(experiment.simulation) or has_python_modules(experiment)
+    return backend.hash_seed if in_python else None
 
 
 def _close(run: Run, store: StoreWriter, wanted: Resumption) -> None:
@@ -451,6 +467,7 @@ def _run(
         episodes = (loop.evaluations - before) * experiment.ranking.episodes
         mean_s = (time.monotonic() - begun) / episodes if episodes else None
         warn_of_difference(experiment, store.reader(), backend, mean_s)
+        warn_of_hash_seed(experiment, backend)
         _validate(experiment, store, backend, on_progress)
 
 

@@ -10,11 +10,11 @@ from swarmwright.methods import Method
 from swarmwright.rankings import Ranking
 from swarmwright.representations import Representation
 from swarmwright.store import StoreReader
-from swarmwright.store.provenance import COMMIT, versions
+from swarmwright.store.provenance import COMMIT, HASH_SEED, versions
 
 Component = Method | Ranking | Representation
 _SORTS: Mapping[type, str] = {Method: "method", Representation: "representation", Ranking: "ranking"}
-_NO_PART = {"sqlite", COMMIT}
+_NO_PART = {"sqlite", COMMIT, HASH_SEED}
 """Recorded with the others; nothing is computed with it, or most changes of it change no record."""
 
 

@@ -51,6 +51,7 @@ class TwoSimulations:
     def __init__(self, fast: Backend, slow: Backend, name: str) -> None:
         self.fast, self.slow, self.name = fast, slow, name
         self.sensors, self.actuators = fast.sensors, fast.actuators
+        self.hash_seed = fast.hash_seed
         self.metrics = (*fast.metrics, METRIC)
         self.may_fail = fast.may_fail or slow.may_fail
         self.description = f"{fast.description}; {name}: {slow.description}"

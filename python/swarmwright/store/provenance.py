@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 COMMIT = "swarmwright commit"
 """Key of the commit among versions, which no package can have, because of the space."""
 
+HASH_SEED = "hash seed"
+"""Key of Python's hash seed among versions, `random` where each process has its own."""
+
 
 def recorded(experiment: "Experiment", copy: Copy | None) -> dict[str, Any]:
     """Return the experiment as it is written: its class in the run's copy, relative to the run folder."""

@@ -26,7 +26,7 @@ from swarmwright.store.insertion import Finished, SeedsText, insert_event, inser
 from swarmwright.store.journal import incidents
 from swarmwright.store.lock import Lock, MovedError
 from swarmwright.store.open_store import OpenStore
-from swarmwright.store.provenance import recorded, timestamp, versions
+from swarmwright.store.provenance import HASH_SEED, recorded, timestamp, versions
 from swarmwright.store.reader import StoreReader
 from swarmwright.store.rows import Evaluated, Journal
 from swarmwright.user_code.copying import FOLDER as CODE
@@ -184,6 +184,7 @@ class StoreWriter:
         code: int | None = None,
         notes: Iterable[str] = (),
         classes: Mapping[str, str] | None = None,
+        hash_seed: str | None = None,
     ) -> None:
         """Begin a session: note where, when and with what.
 
@@ -193,7 +194,9 @@ class StoreWriter:
             code: version of their source, if there is a copy.
             notes: what was changed deliberately since the last session.
             classes: fingerprints of classes that have no file, by their names.
+            hash_seed: Python's, where it evaluates and that is known.
         """
+        known = {} if hash_seed is None else {HASH_SEED: hash_seed}
         self._started = time.monotonic()
         with self._writing():
             cursor = self._store.connection.execute(
@@ -201,7 +204,7 @@ class StoreWriter:
                 "VALUES (?, ?, ?, ?, ?, ?)",
                 (
                     *(timestamp(), place, socket.gethostname(), platform.platform()),
-                    *(json.dumps({**versions(libraries), **(classes or {})}), code),
+                    *(json.dumps({**versions(libraries), **known, **(classes or {})}), code),
                 ),
             )
             self._session = int(cursor.lastrowid or 0)

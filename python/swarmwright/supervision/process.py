@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
+from swarmwright.core import hash_seed
 from swarmwright.supervision.progress import Progress
 from swarmwright.supervision.server_exit import ServerExit, split
 
@@ -83,7 +84,12 @@ class Process:
                 stderr=subprocess.PIPE if draws else subprocess.STDOUT,
                 pass_fds=[writing, self.progress.file],
                 # For what it draws when asked to.
-                env={**os.environ, "COLUMNS": str(shutil.get_terminal_size().columns), **environment},
+                env={
+                    **os.environ,
+                    **hash_seed.variables(),
+                    "COLUMNS": str(shutil.get_terminal_size().columns),
+                    **environment,
+                },
                 process_group=0,  # Ctrl-C reaches the parent alone, which then ends its servers in order
             )
         except BaseException:

@@ -1,21 +1,29 @@
 """Checks of simulations in Python: an episode follows from parameters, seed and actions alone."""
 
+import logging
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.suggestions import unknown
+from swarmwright.simulations import other_process
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.batches import BatchSimulation
-from swarmwright.simulations.host import Host, Seen
+from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
+from swarmwright.simulations.trial import Outcome, Trial, difference
 
 MOST_STEPS = 1000
 
-Trace = list[tuple[str, bytes]]
-"""What an episode returns, in its order: where and what, and its bytes."""
+_HASH_SEEDS = ("1", "2")
+_OTHER_OBJECT = "random numbers that are not from `seed`, the time of day, or what is kept outside of it"
+_WITHIN = "what `reset` does not set anew"
+_OUTSIDE = (
+    "what is kept in classes and modules from one episode to the next, the order of objects by their "
+    "addresses, or random numbers that are not from `seed`"
+)
+_HASHED = "sets of texts that are iterated over: their order is another one in each process; sort them first"
 
 
 def check_simulation(
@@ -29,8 +37,11 @@ def check_simulation(
 
     An episode with random actions is run by an object, by another one, again by the first one, and once more
     after an episode with another seed: observations, who acts, when it ends, fitness and metrics must be the
-    same, to the bit. It is also run with `scene` being called after every step, which may change nothing.
-    Attributes, shapes, names of metrics and scenes are checked as in runs.
+    same, to the bit. It is also run with `scene` being called after every step, which may change nothing, and
+    in two other processes, which have different hash seeds (PYTHONHASHSEED): on these depends in which order
+    sets of texts are iterated over. A class that other processes cannot import, since it is defined in the
+    script that is run or within a function, is not checked in these, and a warning says so. Attributes,
+    shapes, names of metrics and scenes are checked as in runs.
 
     Where the class declares `determinism` as statistical, fitness and metrics are compared, within its
     `tolerance`; where it declares none, nothing is, and one episode is run, with `scene` being called.
@@ -55,19 +66,18 @@ def check_simulation(
         for name in parameters or {}:
             if one.description.parameters and name not in one.description.parameters:
                 raise InputError(f"{kind.__name__}: {unknown('parameter', name, one.description.parameters)}")
-        episodes = _Episodes(kind.__name__, dict(parameters or {}), seed, steps)
+        trial = Trial(dict(parameters or {}), seed, steps)
         if one.determinism == "none":
-            episodes.run(one, shown=one.has_scenes)
+            trial.run(one, shown=one.has_scenes)
             return
-        first = episodes.run(one)
-        outside = "random numbers that are not from `seed`, the time of day, or what is kept outside of it"
-        within = "what `reset` does not set anew"
-        episodes.compare(first, other, "of another object", outside)
-        episodes.compare(first, one, "that is repeated", within)
-        episodes.run(one, seed + 1)
-        episodes.compare(first, one, "after one with another seed", within)
+        check = _Check(kind.__name__, trial, trial.run(one))
+        check.compare(other, "of another object", _OTHER_OBJECT)
+        check.compare(one, "that is repeated", _WITHIN)
+        trial.run(one, seed + 1)
+        check.compare(one, "after one with another seed", _WITHIN)
         if one.has_scenes:
-            episodes.compare(first, one, "in which `scene` is called", "what `scene` changes", shown=True)
+            check.compare(one, "in which `scene` is called", "what `scene` changes", shown=True)
+        check.compare_processes(simulation, one)
 
 
 def class_of(simulation: type | str, bases: tuple[type[Any], ...], expected: str) -> type[Any]:
@@ -78,58 +88,38 @@ def class_of(simulation: type | str, bases: tuple[type[Any], ...], expected: str
     return kind
 
 
-class _Episodes:
-    """Episodes with the same parameters, and the same actions wherever the seed is the same."""
+@dataclass(frozen=True)
+class _Check:
+    """Compares episodes of a trial with the first one; each raises AssertionError where one differs."""
 
-    def __init__(self, name: str, parameters: dict[str, Any], seed: int, steps: int) -> None:
-        self._name, self._parameters, self._seed, self._steps = name, parameters, seed, steps
+    name: str
+    trial: Trial
+    first: Outcome
 
-    def run(self, host: Host, seed: int | None = None, *, shown: bool = False) -> tuple[Trace, list[float]]:
-        """Run an episode; return what it shows, and fitness and metrics, none where it does not end.
+    def compare(self, host: Host, which: str, cause: str, *, shown: bool = False) -> None:
+        """Run the episode once more in this process."""
+        found = difference(self.trial.run(host, shown=shown), self.first, host)
+        assert found is None, self._words(which, found, cause)
 
-        seed: default: the usual one. shown: whether scenes are asked for.
-        """
-        seed = self._seed if seed is None else seed
-        random = np.random.default_rng(seed)
-        seen = host.reset({**self._parameters, "seed": seed})
-        trace: Trace = []
-        for step in range(self._steps):
-            _note(trace, step, seen)
-            if shown:
-                host.scene()
-            acting, rows, over = seen
-            if over:
-                break
-            actions = np.zeros((len(rows), host.actuators), np.float32)
-            actions[acting] = random.uniform(-1, 1, (len(acting), host.actuators))
-            seen = host.step(actions)
-        if not seen[2]:
-            return trace, []
-        host.truncated()
-        return trace, [host.fitness(), *(host.measure() if host.metrics else ())]
+    def compare_processes(self, simulation: type | str, host: Host) -> None:
+        """Run the episode in two processes with different hash seeds."""
+        try:
+            one, other = other_process.outcomes(simulation, self.trial, _HASH_SEEDS)
+            found = difference(other, one, host)
+            if found is not None:
+                (again,) = other_process.outcomes(simulation, self.trial, _HASH_SEEDS[:1])
+                by_hash_seed = difference(again, one, host) is None
+                which = "with another hash seed (PYTHONHASHSEED)" if by_hash_seed else "in another process"
+                raise AssertionError(self._words(which, found, _HASHED if by_hash_seed else _OUTSIDE))
+        except other_process.NotRunError as error:
+            logging.getLogger("swarmwright").warning(
+                "%s was not checked in other processes: %s", self.name, error
+            )
+            return
+        found = difference(one, self.first, host)
+        assert found is None, self._words("in another process", found, _OUTSIDE)
 
-    def compare(
-        self, first: tuple[Trace, list[float]], host: Host, which: str, cause: str, *, shown: bool = False
-    ) -> None:
-        """Raise AssertionError where an episode differs from the first one."""
-        trace, results = self.run(host, shown=shown)
-        where = f"{self._name}: an episode {which}, with the same seed and actions, has"
-        if host.determinism != "statistical":
-            for (what, one), (_, before) in zip(trace, first[0], strict=False):
-                assert one == before, f"{where} other {what}; look for {cause}"
-        tolerance = host.tolerance if host.determinism == "statistical" else 0.0
-        names = ["fitness", *(f"metric {name!r}" for name, _ in host.metrics)]
-        for name, now, then in zip(names, results, first[1], strict=False):
-            margin = tolerance * max(1.0, abs(now), abs(then))
-            same = now == then or abs(now - then) <= margin or (np.isnan(now) and np.isnan(then))
-            assert same, f"{where} another {name}, {now!r} instead of {then!r}; look for {cause}"
-
-
-def _note(trace: Trace, step: int, seen: Seen) -> None:
-    """Note what is seen after a step; rows of agents that do not act do not count."""
-    acting, rows, over = seen
-    after = "at its start" if step == 0 else f"after {step} step{'s' if step > 1 else ''}"
-    trace.append((f"end {after}", bytes([over])))
-    if not over:
-        trace.append((f"agents that act {after}", acting.tobytes()))
-        trace.append((f"observations {after}", rows[acting].tobytes()))
+    def _words(self, which: str, found: str | None, cause: str) -> str:
+        return (
+            f"{self.name}: an episode {which}, with the same seed and actions, has {found}; look for {cause}"
+        )
