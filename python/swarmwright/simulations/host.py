@@ -12,7 +12,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.groups import DeclaredGroup
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.warn_once import warn_once
-from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.base import Described, Simulation
 from swarmwright.simulations.batch_checks import BatchChecks, Many
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.calls import OBSERVATIONS_ALONE, Calls, is_of_gymnasium, short
@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 Seen = tuple[NDArray[np.uint32], NDArray[np.float32], bool]
 """The agents that act next, ascending, (agents, sensors), and whether the episode has ended."""
+
+
+_MANY_STEPS = 10_000
+"""Steps of an episode after which a user is asked whether it has an end."""
 
 
 class Host(Calls[Simulation | BatchSimulation]):
@@ -73,6 +77,8 @@ class Host(Calls[Simulation | BatchSimulation]):
         self.has_groups = bool(description.groups)
         self.steers_itself = description.steers_itself
         self.has_scenes = defines(kind, "scene")
+        is_declared = any("most_steps" in vars(one) for one in kind.__mro__ if one is not Described)
+        self._declares_most_steps = is_declared or description.most_steps != Described.most_steps
         self._agents = 0
         self._steps = 0  # of the episode
         self._groups: list[DeclaredGroup] = []  # of the episode
@@ -116,8 +122,14 @@ class Host(Calls[Simulation | BatchSimulation]):
         return seen
 
     def _count_step(self, *, ended: bool) -> None:
-        """Fail an episode that seems to have no end."""
+        """Fail an episode that seems to have no end; warn before that, as it may take hours until then."""
         self._steps += 1
+        if self._steps == _MANY_STEPS and not ended and not self._declares_most_steps:
+            name = self._kind.__name__
+            warn_once(
+                f"{name}: an episode has not ended after {_MANY_STEPS:,} steps; does done() become true? "
+                f"Declare {name}.most_steps, the steps of the longest episode, where this many are meant"
+            )
         most = self.description.most_steps
         if most is not None and self._steps >= most and not ended:
             self._fail(
