@@ -16,8 +16,9 @@ _THREAD = re.compile(r"(Current thread|Thread) 0x")
 _LATE = re.compile(r"(.+?)((?:Current thread|Thread) 0x[0-9a-f]+.* \(most recent call first\):)")
 """The first line of a stack behind what was written without the end of a line, such as a question."""
 _FRAME = re.compile(r'\s+File "(?P<file>[^"]+)", line (?P<line>\d+) in (?P<name>.+)')
-_PACKAGE = Path(__file__).parents[1]
-_HOST = str(_PACKAGE / "simulations" / "host.py")
+_HOST = str(Path(__file__).parents[1] / "simulations" / "host.py")
+_MOST_FRAMES = 100
+"""Frames that Python's faulthandler writes of a stack, the innermost ones."""
 
 
 def signal_name(number: int) -> str:
@@ -62,10 +63,16 @@ class ServerExit:
     def where(self) -> str:
         """In which function and line of the user's code: ` in step (gather.py:12)`; empty when unknown."""
         frames = [match for line in self.stack if (match := _FRAME.fullmatch(line))]
-        mine = [frame for frame in frames if not is_installed(frame["file"])] or frames
-        if not mine or Path(mine[0]["file"]).is_relative_to(_PACKAGE):  # which only waits, for whatever it is
+        mine = [frame for frame in frames if not is_installed(frame["file"])]
+        if mine:
+            return f" in {mine[0]['name']} ({shown(mine[0]['file'])}:{mine[0]['line']})"
+        if len(frames) < _MOST_FRAMES:  # what only waits, or computes for something unknown, explains nothing
             return ""
-        return f" in {mine[0]['name']} ({shown(mine[0]['file'])}:{mine[0]['line']})"
+        last = frames[0]
+        return (
+            f" in a recursion of more than {_MOST_FRAMES} calls, in {last['name']} "
+            f"({shown(last['file'])}:{last['line']}), which the simulation's code began"
+        )
 
     @property
     def words(self) -> str:

@@ -85,3 +85,15 @@ def test_the_place_is_the_simulation_s_or_none() -> None:
     assert ended.lines == ("Go on? ",)
     # A line of Swarmwright, which waits for something unknown, explains nothing.
     assert exit_of(["writing", *HUNG[4:]]).how == "made no step for 2 s and was ended"
+
+
+def test_the_place_is_no_line_of_a_library() -> None:
+    encoder = f'  File "{json.encoder.__file__}", line 430 in _iterencode_list'
+    current = "Current thread 0x00007f34 (most recent call first):"
+    by_user = exit_of([current, encoder, encoder, '  File "{user}", line 9 in step'])
+    assert by_user.how == "made no step for 2 s in step (/home/me/reading.py:9) and was ended"
+    assert exit_of([current, encoder]).how == "made no step for 2 s and was ended"
+    # Of a deep recursion faulthandler writes the innermost hundred calls, without the line that began it.
+    deep = exit_of([current, *[encoder] * 100, "  ..."])
+    assert " in a recursion of more than 100 calls, in _iterencode_list (" in deep.how
+    assert deep.how.endswith(", which the simulation's code began and was ended")
