@@ -15,6 +15,8 @@ use crate::{ConnectError, MOST_TRIES, tls};
 const SILENCE: f64 = 0.6;
 /// The pause after a connection that was accepted and then closed; it grows with each.
 const PAUSE: Duration = Duration::from_millis(100);
+/// How long a broker that closed a connection and then was gone may take to come back: it restarts.
+const RESTART: Duration = Duration::from_secs(5);
 
 /// An attempt that failed, and what may help.
 struct Failure(ConnectError, Remedy);
@@ -24,6 +26,8 @@ pub(crate) struct Caller<'a> {
     pub settings: &'a Settings,
     pub client_id: &'a str,
     pub subscriptions: &'a [Subscription],
+    /// Whether to wait for a broker that restarts at this moment.
+    pub waits: bool,
 }
 
 /// Connects and subscribes. Messages that come with the subscription, and bytes that wait to be sent, are left in `early`
@@ -40,6 +44,8 @@ pub(crate) fn connect(
         .filter(|learnt| forced.is_none_or(|version| version == learnt.version));
     let mut dialect = learnt.unwrap_or_else(|| Dialect::first(forced));
     let mut broken = 0;
+    // Until when a broker is waited for that was there.
+    let mut restarts_until: Option<Instant> = None;
     loop {
         early.clear();
         out.clear();
@@ -50,6 +56,18 @@ pub(crate) fn connect(
             }
             Err(failure) => failure,
         };
+        if matches!(error, ConnectError::NoBroker { .. }) {
+            if restarts_until.is_some_and(|until| Instant::now() < until) {
+                log::debug!("{error}");
+                thread::sleep(PAUSE);
+                // Whatever was tried, it was not the cause.
+                dialect = learnt.unwrap_or_else(|| Dialect::first(forced));
+                broken = 0;
+                continue;
+            }
+        } else if caller.waits {
+            restarts_until.get_or_insert_with(|| Instant::now() + RESTART);
+        }
         if remedy == Remedy::Retry {
             broken += 1;
             if broken >= MOST_TRIES {

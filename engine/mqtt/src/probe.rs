@@ -32,6 +32,7 @@ pub fn holds_back_small_packets(settings: &Settings) -> io::Result<bool> {
         settings: &settings,
         client_id: &client_id,
         subscriptions: &[],
+        waits: false,
     };
     let (mut chunk, mut out) = (vec![0; 4096], Vec::new());
     let (mut transport, mut session) =

@@ -53,6 +53,34 @@ fn a_listener_that_is_not_a_broker_is_named() {
 }
 
 #[test]
+fn a_broker_that_restarts_during_the_first_connection_is_waited_for() {
+    for accepts in [false, true] {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let restarting = thread::spawn(move || {
+            let (mut socket, _) = listener.accept().unwrap();
+            let _ = socket.read(&mut [0; 1000]);
+            drop(listener);
+            if accepts {
+                // CONNACK of MQTT 5; then it ends, as on SIGTERM.
+                let _ = socket.write_all(&[0x20, 3, 0, 0, 0]);
+            }
+            drop(socket);
+            thread::sleep(Duration::from_millis(700));
+            let config = Config {
+                port: Some(address.port()),
+                ..Config::default()
+            };
+            Broker::start(&config).unwrap()
+        });
+        let url = format!("mqtt://{address}");
+        let connection = Connection::open(settings(&url), subscription("t")).unwrap();
+        assert_eq!(connection.version(), Some(Version::V5));
+        drop(restarting.join().unwrap());
+    }
+}
+
+#[test]
 fn waiting_for_a_silent_listener_is_limited() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let start = Instant::now();

@@ -30,4 +30,4 @@ pub use shell::report::{Listener, Report};
 pub use shell::scenes::{SceneEpisode, SceneError, SceneOptions};
 pub use shell::supervision::{Place, Supervision};
 pub use shell::watch::{News, Watcher, forget_servers, list_servers};
-pub use work::{MakeGenomes, Work, WorkError, check_shape, check_work};
+pub use work::{MakeGenomes, Repetition, Work, WorkError, check_shape, check_work};

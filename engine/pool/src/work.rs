@@ -21,6 +21,19 @@ pub struct Work {
     sample: Option<Box<Sample>>,
     /// Makes them here, where there is only the sample.
     make: Option<MakeGenomes>,
+    /// What is evaluated; none: every candidate in every episode.
+    only: Option<Vec<Repetition>>,
+}
+
+/// One evaluation that is to be repeated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Repetition {
+    /// Index of the candidate.
+    pub candidate: usize,
+    /// Index of the episode.
+    pub episode: usize,
+    /// The server that evaluated it before: another server gets it, if there is one.
+    pub before: Option<u64>,
 }
 
 /// Makes the genomes of a sound sample, (candidates, weights) row-major.
@@ -59,6 +72,16 @@ pub enum WorkError {
     /// No episode at all.
     #[error("seeds: must hold the seed of at least one episode")]
     NoEpisode,
+    /// An evaluation of a candidate or an episode that is not part of the work.
+    #[error("only[{index}]: there is no candidate {candidate} or no episode {episode}")]
+    NoSuchEvaluation {
+        /// Which of the evaluations.
+        index: usize,
+        /// Its candidate.
+        candidate: usize,
+        /// Its episode.
+        episode: usize,
+    },
 }
 
 /// Candidates whose genomes take more room than the distribution that they are from: six rows of binary64.
@@ -156,7 +179,33 @@ impl Work {
             seeds,
             sample: None,
             make: None,
+            only: None,
         })
+    }
+
+    /// Restricts the work to these evaluations, which were made before; all others count as ended.
+    ///
+    /// # Errors
+    /// An evaluation of a candidate or an episode that is not part of the work.
+    pub fn only(mut self, evaluations: Vec<Repetition>) -> Result<Self, WorkError> {
+        let (candidates, episodes) = (self.candidates(), self.episodes());
+        for (index, one) in evaluations.iter().enumerate() {
+            if one.candidate >= candidates || one.episode >= episodes {
+                return Err(WorkError::NoSuchEvaluation {
+                    index,
+                    candidate: one.candidate,
+                    episode: one.episode,
+                });
+            }
+        }
+        self.only = Some(evaluations);
+        Ok(self)
+    }
+
+    /// The evaluations to which the work is restricted, if it is.
+    #[must_use]
+    pub fn repetitions(&self) -> Option<&[Repetition]> {
+        self.only.as_deref()
     }
 
     /// As [`of`](Self::of) and [`sampled`](Self::sampled), with genomes that are made when one is needed here: for servers that

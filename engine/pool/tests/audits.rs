@@ -10,7 +10,7 @@ use common::{
     CANDIDATES, Extended, Net, Party, SEEDS, Wrong, batched, begin_with, offloaded, party, refusal,
     undisturbed, work,
 };
-use swarmwright_pool::Faults;
+use swarmwright_pool::{Faults, Repetition};
 use swarmwright_protocol::RefusalKind;
 
 #[test]
@@ -133,5 +133,65 @@ fn audits_that_no_other_server_can_do_are_left_out_counted_and_told_once() {
         let told = "results of server 1 count without the audits";
         let told = net.warnings.iter().filter(|text| text.contains(told));
         assert_eq!(told.count(), 1, "{:?}", net.warnings);
+    }
+}
+
+#[test]
+fn evaluations_are_repeated_on_another_server_where_there_is_one_and_no_others_are_made() {
+    for servers in [1, 2, 3] {
+        let mut net = Net::new(5);
+        for id in 1..=servers {
+            net.add(Party::Extended(Box::new(offloaded(id))));
+        }
+        let index = begin_with(&mut net, Faults::default(), work(CANDIDATES, &SEEDS));
+        let all = net.finish(index);
+        net.journal(index);
+        let episodes = SEEDS.len();
+        let only: Vec<Repetition> = (0..CANDIDATES)
+            .step_by(3)
+            .map(|candidate| Repetition {
+                candidate,
+                episode: candidate % episodes,
+                before: Some(1 + candidate as u64 % servers),
+            })
+            .collect();
+        let again = work(CANDIDATES, &SEEDS).only(only.clone()).unwrap();
+        net.submit(index, again);
+        let repeated = net.finish(index);
+        let place = |one: &Repetition| one.candidate * episodes + one.episode;
+        for (number, (first, second)) in all.iter().zip(&repeated).enumerate() {
+            let is_asked = only.iter().any(|one| place(one) == number);
+            assert!(if is_asked {
+                first == second
+            } else {
+                second.is_nan()
+            });
+        }
+        let journal = net.journal(index);
+        assert_eq!(journal.len(), only.len());
+        for one in &only {
+            let attempt = journal
+                .iter()
+                .find(|made| (made.candidate, made.episode) == (one.candidate, one.episode))
+                .unwrap();
+            assert_eq!((attempt.candidates, attempt.episodes), (1, 1));
+            assert_eq!(Some(attempt.server) == one.before, servers == 1);
+        }
+        // What follows is evaluated as ever.
+        net.submit(index, work(CANDIDATES, &SEEDS));
+        assert_eq!(net.finish(index), all);
+    }
+}
+
+#[test]
+fn evaluations_of_other_work_are_not_repeated() {
+    for (candidate, episode) in [(CANDIDATES, 0), (0, SEEDS.len())] {
+        let repetition = Repetition {
+            candidate,
+            episode,
+            before: None,
+        };
+        let error = work(CANDIDATES, &SEEDS).only(vec![repetition]).unwrap_err();
+        assert!(error.to_string().starts_with("only[0]: there is no"));
     }
 }

@@ -4,7 +4,9 @@ use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
-use swarmwright_pool::{About, Attempt, Demand, Options, Pool, PoolError, Report, Timeouts};
+use swarmwright_pool::{
+    About, Attempt, Demand, Options, Pool, PoolError, Repetition, Report, Timeouts,
+};
 use swarmwright_protocol::Requirements;
 
 use crate::account::{Account, settings};
@@ -196,7 +198,16 @@ impl PyPool {
         Ok(self.pool()?.metrics())
     }
 
-    #[pyo3(signature = (architecture, genomes, seeds, on_progress=None, meanwhile=None, sample=None))]
+    /// What each server declares: (server, determinism, tolerance).
+    fn determinism(&mut self) -> PyResult<Vec<(u64, Option<String>, Option<f64>)>> {
+        let declared = self.pool()?.determinism().into_iter();
+        let owned = |(server, kind, tolerance): (u64, Option<&str>, Option<f64>)| {
+            (server, kind.map(str::to_owned), tolerance)
+        };
+        Ok(declared.map(owned).collect())
+    }
+
+    #[pyo3(signature = (architecture, genomes, seeds, on_progress=None, meanwhile=None, sample=None, only=None))]
     #[expect(
         clippy::needless_pass_by_value,
         clippy::too_many_arguments,
@@ -211,12 +222,22 @@ impl PyPool {
         on_progress: Option<Py<PyAny>>,
         meanwhile: Option<Py<PyAny>>,
         sample: Option<PyRef<'_, PySample>>,
+        only: Option<Vec<(usize, usize, Option<u64>)>>,
     ) -> PyResult<Evaluated<'py>> {
         let needed = self.metrics;
         let pool = self.pool()?;
         let mut work = work(architecture, &genomes, seeds)?;
         if let Some(sample) = sample {
             work = work.sampled(sample.0.clone()).map_err(input)?;
+        }
+        if let Some(only) = only {
+            let repetition = |(candidate, episode, before)| Repetition {
+                candidate,
+                episode,
+                before,
+            };
+            let only = only.into_iter().map(repetition).collect();
+            work = work.only(only).map_err(input)?;
         }
         let shape = [work.candidates(), work.episodes(), needed];
         let total = work.len();

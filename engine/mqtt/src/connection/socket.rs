@@ -20,7 +20,7 @@ impl Connection {
         if self.link.is_some() || Instant::now() < self.retry_at {
             return;
         }
-        match self.establish() {
+        match self.establish(false) {
             Ok(()) => events.push(Event::Connected),
             Err(error) => {
                 log::debug!("{error}");
@@ -40,13 +40,14 @@ impl Connection {
 
     /// Connects to the first broker that can be reached.
     pub(super) fn establish_any(&mut self) -> Result<(), ConnectError> {
-        let mut found = match self.establish() {
+        // In a cluster another one is used meanwhile.
+        let mut found = match self.establish(self.settings.others.is_empty()) {
             Err(error) if !self.settings.others.is_empty() => vec![error],
             found => return found,
         };
         for _ in 0..self.settings.others.len() {
             self.settings.next_broker();
-            match self.establish() {
+            match self.establish(false) {
                 Ok(()) => {
                     for error in found {
                         log::warn!("{error}; {} is used instead", self.settings.url);
@@ -60,11 +61,13 @@ impl Connection {
         Err(ConnectError::all(found))
     }
 
-    pub(super) fn establish(&mut self) -> Result<(), ConnectError> {
+    /// Connects to the present broker; `waits`: also where it restarts at this moment.
+    fn establish(&mut self, waits: bool) -> Result<(), ConnectError> {
         let caller = Caller {
             settings: &self.settings,
             client_id: &self.client_id,
             subscriptions: &self.subscriptions,
+            waits,
         };
         let (mut transport, session) =
             handshake::connect(&caller, &mut self.chunk, &mut self.out, &mut self.early)?;

@@ -11,6 +11,9 @@ use crate::scheduler::queue::results::Found;
 impl Scheduler {
     /// Whether an evaluation is to be repeated on another server before its result counts.
     pub(super) fn is_to_be_audited(&mut self, evaluation: usize, server: u64) -> bool {
+        if self.ledger.repeats() {
+            return false;
+        }
         let share = self.config.faults.audit;
         let seed = self.config.first_instance ^ self.work_number;
         let fleet = &self.fleet;

@@ -90,6 +90,8 @@ pub struct Scheduler {
     outbox: Outbox,
     journal: Journal,
     counts: Counts,
+    /// The factor by which a busy machine slows down what runs on it, at least 1.
+    slowdown: f64,
 }
 
 impl Scheduler {
@@ -112,6 +114,7 @@ impl Scheduler {
             outlook: Outlook::default(),
             audits: Audits::default(),
             work_number: 0,
+            slowdown: 1.0,
             config,
         }
     }
@@ -119,6 +122,11 @@ impl Scheduler {
     /// The broker takes no larger packets than of so many bytes: requests are kept below.
     pub fn set_largest_packet(&mut self, bytes: usize) {
         self.limits.set_packet(bytes);
+    }
+
+    /// Sets the factor by which a busy machine slows down what runs on it: silence is strange only after as many times as long.
+    pub fn set_slowdown(&mut self, slowdown: f64) {
+        self.slowdown = slowdown.max(1.0);
     }
 
     /// What is to be done now; empties the list.
@@ -301,6 +309,7 @@ impl Scheduler {
             in_flight: &self.in_flight,
             limits: &self.limits,
             agents: self.messages.agents(),
+            slowdown: self.slowdown,
         }
     }
 

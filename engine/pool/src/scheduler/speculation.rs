@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use crate::mode::Way;
 use crate::scheduler::fleet::capacity::number;
+use crate::scheduler::fleet::slot::LATENESS_FACTOR;
 use crate::scheduler::job::Job;
 use crate::scheduler::modes::episode::Episode;
 use crate::scheduler::modes::request::Request;
@@ -19,8 +20,6 @@ use crate::scheduler::view::View;
 const MAX_SHARE_OF_REMAINING: f64 = 0.5;
 /// Seconds that a copy must be expected to save.
 const MIN_SAVED_SECONDS: f64 = 0.25;
-/// Work may take this many times as long as expected before its server is a straggler.
-const LATENESS_FACTOR: f64 = 4.0;
 
 impl View<'_> {
     /// When the next one of those under way takes longer than it should.
@@ -53,9 +52,17 @@ impl View<'_> {
         servers
     }
 
+    /// How long a server may be silent at least before that is strange: longer on a busy machine, where it may only not
+    /// have had its turn.
+    fn least(&self) -> Duration {
+        let timeouts = &self.config.timeouts;
+        let least = timeouts.least.mul_f64(self.slowdown);
+        least.min(timeouts.step.max(timeouts.least))
+    }
+
     fn episode_bound(&self, run: &Episode) -> Option<Instant> {
         let slot = self.fleet.slot(run.server)?;
-        let least = self.config.timeouts.least;
+        let least = self.least();
         let step = slot.steps.bound(least).map(|bound| run.heard() + bound);
         let episode = slot.episodes.bound(least).map(|bound| run.started + bound);
         let first = step.into_iter().chain(episode).min();
@@ -64,12 +71,12 @@ impl View<'_> {
 
     fn request_bound(&self, request: &Request) -> Option<Instant> {
         let slot = self.fleet.slot(request.server)?;
-        let least = self.config.timeouts.least;
+        let least = self.least();
         let bound = match &request.batch {
             Some(batch) if batch.steers() => slot.steps.bound(least)?,
             _ => {
-                let expected = LATENESS_FACTOR * number(request.piece.len()) / slot.rate?;
-                Duration::try_from_secs_f64(expected).ok()?.max(least)
+                let doubtful = slot.doubtful_after(request.piece.len())?;
+                Duration::try_from_secs_f64(doubtful).ok()?.max(least)
             }
         };
         let allowed = !request.has_backup() && self.may_copy(&request.piece);
@@ -119,11 +126,14 @@ impl View<'_> {
                 let Some(open) = self.ledger.first_open(&piece.evaluations) else {
                     continue;
                 };
-                // What has taken longer than expected may take as long again.
+                let doubtful = slot.doubtful_after(piece.len()).unwrap_or_default();
+                // What has taken much longer than ever before may take as long again.
                 let remaining = if before > elapsed {
                     before - elapsed
-                } else {
+                } else if elapsed > doubtful {
                     elapsed
+                } else {
+                    0.0
                 };
                 all.push(UnderWay {
                     server: id,
@@ -144,7 +154,8 @@ impl View<'_> {
             Way::Offloaded => usize::MAX,
         };
         let is_worth = |own: f64, remaining: f64| {
-            remaining * MAX_SHARE_OF_REMAINING >= own && remaining >= own + MIN_SAVED_SECONDS
+            let saved = MIN_SAVED_SECONDS * self.slowdown;
+            remaining * MAX_SHARE_OF_REMAINING >= own && remaining >= own + saved
         };
         let longest = under_way.iter();
         // Where one evaluation is not worth it, none is in what is left.

@@ -91,6 +91,12 @@ impl Scheduler {
         self.fleet.metrics()
     }
 
+    /// What each server declares: how far it finds the same again, and its tolerance.
+    #[must_use]
+    pub fn determinism(&self) -> Vec<(u64, Option<&str>, Option<f64>)> {
+        self.fleet.declared()
+    }
+
     /// How long there has been work and no server for it.
     #[must_use]
     pub fn unserved(&self, now: Instant) -> Duration {
@@ -119,7 +125,9 @@ impl Scheduler {
             return String::new();
         }
         match self.waiting(now).first() {
-            Some(oldest) if oldest.silent >= SILENCE.as_secs_f64() => oldest.to_string(),
+            Some(oldest) if oldest.silent >= SILENCE.as_secs_f64() * self.slowdown => {
+                oldest.to_string()
+            }
             Some(_) => String::new(),
             None => match self.no_server(now) {
                 Some(NoServer { seconds, found }) => {

@@ -16,6 +16,8 @@ pub(crate) struct View<'a> {
     pub limits: &'a Limits,
     /// The number of agents, if the parameters tell.
     pub agents: Option<u64>,
+    /// The factor by which a busy machine slows down what runs on it, at least 1.
+    pub slowdown: f64,
 }
 
 impl View<'_> {

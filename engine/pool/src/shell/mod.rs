@@ -1,6 +1,7 @@
 //! Input and output: the connection, threads, the clock.
 
 pub(crate) mod error;
+pub(crate) mod load;
 pub(crate) mod options;
 pub(crate) mod outages;
 pub(crate) mod pool;

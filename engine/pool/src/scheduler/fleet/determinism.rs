@@ -27,6 +27,15 @@ impl Fleet {
         self.announcement(id).is_some_and(declared)
     }
 
+    /// What each server declares: how far it finds the same again, and its tolerance.
+    pub fn declared(&self) -> Vec<(u64, Option<&str>, Option<f64>)> {
+        let declared = |id| match self.announcement(id) {
+            Some(announced) => (id, announced.determinism.as_deref(), announced.tolerance),
+            None => (id, None, None),
+        };
+        self.slots.keys().copied().map(declared).collect()
+    }
+
     /// How far the results of two servers may differ; none: not at all.
     pub fn tolerance(&self, one: u64, other: u64) -> Option<f64> {
         let declared = |id| {

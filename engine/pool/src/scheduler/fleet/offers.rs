@@ -119,6 +119,7 @@ impl Fleet {
                 heard: now,
                 answered_at: now,
                 overtaken: None,
+                longest: 0.0,
                 rate: None,
                 held: false,
                 instance,

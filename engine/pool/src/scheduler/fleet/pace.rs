@@ -7,7 +7,7 @@ const MIN_SAMPLES: u32 = 4;
 /// How many times as long as the longest of late the next one may be.
 const TOLERANCE_FACTOR: f64 = 8.0;
 /// What the longest loses with every further one, so that one slow moment is forgotten by and by.
-const DECAY: f64 = 0.99;
+pub(crate) const DECAY: f64 = 0.99;
 
 /// One kind of duration on one server.
 #[derive(Debug, Clone, Copy, Default)]

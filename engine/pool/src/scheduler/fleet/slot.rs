@@ -6,8 +6,13 @@ use swarmwright_protocol::{Capabilities, NORMAL, Waiting};
 
 use crate::mode::Way;
 use crate::scheduler::fleet::lag::Answers;
-use crate::scheduler::fleet::pace::Pace;
+use crate::scheduler::fleet::pace::{DECAY, Pace};
 use crate::scheduler::job::Job;
+
+/// Work may take this many times as long as expected before its server is a straggler.
+pub(crate) const LATENESS_FACTOR: f64 = 4.0;
+/// The same, of the longest evaluation of late: where some take much longer than others, or the machine is busy.
+const LONGEST_FACTOR: f64 = 2.0;
 
 /// Work of a server that others have finished.
 #[derive(Debug, Clone)]
@@ -38,6 +43,8 @@ pub(crate) struct Slot {
     pub capabilities: Capabilities,
     /// Measured speed, episodes a second.
     pub rate: Option<f64>,
+    /// Seconds of the longest evaluation of late, as a part of what it was made with.
+    pub longest: f64,
     /// Nothing came from it for so long that it gets no work until something does.
     pub silent: bool,
     /// From one message of an episode or a batch to the next.
@@ -69,10 +76,23 @@ impl Slot {
         announced.is_some_and(|announced| announced.distributions.iter().any(|one| one == NORMAL))
     }
 
+    /// Seconds after which so many evaluations take strangely long; none while nothing is known.
+    pub fn doubtful_after(&self, evaluations: usize) -> Option<f64> {
+        let usual = LATENESS_FACTOR / self.rate?;
+        let each = usual.max(LONGEST_FACTOR * self.longest);
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "far fewer than 2^53 evaluations"
+        )]
+        let evaluations = evaluations as f64;
+        Some(evaluations * each)
+    }
+
     /// Learns from `episodes` that took `seconds`.
     pub fn measured(&mut self, episodes: usize, seconds: f64) {
         #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^53 episodes")]
         let rate = episodes as f64 / seconds.max(1e-7);
+        self.longest = (self.longest * DECAY).max(1.0 / rate);
         if rate.is_finite() {
             self.rate = Some(self.rate.map_or(rate, |before| (before + rate) / 2.0));
         }

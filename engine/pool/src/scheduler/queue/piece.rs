@@ -11,7 +11,7 @@ pub(crate) struct Piece {
     /// Of these, those that were not answered in time.
     pub late: u32,
     pub purpose: Purpose,
-    /// Servers on which it failed: others are preferred.
+    /// Servers on which it failed, or that had it before where it is repeated: others are preferred.
     failed_on: Vec<u64>,
     /// Servers that are not to have it.
     never_on: Vec<u64>,
@@ -49,6 +49,14 @@ impl Piece {
     /// One evaluation from the beginning.
     pub fn again(evaluation: usize) -> Self {
         Self::new(evaluation..evaluation + 1)
+    }
+
+    /// One evaluation that a server has made before: other servers are preferred.
+    pub fn repetition(evaluation: usize, before: Option<u64>) -> Self {
+        Self {
+            failed_on: before.into_iter().collect(),
+            ..Self::again(evaluation)
+        }
     }
 
     /// One evaluation that has succeeded, for a server that may be broken.

@@ -21,6 +21,9 @@ impl Pool {
         let suspended = now.duration_since(self.looked) >= SUSPENDED;
         let deadline = now + SUSPENDED;
         while suspended && self.hear(now) && self.looked < deadline {}
+        if let Some(slowdown) = self.load.look(now) {
+            self.scheduler.set_slowdown(slowdown);
+        }
         let mut wake = until;
         if now < self.ask_at {
             wake = wake.min(self.ask_at);

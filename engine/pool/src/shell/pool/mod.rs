@@ -17,6 +17,7 @@ use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::discovery::PROBATION;
 use crate::sections::Timeouts;
 use crate::shell::error::PoolError;
+use crate::shell::load::Load;
 use crate::shell::options::{About, Options};
 use crate::shell::outages::Outages;
 use crate::shell::probe::Probe;
@@ -68,6 +69,7 @@ pub struct Pool {
     supervision: Supervision,
     probe: Probe,
     wall: Wall,
+    load: Load,
 }
 
 impl Pool {
@@ -163,6 +165,7 @@ impl Pool {
             reporter: Reporter::default(),
             outages: Outages::default(),
             wall: Wall::new(now),
+            load: Load::new(now),
         })
     }
 
@@ -258,6 +261,12 @@ impl Pool {
     #[must_use]
     pub fn metrics(&self) -> Vec<String> {
         self.scheduler.metrics()
+    }
+
+    /// What each server declares: how far it finds the same again, and its tolerance.
+    #[must_use]
+    pub fn determinism(&self) -> Vec<(u64, Option<&str>, Option<f64>)> {
+        self.scheduler.determinism()
     }
 
     /// Incidents so far.

@@ -8,7 +8,7 @@ use std::ops::Range;
 use crate::scheduler::queue::blame::Attribution;
 use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::scheduler::queue::results::{Results, Settled};
-use crate::work::{Work, WorkError};
+use crate::work::{Repetition, Work, WorkError};
 
 /// Fewer evaluations than these are not worth forgetting.
 const MIN_FORGOTTEN: usize = 4096;
@@ -43,13 +43,46 @@ pub(crate) struct Ledger {
 impl Ledger {
     pub fn new(work: Work, metrics: usize) -> Self {
         let count = work.len();
+        let only = work.repetitions().map(<[Repetition]>::to_vec);
         let mut ledger = Self {
             work: Some(work),
             metrics,
             ..Self::default()
         };
         ledger.enqueue(0..count);
+        if let Some(only) = only {
+            ledger.restrict(&only);
+        }
         ledger
+    }
+
+    /// Ends all evaluations but these, before any was given away.
+    fn restrict(&mut self, only: &[Repetition]) {
+        let episodes = self.episodes();
+        self.queue.clear();
+        self.queued = 0;
+        self.settled.fill(true);
+        self.holders.fill(0);
+        self.open.fill(0);
+        self.done = self.settled.len();
+        for one in only {
+            let evaluation = one.candidate * episodes + one.episode;
+            if !std::mem::replace(&mut self.settled[evaluation], false) {
+                continue;
+            }
+            self.holders[evaluation] = 1;
+            self.open[one.candidate] += 1;
+            self.done -= 1;
+            self.queued += 1;
+            self.queue
+                .push_back(Piece::repetition(evaluation, one.before));
+        }
+    }
+
+    /// Whether the work repeats evaluations that were made before.
+    pub fn repeats(&self) -> bool {
+        let work = self.work.as_ref();
+        work.is_some_and(|work| work.repetitions().is_some())
     }
 
     /// Adds candidates behind the others; see [`Work::extend`].
