@@ -1102,11 +1102,13 @@ class Pool:
         on_progress: Callable[[int, int, str], None] | None = None,
         meanwhile: Callable[[], None] | None = None,
         sample: Sample | None = None,
+        only: Sequence[tuple[int, int, int | None]] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[AttemptRow], list[str]]:
         """Every controller in an episode of every seed; `architecture` and `genomes` as in the function `evaluate`.
 
         sample: what all genomes were made from; servers that can make them get it instead. Raises InputError if it has
-        another number of candidates or genes.
+        another number of candidates or genes. only: (candidate, episode, server that evaluated it before or None) of single
+        evaluations to repeat, each on another server where there is one; results of all others are NaN.
 
         Returns fitness (candidates, episodes) and metrics (candidates, episodes, metrics) float64, NaN where the
         evaluation failed (a metric that is missing or not finite is a failure), attempts at blocks of evaluations, and warnings.
@@ -1135,6 +1137,8 @@ class Pool:
         """
     def counts(self) -> Counts:
         """Incidents so far."""
+    def determinism(self) -> list[tuple[int, str | None, float | None]]:
+        """What each server declares: (server, determinism, tolerance); None where it declares nothing."""
     def announced_metrics(self) -> list[str]:
         """Metrics that servers with this simulation announce, those that do not fit too; sorted."""
     def stream(

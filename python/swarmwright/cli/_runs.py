@@ -224,6 +224,7 @@ def describe(output: Output, run: "Run") -> None:
             "failed_episodes": run.failed_episodes,
             "episodes_saved": run.episodes_saved,
             "unseen": None if unseen is None else unseen_facts(unseen),
+            "audit": run.audit,
             "validation": None if validation is None else validation_facts(validation),
             "transfer": None if transfer is None else transfer.to_mapping(),
             "digest": run.digest,
@@ -351,6 +352,8 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         output.text(f"  best {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})")
     for row in () if best is None else _controller(best.specification):
         output.text(f"    {row}")
+    if run.audit is not None:
+        output.text(f"  {_audit_words(run.audit)}")
     for line in () if validation is None else validation_lines(validation, run):
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
     missing = not_validated(run)
@@ -365,6 +368,16 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     if run.transfer_is_due:
         output.text(f"  its best candidates are not transferred yet: {resume}")
     output.text(f"  record SHA-256 {run.digest}")
+
+
+def _audit_words(audit: Mapping[str, int]) -> str:
+    """Return what was repeated at the end of a run, and how it came out."""
+    repeated = f"{counted(audit['evaluations'], 'evaluation')} ({counted(audit['episodes'], 'episode')})"
+    where = f", {audit['elsewhere']} of the episodes on another server" if audit["elsewhere"] else ""
+    failed = f", {counted(audit['failed'], 'episode')} failed" if audit["failed"] else ""
+    differ = audit["differ"]
+    came_out = f"{differ} came out differently" if differ else "all came out the same"
+    return f"audit: {repeated} repeated{where}{failed}: {came_out}"
 
 
 def _controller(specification: Mapping[str, Any]) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """What evaluates controllers, whether it does so in this process or on simulation servers."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self, cast
@@ -92,6 +93,18 @@ class Results:
     """Attempts at blocks of evaluations, and warnings."""
 
 
+@dataclass(frozen=True)
+class AuditedEpisode:
+    """One episode of one candidate, which is repeated to compare the results."""
+
+    candidate: int
+    """Index of its controller."""
+    seed: int
+    """Of its episode."""
+    before: int | None = None
+    """Server that evaluated it before; None where none did."""
+
+
 Feed = Callable[[Sequence[int], Results], NDArray[np.float32] | None]
 """Takes the numbers of candidates, from 0, that have been evaluated, and what came out; returns the weights
 of further ones, (candidates, weights), maybe none, or None to stop."""
@@ -113,6 +126,8 @@ class Backend(Protocol):
     """Where the work is done, for people and the journal."""
     may_fail: bool
     """Whether an episode may fail."""
+    is_foreign: bool
+    """Whether servers evaluate that the run did not start."""
     hash_seed: str | None
     """Python's hash seed where episodes are evaluated, `random` where each process has its own; None if not
     known."""
@@ -134,6 +149,21 @@ class Backend(Protocol):
             meanwhile: work of the caller's, done once, where possible while the evaluation is under way.
             on_results: gets the results of candidates as they come, at least those of the first `FIRST`
                 before all others are waited for; candidates are counted from 0.
+        """
+
+    def repeat(
+        self, controllers: Controllers, evaluations: Sequence[AuditedEpisode], on_progress: Progress
+    ) -> tuple[Results, list[int | None]]:
+        """Repeat single evaluations, in their order, each on another server than before where there is one.
+
+        Returns their results, as of one episode of each, without a journal; and the server of each, None
+        where none evaluated it or it failed.
+        """
+
+    def tolerance(self, servers: AbstractSet[int | None]) -> float | None:
+        """Return how far results of these servers may differ, as a part of the larger; None: at will.
+
+        A server that declares nothing, or is not there any more, is expected to find the same.
         """
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
@@ -278,6 +308,14 @@ def apply_expression(
         error = f"fitness: {fault.reason}"
         failures.append(WarningEntry.of_episode(int(episode), f": {error}", int(numbers[candidate]), error))
     return Results(fitness, results.metrics, results.journal.with_warnings(failures))
+
+
+def tolerance_of(declared: Iterable[tuple[str | None, float | None]]) -> float | None:
+    """Return how far results may differ of what declares this determinism and tolerance; None: at will."""
+    kinds = list(declared)
+    if any(kind == "none" for kind, _ in kinds):
+        return None
+    return max((tolerance or 0.0 for kind, tolerance in kinds if kind == "statistical"), default=0.0)
 
 
 def metrics_of(expression: FitnessExpression | None, more: Sequence[str] = ()) -> tuple[str, ...]:

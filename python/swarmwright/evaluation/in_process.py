@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from swarmwright.core.server_use import ServerUses
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import (
     FIRST,
+    AuditedEpisode,
     Controllers,
     Feed,
     OnResults,
@@ -25,6 +27,7 @@ from swarmwright.evaluation.base import (
     Results,
     apply_expression,
     metrics_of,
+    tolerance_of,
 )
 from swarmwright.evaluation.code_failures import CodeFailures
 from swarmwright.evaluation.repetition import Failed, Repetition, Value
@@ -52,6 +55,7 @@ class InProcessBackend:
         self.sensors: int = announced["sensors"]
         self.actuators: int = announced["actuators"]
         self.description = "in this process"
+        self.is_foreign = False
         self.hash_seed: str | None = hash_seed.of_this_process()
         self._simulation = experiment.simulation
         self.parameters = experiment.parameters
@@ -106,6 +110,29 @@ class InProcessBackend:
     def failure_of(self, _reason: str, /) -> SimulationError | None:
         """Return None: built-in simulations have no such failures."""
         return None
+
+    def repeat(
+        self, controllers: Controllers, evaluations: Sequence[AuditedEpisode], on_progress: Progress
+    ) -> tuple[Results, list[int | None]]:
+        """Repeat single evaluations, one after the other; no server has a part in it."""
+        parts = []
+        for index, one in enumerate(evaluations):
+            on_progress(index, len(evaluations), "")
+            weights = controllers.weights[one.candidate : one.candidate + 1]
+            alone = Controllers(controllers.architecture, weights)
+            with engine_errors():
+                parts.append(self.compute(alone, [one.seed], lambda *_: None, None))
+        on_progress(len(evaluations), len(evaluations), "")
+        fitness = np.concatenate([part.fitness for part in parts])
+        metrics = np.concatenate([part.metrics for part in parts])
+        results = apply_expression(
+            self._expression, Results(fitness, metrics, Journal()), range(len(evaluations))
+        )
+        return results, [None] * len(evaluations)
+
+    def tolerance(self, _servers: AbstractSet[int | None], /) -> float | None:
+        """Return how far results may differ: built-in simulations find the same, to the bit."""
+        return 0.0
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
         """Return what the engine evaluates with; None where the experiment has its own fitness."""
@@ -235,6 +262,10 @@ class PythonBackend(InProcessBackend):
             journal.extend(one.journal, 0)
         fitness, metrics = ([getattr(one, name) for one in parts] for name in ("fitness", "metrics"))
         return Results(np.concatenate(fitness), np.concatenate(metrics), journal)
+
+    def tolerance(self, _servers: AbstractSet[int | None], /) -> float | None:
+        """Return how far results may differ, as the class declares it."""
+        return tolerance_of([(self._host.determinism, self._host.tolerance)])
 
     def evaluator(self, architecture: dict[str, Any]) -> None:
         """Return None: code in Python is evaluated by Python."""

@@ -35,9 +35,10 @@ class MissingAudits:
         share, self._share = self._share, 0.0
         (server,) = self._servers
         text = (
-            f"nothing is audited, although the experiment has faults.audit: {share:g}; only server {server} "
-            "is used. Audits need two servers that declare their determinism: start another one, or look why "
-            "it is not found (swarmwright servers)"
+            f"nothing is audited during the run, although the experiment has faults.audit: {share:g}; only "
+            f"server {server} is used, which is audited at the end. Audits during the run need two servers "
+            "that declare their determinism: start another one, or look why it is not found (swarmwright "
+            "servers)"
         )
         journal.warnings.append(WarningEntry(text, time=time.time()))
         return text

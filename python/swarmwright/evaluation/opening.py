@@ -309,7 +309,7 @@ def _pool(
         metrics=metrics,
         visual=visual,
         timeouts=cast("Timeouts", experiment.timeouts.model_dump()),
-        faults=cast("Faults", experiment.faults.model_dump()),
+        faults=cast("Faults", experiment.faults.for_engine()),
         alone=alone,
         controller=None if machines is None else with_digests(machines),
         account=account,

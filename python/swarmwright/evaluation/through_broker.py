@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,6 +20,7 @@ from swarmwright.evaluation import reports
 from swarmwright.evaluation.base import (
     FIRST,
     OUTPUT,
+    AuditedEpisode,
     Controllers,
     Feed,
     OnResults,
@@ -27,6 +29,7 @@ from swarmwright.evaluation.base import (
     StartedServers,
     apply_expression,
     metrics_of,
+    tolerance_of,
 )
 from swarmwright.evaluation.code_failures import CodeFailures
 from swarmwright.evaluation.missing_audits import MissingAudits
@@ -58,11 +61,12 @@ class BrokerBackend:
         self._run: str | None = None
         self._times = WarningTimes()
         self._code_failures = CodeFailures()
-        self._missing_audits = MissingAudits(experiment.faults.audit)
+        self._missing_audits = MissingAudits(experiment.faults.audit_share)
         self._listen()
         self._expression = fitness_expression(experiment)
         self.metrics = metrics_of(self._expression, metrics)
         self.description = where
+        self.is_foreign = servers is None
         self.hash_seed = None if servers is None else hash_seed.of_started()
 
         try:
@@ -225,6 +229,42 @@ class BrokerBackend:
 
         self.stream(first, seeds, feed, progress)
         return Results(fitness, metrics, journal)
+
+    def repeat(
+        self, controllers: Controllers, evaluations: Sequence[AuditedEpisode], on_progress: Progress
+    ) -> tuple[Results, list[int | None]]:
+        """Repeat single evaluations, each on another server than before where there is one."""
+        seeds = list(dict.fromkeys(one.seed for one in evaluations))
+        columns = {seed: index for index, seed in enumerate(seeds)}
+        places = [(one.candidate, columns[one.seed]) for one in evaluations]
+        only = [(*place, one.before) for place, one in zip(places, evaluations, strict=True)]
+        others = len(controllers.weights) * len(seeds) - len(set(places))
+
+        def progress(done: int, total: int, waiting_for: str) -> None:
+            self.check()
+            on_progress(done - others, total - others, waiting_for)
+
+        with engine_errors():
+            fitness, metrics, attempts, _ = self._pool.evaluate(
+                with_digests(controllers.architecture),
+                controllers.weights,
+                seeds,
+                progress,
+                only=only,
+            )
+        self.check()
+        servers = {(row[1], row[3]): row[5] for row in attempts if row[10] is None}
+        rows, episodes = (list(part) for part in zip(*places, strict=True))
+        found = Results(
+            fitness[rows, episodes][:, np.newaxis], metrics[rows, episodes][:, np.newaxis], Journal()
+        )
+        results = apply_expression(self._expression, found, range(len(evaluations)))
+        return results, [servers.get(place) for place in places]
+
+    def tolerance(self, servers: AbstractSet[int | None]) -> float | None:
+        """Return how far results of these servers may differ, as they declare it."""
+        declared = {server: (kind, margin) for server, kind, margin in self._pool.determinism()}
+        return tolerance_of(declared[server] for server in servers if server in declared)
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress

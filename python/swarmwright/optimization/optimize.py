@@ -30,13 +30,13 @@ from swarmwright.experiment.derived import (
 )
 from swarmwright.experiment.experiment import Experiment, checked_again, experiment_of
 from swarmwright.experiment.setting_warnings import setting_warnings
+from swarmwright.optimization.audit import audit
 from swarmwright.optimization.generation import Generation, OnGeneration
 from swarmwright.optimization.hash_seeds import warn_of_hash_seed
 from swarmwright.optimization.interruption import report_interruption
 from swarmwright.optimization.loop import Loop
 from swarmwright.optimization.memory import check_memory, stored
 from swarmwright.optimization.notebook_progress import shown
-from swarmwright.optimization.repeatability import warn_of_difference
 from swarmwright.optimization.resuming import Resumption
 from swarmwright.optimization.steady_state import SteadyLoop
 from swarmwright.optimization.strayed import StrayedError
@@ -464,10 +464,12 @@ def _run(
         store.usage(backend.usage())
     store.save_best(representation)
     if store.outcome != "interrupted":
-        episodes = (loop.evaluations - before) * experiment.ranking.episodes
-        mean_s = (time.monotonic() - begun) / episodes if episodes else None
-        warn_of_difference(experiment, store.reader(), backend, mean_s)
-        warn_of_hash_seed(experiment, backend)
+        seconds = time.monotonic() - begun
+        audited = audit(experiment, store.reader(), backend, on_progress, seconds, loop.evaluations - before)
+        if audited is not None:
+            store.note_audit(audited)
+        if experiment.faults.audit != 0 and not (audited and audited["differ"]):
+            warn_of_hash_seed(experiment, backend)
         _validate(experiment, store, backend, on_progress)
 
 

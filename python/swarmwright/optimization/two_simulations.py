@@ -1,6 +1,7 @@
 """Evaluation in two simulations: the experiment's own, and for some candidates its ranking's slow one."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Set as AbstractSet
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import MappingProxyType
@@ -14,6 +15,7 @@ from swarmwright.core.errors import InputError, RunError, SimulationError, rewor
 from swarmwright.core.server_use import ServerUses
 from swarmwright.evaluation.base import (
     HERE,
+    AuditedEpisode,
     Backend,
     Controllers,
     Feed,
@@ -51,7 +53,7 @@ class TwoSimulations:
     def __init__(self, fast: Backend, slow: Backend, name: str) -> None:
         self.fast, self.slow, self.name = fast, slow, name
         self.sensors, self.actuators = fast.sensors, fast.actuators
-        self.hash_seed = fast.hash_seed
+        self.is_foreign, self.hash_seed = fast.is_foreign, fast.hash_seed
         self.metrics = (*fast.metrics, METRIC)
         self.may_fail = fast.may_fail or slow.may_fail
         self.description = f"{fast.description}; {name}: {slow.description}"
@@ -66,6 +68,16 @@ class TwoSimulations:
     ) -> Results:
         """Evaluate in the fast simulation."""
         return self.fast.evaluate(controllers, seeds, on_progress, meanwhile, on_results)
+
+    def repeat(
+        self, controllers: Controllers, evaluations: Sequence[AuditedEpisode], on_progress: Progress
+    ) -> tuple[Results, list[int | None]]:
+        """Repeat evaluations in the fast simulation."""
+        return self.fast.repeat(controllers, evaluations, on_progress)
+
+    def tolerance(self, servers: AbstractSet[int | None]) -> float | None:
+        """Return how far results of the fast simulation may differ."""
+        return self.fast.tolerance(servers)
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
         """Return that of the fast simulation."""

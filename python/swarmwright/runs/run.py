@@ -198,6 +198,16 @@ class Run:
         return self._store.measured(METRIC) if isinstance(self.experiment.ranking, SlowOptions) else 0
 
     @property
+    def audit(self) -> dict[str, int] | None:
+        """How many evaluations were repeated when the run ended, and how they came out; None for none.
+
+        `evaluations` and `episodes` that were compared, `elsewhere`, how many of these episodes another
+        server repeated, `failed`, how many failed when they were repeated, and `differ`, how many evaluations
+        came out differently. See `faults: {audit}`.
+        """
+        return self._store.audit()
+
+    @property
     def validation_is_due(self) -> bool:
         """Whether the validation was interrupted, or a run that is done lacks it: `resume` does it.
 

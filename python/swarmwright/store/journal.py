@@ -2,7 +2,7 @@
 
 import sqlite3
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 from swarmwright.core.attempts import NOT_FINISHED, OVERTAKEN, SAME_END_S, is_server_end
@@ -86,6 +86,38 @@ def shares(connection: sqlite3.Connection, last: int) -> list[ServerShare]:
             _SHARES, {"overtaken": OVERTAKEN, "last": last}
         )
     ]
+
+
+class Evaluators:
+    """Which server evaluated which episode of which candidate.
+
+    attempts: that succeeded: generation, first candidate, candidates, first episode, episodes, server.
+    """
+
+    def __init__(self, attempts: Iterable[tuple[int, int, int, int, int, int]]) -> None:
+        self._attempts: dict[int, list[tuple[range, range, int]]] = {}
+        for generation, candidate, candidates, episode, episodes, server in attempts:
+            block = range(candidate, candidate + candidates), range(episode, episode + episodes), server
+            self._attempts.setdefault(generation, []).append(block)
+
+    def of(self, generation: int, candidate: int, episode: int) -> int | None:
+        """Return the server of an evaluation; None where no server evaluated it."""
+        for candidates, episodes, server in self._attempts.get(generation, ()):
+            if candidate in candidates and episode in episodes:
+                return server
+        return None
+
+
+def evaluators(connection: sqlite3.Connection, generations: Collection[int], last: int) -> Evaluators:
+    """Return the servers of some generations, of the attempts up to the row `last`."""
+    marks = ", ".join("?" * len(generations))
+    return Evaluators(
+        connection.execute(
+            "SELECT generation, candidate, candidates, episode, episodes, server FROM attempt "  # noqa: S608 - marks alone
+            f"WHERE error IS NULL AND server >= 0 AND rowid <= ? AND generation IN ({marks})",
+            (last, *generations),
+        )
+    )
 
 
 def incidents(connection: sqlite3.Connection, session: int, counts: Mapping[str, int]) -> str:

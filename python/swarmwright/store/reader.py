@@ -3,7 +3,7 @@
 import hashlib
 import operator
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -260,6 +260,12 @@ class StoreReader:
             return {"state": "done", "seeds": seeds, "seen": seen, "metrics": [], "candidates": [one]}
         return None
 
+    def audit(self) -> dict[str, int] | None:
+        """Return what is stored of the audit at the end of the run; None of a run without one."""
+        text = self._facts_then().get("audit")
+        values: dict[str, int] | None = None if text is None else self._parsed(text)
+        return values
+
     def transfer(self) -> dict[str, Any] | None:
         """Return what is stored of the transfer, see `runs.transfer.at_end`; None of a run without one."""
         text = self._facts_then().get("transfer")
@@ -378,6 +384,21 @@ class StoreReader:
             raise AssertionError
         return int(row[0])
 
+    def first_of_present_code(self) -> int:
+        """Return the number of the first evaluation since which the simulation's code has not changed."""
+        sessions = self.sessions()
+        first = sessions[-1]
+        for one in reversed(sessions):
+            if one.code != first.code:
+                break
+            first = one
+        with self._reading() as connection:
+            (number,) = connection.execute(
+                "SELECT min(first) FROM generation WHERE session >= ? AND generation < ?",
+                (first.session, self._end),
+            ).fetchone()
+        return int(number or 0)
+
     def code(self) -> dict[int, str]:
         """Return the SHA-256 of each version of the source that was copied, from 1 on."""
         numbered = {name.partition(".")[2]: digest for name, digest in self._facts_then().items()}
@@ -391,6 +412,11 @@ class StoreReader:
     @property
     def _last_attempt(self) -> int:
         return LARGEST if self._moment is None else self._moment.attempts
+
+    def evaluators(self, generations: Collection[int]) -> journal.Evaluators:
+        """Return which servers evaluated some generations."""
+        with self._reading() as connection:
+            return journal.evaluators(connection, generations, self._last_attempt)
 
     def servers(self) -> list[ServerShare]:
         """Return what each server did, by its number."""

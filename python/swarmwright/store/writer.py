@@ -356,6 +356,11 @@ class StoreWriter:
         self._note_fact("transfer", json.dumps(dict(values), allow_nan=False))
         self.keep_soon()
 
+    def note_audit(self, values: Mapping[str, int]) -> None:
+        """Write how many evaluations were repeated at the end, and how they came out; see `runs.audit`."""
+        self._note_fact("audit", json.dumps(dict(values)))
+        self.keep_soon()
+
     def note_ended(self, ended: str | None) -> None:
         """Write which budget a run that is done has used, or that the target was reached."""
         self._note_fact("ended", ended or "")

@@ -1,4 +1,4 @@
-"""A run whose simulation is not a function of its seed says so at its end."""
+"""Evaluations that are repeated at the end of a run, to find those that come out differently."""
 
 import logging
 import sys
@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import BatchSimulation, Experiment, InputError, RunError, Simulation, optimize
+from swarmwright import BatchSimulation, Experiment, InputError, Run, RunError, Simulation, optimize
 from swarmwright.evaluation.base import BudgetSpent
 from swarmwright.evaluation.in_process import PythonBackend
-from swarmwright.optimization import repeatability
+from swarmwright.optimization import audit
 from swarmwright.store import StoreReader
 
-WORDS = "an episode that was repeated with the same seed has another fitness"
+WORDS = "that were repeated came out differently"
 
 
 class Settled(Simulation):
@@ -108,7 +108,7 @@ def test_a_leaking_simulation_is_reported_once(tmp_path: Path, caplog: pytest.Lo
     with caplog.at_level(logging.WARNING, logger="swarmwright"):
         run(Leaking, tmp_path)
     (text,) = warnings(caplog)
-    assert "(generation 1, candidate " in text
+    assert ", such as generation " in text
     assert "docs/how-to/own-simulation.md" in text
 
 
@@ -120,22 +120,17 @@ def test_both_checks_of_a_batch_are_named(tmp_path: Path, caplog: pytest.LogCapt
 
 
 @pytest.mark.parametrize("error", [BudgetSpent(), InputError("no"), RunError("no"), KeyboardInterrupt()])
-def test_a_run_whose_episode_cannot_be_repeated_is_finished(
+def test_a_run_whose_episodes_cannot_be_repeated_is_finished(
     error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Unless it is interrupted."""
-    real = repeatability._repeated
     asked = []
 
     def fail(*_arguments: Any) -> Any:
         asked.append(error)
         raise error
 
-    def repeated(*arguments: Any) -> float | None:
-        monkeypatch.setattr(PythonBackend, "evaluate", fail)
-        return real(*arguments)
-
-    monkeypatch.setattr(repeatability, "_repeated", repeated)
+    monkeypatch.setattr(PythonBackend, "repeat", fail)
     if type(error) is KeyboardInterrupt:
         with pytest.raises(KeyboardInterrupt):
             run(Settled, tmp_path, validate=False)
@@ -144,6 +139,91 @@ def test_a_run_whose_episode_cannot_be_repeated_is_finished(
     assert asked == [error]
     if type(error) is not KeyboardInterrupt:
         assert [one.outcome for one in StoreReader(tmp_path / "run").sessions()] == ["done"]
+        assert Run.open(tmp_path / "run").audit is None
+
+
+class Rare(Settled):
+    """Random numbers without a seed have a part in 12 % of the episodes."""
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> Any:
+        self.is_random = np.random.default_rng(seed).random() < 0.12
+        return super().reset(parameters, seed)
+
+    def fitness(self) -> float:
+        return self.sum + (np.random.default_rng().random() if self.is_random else 0.0)
+
+
+class Forgetful(Settled):
+    """What an episode of one agent leaves behind changes the next one, if that has another seed."""
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> Any:
+        before, self.seed = getattr(self, "seed", seed), seed
+        self.left_behind = 1e-9 * before
+        return super().reset(parameters, seed)
+
+    def fitness(self) -> float:
+        return self.sum + self.left_behind
+
+
+@pytest.mark.parametrize("kind", [Rare, Forgetful])
+def test_faults_that_show_rarely_are_found(
+    kind: type, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    method = {"kind": "random_search", "population": 20, "generations": 5}
+    for seed in range(5):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        ranking = {"episodes": 2, "seeds": "new"}
+        run(kind, folder, method=method, ranking=ranking, seed=seed, validate=False)
+        assert len(warnings(caplog)) == seed + 1
+        found = Run.open(folder / "run").audit
+        assert found is not None
+        assert found["evaluations"] == audit.LEAST
+        assert (found["episodes"], found["failed"], found["elsewhere"]) == (2 * audit.LEAST, 0, 0)
+        assert found["differ"] > 0
+
+
+def test_the_chance_to_find_a_fault_is_what_the_documentation_says() -> None:
+    assert 0.97 < 1 - 0.88**audit.LEAST < 0.98
+
+
+def test_the_record_does_not_depend_on_the_audit(tmp_path: Path) -> None:
+    digests = []
+    for share in (0, "auto", 0.5):
+        folder = tmp_path / str(share)
+        folder.mkdir()
+        run(Settled, folder, faults={"audit": share}, validate=False)
+        done = Run.open(folder / "run")
+        digests.append(done.digest)
+        assert (done.audit is None) == (share == 0)
+    assert len(set(digests)) == 1
+
+
+def test_other_servers_repeat_what_one_has_evaluated(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A server of which all results are wrong by a little is named."""
+    (tmp_path / "apart.py").write_text(
+        "import os, sys, json\nfrom swarmwright import Simulation\n\n"
+        "class Apart(Simulation):\n"
+        "    sensors = actuators = 1\n"
+        "    wrong = json.loads(sys.argv[2])['id'] % 3 == 0 if len(sys.argv) > 2 else False\n"
+        "    def reset(self, parameters, seed):\n"
+        "        self.sum = 0.0\n"
+        "        return [[1.0]]\n"
+        "    def step(self, actions):\n"
+        "        self.sum += float(actions.sum())\n"
+        "        return [[1.0]]\n"
+        "    def done(self): return True\n"
+        "    def fitness(self): return self.sum + 1e-9 * self.wrong\n"
+    )
+    method = {"kind": "random_search", "population": 40, "generations": 1}
+    run(f"{tmp_path}/apart.py:Apart", tmp_path, servers=3, method=method, validate=False)
+    found = Run.open(tmp_path / "run").audit
+    assert found is not None
+    assert found["episodes"] == found["elsewhere"] == audit.LEAST
+    (text,) = warnings(caplog)
+    assert ", or server 3, which was one of the two each time, computes differently; try" in text
 
 
 @pytest.mark.parametrize("kind", [Settled, Declared, Tolerant])
@@ -207,12 +287,28 @@ def test_an_environment_that_ignores_its_seed_is_reported(
     assert "reset(seed=..) has to seed all random numbers" in text
 
 
-def test_an_episode_that_takes_long_is_not_repeated(
+def test_an_audit_that_takes_long_is_announced(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(repeatability, "_LONGEST_S", 0.01)
-    run(Slow, tmp_path)
-    assert not warnings(caplog)
+    monkeypatch.setattr(audit, "_LONG_S", 0.01)
+    with caplog.at_level(logging.INFO, logger="swarmwright"):
+        run(Slow, tmp_path)
+    assert any(text.startswith("auditing: repeating ") for text in caplog.messages)
+
+
+def test_beyond_the_least_number_an_audit_ends_with_its_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    method = {"kind": "random_search", "population": 50, "generations": 2}
+    repeated = []
+    for time_share in (0.0, 1.0):
+        monkeypatch.setattr(audit, "_TIME", time_share)
+        folder = tmp_path / str(time_share)
+        folder.mkdir()
+        run(Slow, folder, method=method, faults={"audit": 0.5}, validate=False)
+        found = Run.open(folder / "run").audit
+        repeated.append(None if found is None else found["evaluations"])
+    assert repeated == [30, 50]
 
 
 def test_a_module_that_keeps_a_list_is_reported(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
