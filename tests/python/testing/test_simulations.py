@@ -1,5 +1,8 @@
 """The checks of simulations in Python find what makes episodes depend on more than seed and actions."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +90,25 @@ class LastSeed(Steps):
         return seen
 
 
+class Hashed(Steps):
+    """It sums in the order of a set of texts."""
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> Any:
+        self.names = {f"robot {number}" for number in range(20)}
+        return super().reset(parameters, seed)
+
+    def step(self, actions: Any) -> Any:
+        self.sum += sum(number * int(name.split()[1]) for number, name in enumerate(self.names))
+        return super().step(actions)
+
+
+class Numbered(Steps):
+    """It has the number of its process."""
+
+    def fitness(self) -> float:
+        return float(os.getpid())
+
+
 class Drawn(Steps):
     """Drawing it takes random numbers."""
 
@@ -118,12 +140,46 @@ def test_what_follows_from_the_seed_passes() -> None:
         (Unseeded, r"Unseeded: an episode of another object, .* has another fitness, .* not from `seed`"),
         (Counting, r"Counting: an episode that is repeated, .* has other observations at its start; .*reset"),
         (LastSeed, r"LastSeed: an episode after one with another seed, .* other end after 4 steps; .*reset"),
+        (
+            Hashed,
+            r"Hashed: an episode with another hash seed \(PYTHONHASHSEED\), .* another fitness, .* sort them",
+        ),
+        (Numbered, r"Numbered: an episode in another process, .* another fitness, .* kept in classes"),
         (Drawn, r"Drawn: an episode in which `scene` is called, .* other observations after 1 step; .*scene"),
     ],
 )
 def test_what_does_not_is_found(kind: type[Simulation], message: str) -> None:
     with pytest.raises(AssertionError, match=message):
         check_simulation(kind)
+
+
+def test_what_other_processes_do_not_find_is_not_checked_there(caplog: pytest.LogCaptureFixture) -> None:
+    class Local(Steps):
+        pass
+
+    check_simulation(Steps)
+    assert not caplog.messages
+    check_simulation(Local)
+    (text,) = caplog.messages
+    assert text.startswith("Local was not checked in other processes: ")
+    assert "not defined at the top level of a module" in text
+
+
+def test_a_script_that_checks_its_own_class_is_run_once_more_in_each_process(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from swarmwright import Simulation\nfrom swarmwright.testing import check_simulation\n\n"
+        "class One(Simulation):\n"
+        "    sensors = actuators = 1\n"
+        "    def reset(self, parameters, seed): return [[0.0]]\n"
+        "    def step(self, actions): return [[0.0]]\n"
+        "    def done(self): return True\n"
+        "    def fitness(self): return 1\n\n"
+        "check_simulation(One)\nprint('checked')\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout == "checked\n"
+    assert done.stderr == ""
 
 
 def test_what_runs_refuse_is_refused() -> None:
