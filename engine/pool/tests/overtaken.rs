@@ -88,3 +88,21 @@ fn a_server_that_is_much_too_slow_is_named_and_holds_up_one_generation() {
     let named = net.tool(index).waiting(now);
     assert!(named[0].server == STUCK && named[0].silent > 2.0);
 }
+
+#[test]
+fn on_a_busy_machine_a_server_that_pauses_is_not_taken_to_be_slow() {
+    let backups = |slowdown: f64| {
+        let mut net = Net::new(3);
+        let pausing = net.add(Party::Extended(Box::new(offloaded(STUCK))));
+        net.add(Party::Extended(Box::new(offloaded(2))));
+        net.add(Party::Extended(Box::new(offloaded(3))));
+        let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+        net.finish(index);
+        net.tool(index).set_slowdown(slowdown);
+        party(&mut net, pausing).pace = Duration::from_millis(100);
+        generation(&mut net, index);
+        net.tool(index).counts().backups
+    };
+    assert!(backups(1.0) > 0);
+    assert_eq!(backups(20.0), 0);
+}

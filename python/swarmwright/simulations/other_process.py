@@ -96,7 +96,8 @@ def main(file: str) -> None:
     _is_other = True
     task = json.load(sys.stdin)
     try:
-        outcome = Trial(**task["trial"]).run(Host(load(task["simulation"])))
+        kind: Any = load(task["simulation"])
+        outcome = Trial(**task["trial"]).run(Host(kind))
         found = {"trace": outcome.trace, "results": outcome.results}
     except SwarmwrightError as error:
         found = {"failed": str(error)}

@@ -73,8 +73,8 @@ def difference(now: Outcome, before: Outcome, host: Host) -> str | None:
     """
     is_statistical = host.determinism == "statistical"
     if not is_statistical:
-        for (what, one), (_, other) in zip(now.trace, before.trace, strict=False):
-            if one != other:
+        for (what, digest), (_, first) in zip(now.trace, before.trace, strict=False):
+            if digest != first:
                 return f"other {what}"
     tolerance = host.tolerance if is_statistical else 0.0
     names = ["fitness", *(f"metric {name!r}" for name, _ in host.metrics)]
