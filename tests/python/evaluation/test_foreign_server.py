@@ -54,7 +54,8 @@ def expected(genomes: np.ndarray[Any, Any], steps: int = 4) -> list[float]:
 def test_it_evolves_controllers(any_broker: str, tmp_path: Path, foreign: Foreign) -> None:
     with foreign(any_broker, "line") as server:
         run = optimize(LINE, broker=any_broker, out=tmp_path / "run")
-    assert server.episodes == run.evaluations
+    assert run.audit is not None
+    assert server.episodes == run.evaluations + run.audit["episodes"]
     assert server.parameters[0]["length"] == 3
     assert server.parameters[0]["nested"] == {"list": [1, None, "x"]}
     assert run.record.fitness.tolist() == pytest.approx(expected(run.record.genomes), abs=1e-9)

@@ -156,7 +156,7 @@ def test_a_seed_only_server_is_stepped_and_unfit_for_any_other_mode(
     )
     with foreign(any_broker, "line") as plain:
         run = optimize(line, broker=any_broker, out=tmp_path / "run")
-        assert plain.episodes == 6
+        assert plain.episodes == 6 + 6, "each evaluation is audited"
         assert {attempt.mode for attempt in run.attempts()} == {"stepwise"}
         for mode in ("batched", "offloaded"):
             named = line.replace(mode=mode, timeouts={"discovery": 0.5})
