@@ -2,7 +2,7 @@
 
 import secrets
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from swarmwright import _engine
 from swarmwright.broker.credentials import CREDENTIALS
@@ -14,14 +14,28 @@ _PASSWORD_BYTES = 32
 
 @dataclass(frozen=True)
 class Account:
-    """A user of one broker, for as long as that runs."""
+    """A user of one broker, for as long as that runs.
+
+    Attributes:
+        username: random, too.
+        password: never put it into arguments of programs, which all users can list.
+        is_published: whether other programs of the user find it by themselves.
+
+    """
 
     username: str
     password: str = field(repr=False)
+    is_published: bool = False
 
     @property
     def variables(self) -> dict[str, str]:
-        """Environment variables for programs that use the broker; other credentials are unset."""
+        """Environment variables with which this user's programs are admitted.
+
+        None where they find the account: the environment's credentials are for other brokers, which
+        simulations may use. Otherwise those are unset.
+        """
+        if self.is_published:
+            return {}
         return {
             **dict.fromkeys(CREDENTIALS, ""),
             "SWARMWRIGHT_USERNAME": self.username,
@@ -38,7 +52,7 @@ def start_private(stack: ExitStack, port: int = 0) -> tuple[str, Account]:
     """Start a broker on loopback that ends with the stack; only programs of this user are admitted.
 
     This process and other programs of the user find the account by themselves, see `_engine.Broker.publish`;
-    programs in other languages need its variables.
+    programs in other languages need name and password in their environment.
 
     Args:
         stack: ends it.
@@ -55,6 +69,5 @@ def start_private(stack: ExitStack, port: int = 0) -> tuple[str, Account]:
     with engine_errors():
         broker = _engine.Broker(port=port, accounts=[(account.username, account.password)])
     stack.callback(broker.stop)
-    # Where the file cannot be written, the servers still have the account in their environment.
-    broker.publish(account.username, account.password)
-    return broker.url, account
+    _, problem = broker.publish(account.username, account.password)
+    return broker.url, replace(account, is_published=problem is None)
