@@ -163,7 +163,8 @@ class Client:
             properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
             properties.CorrelationData = correlation
             properties.ContentType = "application/msgpack"
-            properties.ResponseTopic = self._before + (response or "")
+            if response is not None:
+                properties.ResponseTopic = self._before + response
         self._paho.publish(self._before + topic, payload, retain=retain, properties=properties)
         while self._paho.want_write():
             self._turn(0.01)

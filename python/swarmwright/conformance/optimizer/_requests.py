@@ -46,9 +46,8 @@ class Offloading(Actor):
         kind = "evaluated" if request["kind"] == "evaluate" else "sensors"
         message = {"kind": kind, "version": 1, "request": request["request"], "server": self.server, **fields}
         payload = msgpack.packb(message)
-        self.stage.client.publish(
-            request["reply"], payload, correlation=request["request"].to_bytes(8, "big"), response=""
-        )
+        correlation = request["request"].to_bytes(8, "big")
+        self.stage.client.publish(request["reply"], payload, correlation=correlation)
 
 
 def checked(request: Json, title: object) -> tuple[np.ndarray, np.ndarray]:
