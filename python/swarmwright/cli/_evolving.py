@@ -129,7 +129,10 @@ def _evolve(
                 watcher(generation)
             return reader.show(shown, generation)
 
-        run = work(tell, partial(reader.evaluating, shown))
+        try:
+            run = work(tell, partial(reader.evaluating, shown))
+        finally:
+            reader.ended(shown)
         try:
             observer.ended(run)
             for watcher in watchers:
@@ -206,6 +209,10 @@ class Reader:
     def evaluating(self, progress: Progress, done: int, total: int, waiting_for: str) -> None:
         """Show how far a generation is; when the output is closed, the run ends after it."""
         self._write(lambda: progress.evaluating(done, total, waiting_for))
+
+    def ended(self, progress: Progress) -> None:
+        """Show the last generation where the output is still open."""
+        self._write(progress.ended)
 
     def _write(self, show: Callable[[], None]) -> None:
         if self.lost is not None:

@@ -1,5 +1,6 @@
 """How an optimization's progress is shown: a bar on a terminal, plain lines when piped, JSON for machines."""
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 2.0
 """Seconds without a result after which the blocking server is shown."""
+LINE_INTERVAL_S = 5.0
+"""Seconds between two plain lines about generations, but for the first and the last generation."""
 
 
 class Progress(Protocol):
@@ -28,6 +31,9 @@ class Progress(Protocol):
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
         """Within a generation: called about ten times a second."""
+
+    def ended(self) -> None:
+        """No further generation follows."""
 
 
 class Stall:
@@ -67,17 +73,34 @@ class JsonProgress:
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
         """Nothing: scripts read whole lines."""
 
+    def ended(self) -> None:
+        """Do nothing: every generation has been printed."""
+
 
 class PlainProgress:
-    """A line per generation."""
+    """A line for the first and the last generation, and one every few seconds in between."""
 
     def __init__(self, output: Output, budget: Budget) -> None:
         self._output = output
         self._budget = budget
         self._stall = Stall()
+        self._skipped: Generation | None = None
+        """The latest generation, if it was not printed."""
+        self._due = -math.inf
+        """When the next line may be printed."""
 
     def generation(self, generation: "Generation") -> None:
-        """Print a line."""
+        """Print a line if the last one was printed long enough ago."""
+        self._skipped = generation
+        if time.monotonic() >= self._due:
+            self.ended()
+
+    def ended(self) -> None:
+        """Print the latest generation, unless that is done."""
+        generation, self._skipped = self._skipped, None
+        if generation is None:
+            return
+        self._due = time.monotonic() + LINE_INTERVAL_S
         from swarmwright.optimization.generation import how_far
 
         speed = f"{rate(generation.evaluations_per_second)}/s"
@@ -93,6 +116,7 @@ class PlainProgress:
         """Print a line when it takes long."""
         seconds = self._stall.line_due(done, total)
         if seconds is not None:
+            self.ended()
             self._output.text(f"{done} of {total} episodes; {_reason(waiting_for, seconds)}")
 
 
@@ -115,6 +139,9 @@ class BarProgress:
         self._part = done / total if total else 0.0
         seconds = self._stall.seconds(done, total)
         self._waiting = _reason(waiting_for, seconds) if seconds >= PATIENCE_S else ""
+
+    def ended(self) -> None:
+        """Do nothing: the bar shows the last generation."""
 
     def _completed(self) -> float:
         """Return the share of the run that is done, the generation under way counted in part."""

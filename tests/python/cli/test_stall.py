@@ -19,8 +19,7 @@ GENERATION = " of 1000000 generations  best "
 def test_it_is_said_who_is_waited_for(start: Any, tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text(EXPERIMENT)
     process = start("optimize", "x.yaml", "--servers", "2", "--out", "result")
-    for _ in range(3):
-        assert GENERATION in process.stdout.readline()
+    assert GENERATION in process.stdout.readline()
     servers = children(process.pid)
     os.kill(servers[0], signal.SIGSTOP)
     began = time.monotonic()
@@ -38,8 +37,7 @@ def test_it_is_said_who_is_waited_for(start: Any, tmp_path: Path) -> None:
 def test_a_reader_that_leaves_while_somebody_is_waited_for(start: Any, tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text(EXPERIMENT)
     process = start("optimize", "x.yaml", "--servers", "2", "--out", "result")
-    for _ in range(3):
-        assert GENERATION in process.stdout.readline()
+    assert GENERATION in process.stdout.readline()
     server = children(process.pid)[0]
     os.kill(server, signal.SIGSTOP)
     process.stdout.close()
@@ -49,4 +47,4 @@ def test_a_reader_that_leaves_while_somebody_is_waited_for(start: Any, tmp_path:
     told = process.stderr.read()
     assert told.startswith("swarmwright: standard output was closed by its reader, so the run ended early")
     assert "resume result" in told
-    assert len(Run.open(tmp_path / "result").history) >= 3
+    assert len(Run.open(tmp_path / "result").history) >= 1
