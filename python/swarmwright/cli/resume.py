@@ -11,20 +11,21 @@ from swarmwright.cli._broker_options import (
     prefix_settings,
     wait_option,
 )
-from swarmwright.cli._commands import SETTINGS, Command
+from swarmwright.cli._commands import Command
 from swarmwright.cli._evolving import evolve, watch_options
 from swarmwright.cli._observing import Observing, observe_options
 from swarmwright.cli._options import json_option, servers_option, set_option, simulation_option, trust_option
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._parameter_types import ExistingPath, Servers, WholeNumber
+from swarmwright.cli._parameter_types import ExistingPath, FiniteNumber, Servers, WholeNumber
 from swarmwright.cli._server_output import server_output_option
 
 
 @click.command(
     "resume",
     cls=Command,
-    instead={"--evaluations": SETTINGS["--evaluations"]},
-    example="swarmwright resume runs/minisim-1\nswarmwright resume runs/minisim-1 --generations 500",
+    example="swarmwright resume runs/minisim-1\n"
+    "swarmwright resume runs/minisim-1 --generations 500\n"
+    "swarmwright resume runs/minisim-1 --evaluations 20000",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
 @broker_option(
@@ -40,8 +41,12 @@ from swarmwright.cli._server_output import server_output_option
     "--generations",
     type=WholeNumber(min=1),
     metavar="G",
-    help="A larger budget than the experiment's; prolongs finished runs, too.",
+    help="A larger budget than the experiment's; prolongs finished runs, too. Other limits stay.",
 )
+@click.option(
+    "--evaluations", type=WholeNumber(min=1), metavar="N", help="The same, in evaluations of candidates."
+)
+@click.option("--seconds", type=FiniteNumber(), metavar="S", help="The same, in seconds of all sessions.")
 @click.option(
     "--accept-changed-code",
     is_flag=True,
@@ -62,6 +67,8 @@ def command(
     servers: Servers | None,
     wait: float | None,
     generations: int | None,
+    evaluations: int | None,
+    seconds: float | None,
     accept_changed_code: bool,
     simulation: str | None,
     settings: tuple[str, ...],
@@ -76,8 +83,8 @@ def command(
     """Continue a run that was interrupted or failed.
 
     The result is bit-identical to that of an undisturbed run. A finished RUN is left as it is, unless
-    --generations or --set ask for more of it. Changes that would make it another run are refused: edited code
-    of its simulation or of a plug-in, an edited experiment.yaml.
+    --generations, --evaluations, --seconds or --set ask for more of it. Changes that would make it another
+    run are refused: edited code of its simulation or of a plug-in, an edited experiment.yaml.
     """
     from swarmwright import Run, resume
     from swarmwright.optimization.resuming import Resumption
@@ -91,7 +98,8 @@ def command(
     check_free(opened.path)
     settings = (*settings, *prefix_settings(prefix))
     # Report errors before anything is printed or started.
-    wanted = Resumption.of(opened, opened._store, settings, {"generations": generations})
+    budget = {"generations": generations, "evaluations": evaluations, "seconds": seconds}
+    wanted = Resumption.of(opened, opened._store, settings, budget)
     experiment = wanted.experiment
     if not wanted.has_all_generations:
         continuation(opened, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
@@ -118,6 +126,8 @@ def command(
             opened,
             on_generation,
             generations=generations,
+            evaluations=evaluations,
+            seconds=seconds,
             settings=settings,
             on_progress=on_progress,
             broker=broker,

@@ -77,7 +77,7 @@ class Resumption:
         how = (
             f"begin a new run with another one, from the best of this one: --set start_from={run.path}"
             if ended == "target"
-            else f"raise that limit as well: --set method.{ended}=N"
+            else f"raise that limit as well: --{ended} N"
         )
         raise InputError(
             f"{run.path}: with this budget nothing is left to evaluate, since "

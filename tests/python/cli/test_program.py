@@ -123,7 +123,7 @@ def test_help_loads_neither_engine_nor_numpy() -> None:
         ),
         (["optimize", "experiment.yaml", "--servers", "0"], ["0 is not in the range"]),
         (["optimize", "experiment.yaml", "--seed", "x"], ["--seed", "'x' is not a valid integer"]),
-        (["resume", "run", "--evaluations", "900"], ["'--set method.evaluations=900' here"]),
+        (["resume", "run", "--seconds", "nan"], ["--seconds", "not a finite number"]),
         (["replay", "experiment.yaml"], ["is a file where a folder is expected"]),
         (["resume", "experiment.yaml"], ["name the folder of a run; 'swarmwright optimize experiment.yaml'"]),
         (["export", "run/run.sqlite", "--to", "c"], ["expected: name the folder of the run, run"]),

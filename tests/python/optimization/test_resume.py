@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, optimize, resume
+from swarmwright.cli._main import run as command
 from swarmwright.optimization.optimize import _new_loop
 from swarmwright.store import StoreReader, StoreWriter
 from tests.python.records import same_record
@@ -73,17 +74,36 @@ def test_a_finished_run_can_be_prolonged(whole: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("limit", "options", "generations"),
+    [
+        ({"evaluations": 60}, ["--evaluations", "90"], 5),
+        ({"seconds": 1e-6}, ["--seconds", "1000", "--generations", "2"], 2),
+        ({"generations": 1}, ["--generations", "9", "--evaluations", "60"], 3),
+    ],
+)
+def test_the_command_raises_any_limit(
+    limit: dict[str, Any], options: list[str], generations: int, tmp_path: Path
+) -> None:
+    run = optimize(EXPERIMENT.replace(method=limit, validate=False), out=tmp_path / "run")
+    before = run.generations
+    assert command(["resume", str(run.path), *options]) == 0
+    again = Run.open(run.path)
+    assert before < again.generations == generations
+    assert again.state == "done"
+
+
+@pytest.mark.parametrize(
     ("method", "budget", "reason"),
     [
         (
             {"evaluations": 60},
             {"generations": 300},
-            ".* 60 evaluations; .*: --set method.evaluations=N",
+            ".* 60 evaluations; .*: --evaluations N",
         ),
         (
             {"generations": 3},
             {"evaluations": 9000},
-            "all 3 generations are done; raise that limit as well: --set method.generations=N",
+            "all 3 generations are done; raise that limit as well: --generations N",
         ),
         ({"evaluations": 60}, {"evaluations": 61}, "the next generation would not fit into 61 evaluations"),
         ({"generations": 3, "target": -99.0}, {"generations": 9}, "the target is reached; .* start_from="),
