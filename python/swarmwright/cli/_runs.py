@@ -4,7 +4,7 @@ import re
 import shlex
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
@@ -64,7 +64,7 @@ def reading_progress(count: int) -> Iterator[Callable[[int], None]]:
 
 def facts_of(run: "Run") -> dict[str, Any]:
     """Return what a line of the list says."""
-    experiment = run.experiment
+    experiment, unseen = run.experiment, run.unseen
     return {
         "run": str(run.path),
         "state": run.state,
@@ -77,6 +77,8 @@ def facts_of(run: "Run") -> dict[str, Any]:
         "evaluations": run.evaluations,
         "failed": run.failed_evaluations,
         "best": run.history[-1].best_so_far if run.history else None,
+        "held_out": None if unseen is None else unseen.fitness.mean,
+        "held_out_failed": 0 if unseen is None else unseen.failed,
         "seconds": run.seconds,
         "created": run.created,
     }
@@ -90,14 +92,17 @@ def local_time(stamp: str) -> str:
         return stamp
 
 
-def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
+def list_table(output: Output, runs: Sequence[Mapping[str, Any]]) -> None:
     """Print a line per run, aligned; columns as wide as they need to be."""
-    # Where nothing failed, a column would say nothing.
+    # Where nothing failed or no run was validated, a column would say nothing.
     failed = any(facts["failed"] for facts in runs)
+    held_out = any(facts["held_out"] is not None for facts in runs)
     heading = (
         *("run", "state", "simulation", "method", "seed", "generations"),
         *(["failed"] * failed),
-        *("best", "created"),
+        "best",
+        *(["held-out"] * held_out),
+        "created",
     )
     rows = [
         (
@@ -109,11 +114,20 @@ def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
             str(facts["generations"]) if facts["of"] is None else f"{facts['generations']}/{facts['of']}",
             *([_share(facts["failed"], facts["evaluations"])] * failed),
             "-" if facts["best"] is None else f"{facts['best']:.6g}",
+            *([_held_out(facts)] * held_out),
             local_time(facts["created"])[:16],
         )
         for facts in runs
     ]
     _table(output, [heading, *rows])
+
+
+def _held_out(facts: Mapping[str, Any]) -> str:
+    """Return the fitness on held-out seeds; with the number of episodes that failed, if any did."""
+    if facts["held_out"] is None:
+        return "-"
+    failed = f" ({facts['held_out_failed']} failed)" if facts["held_out_failed"] else ""
+    return f"{facts['held_out']:.6g}{failed}"
 
 
 def _share(failed: int, evaluations: int) -> str:

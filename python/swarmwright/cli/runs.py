@@ -11,7 +11,9 @@ from swarmwright.cli._commands import Command, Group
 from swarmwright.cli._options import compare_options, json_option
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._parameter_types import ExistingPath, FiniteNumber, OutputFile, SaveOption
+from swarmwright.cli._run_filters import COLUMNS, Condition, ConditionType, in_order, selected
 from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
+from swarmwright.core.formatting import counted
 
 
 @click.group(
@@ -21,32 +23,61 @@ def command() -> None:
     """List, show, compare, export, verify and delete runs."""
 
 
-@command.command("list", cls=Command, example="swarmwright runs list\nswarmwright runs list results --json")
+@command.command(
+    "list",
+    cls=Command,
+    example="swarmwright runs list\n"
+    "swarmwright runs list --sort best --filter state=done --filter 'method.population>=50'\n"
+    "swarmwright runs list results --json",
+)
 @click.argument("folder", type=ExistingPath(folder=True), default=None, required=False, metavar="[DIR]")
+@click.option(
+    "--filter",
+    "conditions",
+    type=ConditionType(),
+    multiple=True,
+    metavar="CONDITION",
+    help="Show the runs for which KEY=VALUE holds (or !=, <, <=, >, >=). KEY is one that --sort takes, or a "
+    "key of the experiment: method.population. VALUE may have wildcards: method=*cma*. May be repeated.",
+)
+@click.option(
+    "--sort",
+    type=click.Choice(COLUMNS),
+    default="created",
+    show_default=True,
+    help="Sort by this, the largest last.",
+)
+@click.option("--reverse", is_flag=True, help="Sort the other way round.")
 @json_option
-def list_(folder: Path | None, as_json: bool) -> None:
+def list_(
+    folder: Path | None, conditions: tuple[Condition, ...], sort: str, reverse: bool, as_json: bool
+) -> None:
     """List the runs in DIR (default: runs), the newest last.
 
-    A folder that is not a run, or that is damaged, is named with the reason.
+    A folder that is not a run, or that is damaged, is named with the reason. Runs that were validated have
+    the fitness of their best candidate on held-out seeds, and runs with failed evaluations their number.
     """
     from swarmwright import InputError, Run
+    from swarmwright.core.flatten import flat
     from swarmwright.runs.folders import RUNS
     from swarmwright.store import FILE, StoreReader
 
     output = Output(as_json=as_json)
     place = folder or RUNS
-    runs, broken = [], []
+    runs, experiments, broken = [], [], []
     stores = sorted(place.glob(f"**/{FILE}"))
     with reading_progress(len(stores)) as begin:
         for number, store in enumerate(stores):
             begin(number)
             try:
                 with StoreReader.opened(store.parent) as reader:  # one connection takes half the time of four
-                    runs.append(facts_of(Run(store.parent, reader)))
+                    run = Run(store.parent, reader)
+                    runs.append(facts_of(run))
+                    experiments.append(flat(run.experiment.to_mapping()) if conditions else {})
             except InputError as error:
                 broken.append(str(error))
-    runs.sort(key=lambda facts: facts["created"])
-    for facts in runs:
+    shown = in_order(selected(runs, experiments, conditions), sort, reverse=reverse)
+    for facts in shown:
         output.json(facts)
     for reason in broken:
         output.json({"error": reason})
@@ -57,7 +88,10 @@ def list_(folder: Path | None, as_json: bool) -> None:
         )
         output.text(f"No runs in {place}. {cure}{' the working folder' * beside}.")
     elif not as_json:
-        list_table(output, runs)
+        if runs and not shown:
+            output.text(f"None of the {counted(len(runs), 'run')} in {place} matches.")
+        else:
+            list_table(output, shown)
         for reason in broken:
             output.item(reason)
 
