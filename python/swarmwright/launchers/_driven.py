@@ -99,6 +99,7 @@ class DrivenLauncher(Launcher):
             self._process = subprocess.Popen(
                 [
                     sys.executable,
+                    "-P",
                     "-m",
                     "swarmwright.launchers._driver",
                     str(there.fileno()),

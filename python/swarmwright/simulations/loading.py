@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
+from importlib.machinery import PathFinder
 from multiprocessing import current_process
 from pathlib import Path
 from types import ModuleType
@@ -66,7 +67,8 @@ def load(name: str, folder: Path | None = None) -> Kind:
     else the copy.
 
     Args:
-        name: see above. Modules are looked for where Python looks for them, then in the working folder.
+        name: see above. Modules are looked for where Python looks for them, then, if they are not
+            there, in the working folder.
         folder: that paths are relative to; default: the working folder.
 
     Raises InputError: there is no such file, module, class or environment, or importing it fails.
@@ -80,7 +82,7 @@ def load(name: str, folder: Path | None = None) -> Kind:
     if parsed.is_environment or parsed.is_command:
         if parsed.file is not None:
             name = _kept_command(parsed.in_file(((folder or Path()) / parsed.file).absolute()))
-        _look_here()
+        _look_here("" if parsed.library == "vmas" else parsed.module)
         # By name, as plug-ins are: adapters are simulations, above this package.
         adapted: type[Simulation | BatchSimulation] = importlib.import_module(
             "swarmwright.adapters"
@@ -374,7 +376,7 @@ def _without_stale_bytecode(paths: Iterable[Path]) -> None:
 
 
 def _module(name: str) -> ModuleType:
-    _look_here()
+    _look_here(name)
     with _explained(name):
         try:
             return importlib.import_module(name)
@@ -394,8 +396,16 @@ def _look_in(folder: Path) -> None:
         _looked_in.add(str(folder))
 
 
-def _look_here() -> None:
-    """Let modules be found in the working folder, before folders of files that were loaded earlier."""
+def _look_here(module: str) -> None:
+    """Let a module be found in the working folder, before folders of files that were loaded earlier.
+
+    Do nothing for a module that Python finds elsewhere, and for none (""): installed packages would otherwise
+    import optional dependencies that are not installed from the working folder, which may be a run folder of
+    another user.
+    """
+    name = module.partition(".")[0]
+    if not name or _is_elsewhere(name):
+        return
     here = str(Path.cwd())
     if here in _looked_in and here in sys.path:
         sys.path.remove(here)
@@ -404,6 +414,16 @@ def _look_here() -> None:
         places = [place for place, folder in enumerate(sys.path) if folder in _looked_in]
         sys.path.insert(min(places, default=len(sys.path)), here)
         _looked_in.add(here)
+
+
+def _is_elsewhere(name: str) -> bool:
+    """Whether Python finds a module or package without the folders that were added here."""
+    others = [folder for folder in sys.path if folder not in _looked_in]
+    if PathFinder.find_spec(name, others) is not None:
+        return True
+    return any(
+        finder is not PathFinder and finder.find_spec(name, None) is not None for finder in sys.meta_path
+    )
 
 
 def _failure(name: str, error: BaseException) -> str:

@@ -60,7 +60,7 @@ def outcomes(simulation: type | str, trial: Trial, seeds: Sequence[str]) -> list
         started = []
         for index, seed in enumerate(seeds):
             process = subprocess.Popen(
-                [sys.executable, "-c", _CODE, json.dumps(sys.path), str(folder / str(index))],
+                [sys.executable, "-P", "-c", _CODE, json.dumps(sys.path), str(folder / str(index))],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,

@@ -40,7 +40,7 @@ def check_replay(method: Method) -> None:
         "told": told,
     }
     process = subprocess.run(
-        [sys.executable, "-c", _CODE, json.dumps(sys.path)],
+        [sys.executable, "-P", "-c", _CODE, json.dumps(sys.path)],
         input=json.dumps(conversation),
         capture_output=True,
         text=True,

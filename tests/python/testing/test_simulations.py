@@ -165,6 +165,16 @@ def test_what_other_processes_do_not_find_is_not_checked_there(caplog: pytest.Lo
     assert "not defined at the top level of a module" in text
 
 
+def test_other_processes_import_nothing_from_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "json.py").write_text("open('imported', 'w').close()")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [place for place in sys.path if place])
+    check_simulation(Steps)
+    assert not (tmp_path / "imported").exists()
+
+
 def test_a_script_that_checks_its_own_class_is_run_once_more_in_each_process(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(

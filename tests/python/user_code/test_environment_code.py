@@ -12,6 +12,7 @@ import pytest
 from swarmwright import Experiment, InputError, Run, optimize, repeat, resume, simulate
 from swarmwright.adapters.gymnasium import Gymnasium
 from swarmwright.simulations.isolation import Apart
+from swarmwright.simulations.loading import load
 from swarmwright.simulations.names import environment_held
 from swarmwright.user_code import trust
 from tests.python.records import same_record
@@ -212,3 +213,47 @@ def test_what_a_copy_imports_stays_registered(tmp_path: Path, monkeypatch: pytes
 )
 def test_other_names_are_of_no_copy(name: str) -> None:
     assert environment_held(name) is None
+
+
+OPTIONAL = """
+import gymnasium
+from gymnasium.envs.classic_control import CartPoleEnv
+from swarmwright import Simulation
+
+try:
+    import optional_library
+except ImportError:
+    optional_library = None
+
+
+class Installed(Simulation):
+    sensors = actuators = 1
+
+
+gymnasium.register("Optional-v0", entry_point=CartPoleEnv)
+"""
+
+
+@pytest.mark.parametrize("name", ["gymnasium:installed_one:Optional-v0", "installed_one:Installed"])
+def test_packages_import_nothing_from_the_working_folder(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a run folder of another user, say, which has a module for a package that is not installed."""
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "installed_one.py").write_text(OPTIONAL)
+    received = tmp_path / "received"
+    received.mkdir()
+    (received / "optional_library.py").write_text("")
+    (received / "installed_one.py").write_text("raise SystemExit")
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    monkeypatch.chdir(received)
+    try:
+        kind = load(name)
+        if issubclass(kind, Gymnasium):
+            kind()  # which imports the module
+        assert sys.modules["installed_one"].optional_library is None
+        assert "optional_library" not in sys.modules
+    finally:
+        gymnasium.registry.pop("Optional-v0", None)
+        for module in ("installed_one", "optional_library"):
+            sys.modules.pop(module, None)
