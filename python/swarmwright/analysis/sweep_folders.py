@@ -15,7 +15,7 @@ from swarmwright.runs.run import Run
 from swarmwright.store import FILE as STORE
 from swarmwright.store.folder import SWEEP
 
-_WRITTEN = {SWEEP, "comparison.csv", "comparison.tex", "comparison.png"}
+WRITTEN = {SWEEP, "comparison.csv", "comparison.tex", "comparison.png"}
 """Files that a sweep writes beside its runs."""
 
 
@@ -175,4 +175,4 @@ def _open(folder: Path, found: list[Run], missing: list[Path], unreadable: list[
 
 def is_of_sweep(path: Path) -> bool:
     """Return whether a file is one that a sweep writes beside its runs."""
-    return path.name in _WRITTEN and (path.parent / SWEEP).is_file()
+    return path.name in WRITTEN and (path.parent / SWEEP).is_file()

@@ -1,7 +1,7 @@
 """TensorBoard: event files that `tensorboard --logdir` shows."""
 
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,17 @@ if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.optimization.generation import Generation
     from swarmwright.runs.run import Run
+
+
+def require_writer() -> Any:  # noqa: ANN401 - tensorboardX has no types
+    """Return the class that writes event files. Raises InputError when tensorboardX is not installed."""
+    try:
+        from tensorboardX import SummaryWriter
+    except ImportError:
+        raise InputError(
+            "TensorBoard: its event files are written by tensorboardX: pip install 'swarmwright[tensorboard]'"
+        ) from None
+    return SummaryWriter
 
 
 class TensorBoard(Callback):
@@ -31,14 +42,7 @@ class TensorBoard(Callback):
     def __init__(self, folder: str | PathLike[str], experiment: "Experiment | None" = None) -> None:
         path = path_of("folder", folder, "a folder for event files")
         try:
-            from tensorboardX import SummaryWriter
-        except ImportError:
-            raise InputError(
-                "TensorBoard: its event files are written by tensorboardX: "
-                "pip install 'swarmwright[tensorboard]'"
-            ) from None
-        try:
-            self._writer = SummaryWriter(str(path))
+            self._writer = require_writer()(str(path))
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
         if experiment is not None:

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 from swarmwright import Generation, Run
 from swarmwright.analysis.sweep import Task
 from swarmwright.analysis.sweep.remaining import Status
+from swarmwright.callbacks import TensorBoard
 from swarmwright.cli._observing import ToolObserver
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import check
@@ -20,7 +22,9 @@ class Report(Status):
     reproducible.
     """
 
-    def __init__(self, output: Output, observer: ToolObserver, tasks: Sequence[Task]) -> None:
+    def __init__(
+        self, output: Output, observer: ToolObserver, tasks: Sequence[Task], tensorboard: Path | None = None
+    ) -> None:
         super().__init__(len(tasks))
         self.begin(tasks)
         self._output = output
@@ -28,14 +32,20 @@ class Report(Status):
         self._tasks = list(tasks)
         self._ready: dict[Task, Callable[[], None]] = {}
         self._said = 0
+        self._tensorboard = tensorboard
+        self._writers: dict[Task, TensorBoard] = {}
         self._tick: Callable[[], None] = PlainStatus(output, self).tick
 
     @contextmanager
     def shown(self) -> Iterator[None]:
         """Show how far it is, for the time of a `with` block."""
-        with shown(self._output, self) as status:
-            self._tick = status.tick
-            yield
+        try:
+            with shown(self._output, self) as status:
+                self._tick = status.tick
+                yield
+        finally:
+            for task in list(self._writers):
+                self._close(task)
 
     def found(self, task: Task, run: Run) -> None:
         """Say that a run was finished before."""
@@ -51,12 +61,16 @@ class Report(Status):
         """Tell programs that watch."""
         super().begun(task)
         self._observer.started(task.experiment)
+        if self._tensorboard is not None:
+            self._writers[task] = TensorBoard(self._tensorboard / task.folder.name, task.experiment)
 
     def generation(self, task: Task, generation: Generation) -> None:
         """Tell programs that watch, and show it."""
         check()
         super().generation(task, generation)
         self._observer.generation(generation)
+        if task in self._writers:
+            self._writers[task](generation)
         self._tick()
 
     def evaluating(self, task: Task, done: int, total: int, waiting_for: str) -> None:
@@ -68,17 +82,22 @@ class Report(Status):
         """Say what came out."""
         super().ended(task, run)
         self._observer.ended(run)
+        if task in self._writers:
+            self._writers[task].conclude(run)
+            self._close(task)
         self._say(task, lambda: self._ended(task, run, f"{run.seconds:.1f} s"))
 
     def failed(self, task: Task, message: str) -> None:
         """Say why."""
         super().failed(task, message)
+        self._close(task)
         self._observer.log.write("error", "run_failed", seed=task.seed, message=message)
         self._say(task, lambda: self._failed(task, message))
 
     def busy(self, task: Task) -> None:
         """Say that another process does it."""
         super().busy(task)
+        self._close(task)
         self._say(task, lambda: self._busy(task))
 
     def tick(self) -> None:
@@ -90,6 +109,12 @@ class Report(Status):
         for task in self._tasks[self._said :]:
             if task in self._ready:
                 self._ready.pop(task)()
+
+    def _close(self, task: Task) -> None:
+        """Write what is left for TensorBoard of a run that has ended."""
+        writer = self._writers.pop(task, None)
+        if writer is not None:
+            writer.close()
 
     def _say(self, task: Task, say: Callable[[], None]) -> None:
         self._ready[task] = say

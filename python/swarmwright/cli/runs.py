@@ -1,9 +1,8 @@
 """`swarmwright runs`: run folders."""
 
-import shlex
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +13,11 @@ from swarmwright.cli._parameter_types import ExistingPath, FiniteNumber, OutputF
 from swarmwright.cli._run_filters import COLUMNS, Condition, ConditionType, in_order, selected
 from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
 from swarmwright.core.formatting import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from swarmwright.cli._deletion import Deletion
 
 
 @click.group(
@@ -366,48 +370,49 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     return status
 
 
-@command.command("delete", cls=Command, example="swarmwright runs delete runs/minisim-1 --yes")
+@command.command(
+    "delete",
+    cls=Command,
+    example="swarmwright runs delete runs/minisim-1 --yes\nswarmwright runs delete results/sizes",
+)
 @click.argument("runs", type=ExistingPath(folder=True), nargs=-1, required=True, metavar="RUN...")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
-    """Delete runs.
+    """Delete runs, or sweeps with all of their runs.
 
-    Files that Swarmwright wrote are deleted; a folder with other files stays, with these. The exit status
-    is 1 when the question was answered with no.
+    RUN can be the folder of a sweep: then the runs that its sweep.json names are deleted, damaged ones too,
+    and the files of the sweep. Files that Swarmwright wrote are deleted; a folder with other files stays,
+    with these. The exit status is 1 when the question was answered with no.
     """
-    from swarmwright import Run
-    from swarmwright.runs.folders import remove_run
+    from swarmwright.cli._deletion import Deletion
 
     output = Output(as_json=as_json)
-    for link in runs:
-        if link.is_symlink():
-            raise click.UsageError(
-                f"{link}: is a symbolic link to {link.readlink()}. Name that folder to delete the run, or "
-                f"delete the link alone: rm {shlex.quote(str(link))}. Nothing was deleted."
-            )
-    opened = [Run.open(run) for run in {run.resolve(): run for run in runs}.values()]
-    busy = [run.path for run in opened if run.state == "running"]
-    if busy:
-        raise click.UsageError(f"{busy[0]}: a process works on this run; stop it first. Nothing was deleted.")
-    if not yes:
-        for run in opened:
-            aside(f"{run.path}: {run.evaluations} evaluations, {run.state}")
-        what = "this run" if len(opened) == 1 else f"these {len(opened)} runs"
-        try:
-            confirmed = click.confirm(f"Delete {what} permanently?", err=True)
-        except click.Abort:
-            if sys.stdin.isatty():  # Ctrl-C
-                raise
-            raise click.UsageError(
-                "there is no terminal to confirm on; give --yes. Nothing was deleted."
-            ) from None
-        if not confirmed:
-            aside("Nothing was deleted.")
-            return 1
-    for run in opened:
-        left = remove_run(run.path)
-        output.json({"deleted": str(run.path), "left": left})
-        kept = f"; left there, for it is not Swarmwright's: {', '.join(left)}" if left else ""
-        output.text(f"Deleted {run.path}{kept}")
+    found = [Deletion.of(folder) for folder in {one.resolve(): one for one in runs}.values()]
+    if not yes and not _is_confirmed(found):
+        return 1
+    for one in found:
+        for folder, left in one.delete():
+            output.json({"deleted": str(folder), "left": left})
+            kept = f"; left there, for it is not Swarmwright's: {', '.join(left)}" if left else ""
+            output.text(f"Deleted {folder}{kept}")
     return 0
+
+
+def _is_confirmed(found: "Sequence[Deletion]") -> bool:
+    """Ask whether runs are to be deleted."""
+    for one in found:
+        aside(one.words)
+    runs = sum(len(one.runs) for one in found)
+    what = "this run" if runs == len(found) == 1 else f"these {counted(runs, 'run')}"
+    try:
+        confirmed = click.confirm(f"Delete {what} permanently?", err=True)
+    except click.Abort:
+        if sys.stdin.isatty():  # Ctrl-C
+            raise
+        raise click.UsageError(
+            "there is no terminal to confirm on; give --yes. Nothing was deleted."
+        ) from None
+    if not confirmed:
+        aside("Nothing was deleted.")
+    return confirmed

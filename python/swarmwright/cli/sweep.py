@@ -58,6 +58,12 @@ FAILED = 1
     help="Runs at a time. Default: one for each server that is started, or for each processor with --servers "
     "local; on a broker as many as its servers can serve.",
 )
+@click.option(
+    "--tensorboard",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Write the statistics of each generation for TensorBoard, into a folder of each run in this folder.",
+)
 @observe_options
 @trust_option
 @json_option
@@ -69,6 +75,7 @@ def command(
     out: Path | None,
     servers: Servers | None,
     jobs: int | None,
+    tensorboard: Path | None,
     log: Path | None,
     log_level: str,
     log_size: int | None,
@@ -79,10 +86,11 @@ def command(
 
     Every variant that FILE names is run with every seed, several runs at a time where they do not compete
     for servers. Finished runs are not repeated and interrupted ones are continued: after Ctrl-C, give the
-    same command again. A run that fails does not stop the others: it is named at the end, comparisons leave
+    same command again. To extend a sweep, give FILE more seeds or values, or larger limits (or --set), and
+    give the command again: finished runs go on to the larger limits, and are validated where more is asked
+    for than they have. A run that fails does not stop the others: it is named at the end, comparisons leave
     it out, as `runs compare` does, and the exit status is 1. Several processes, on several machines too, can
-    work on one sweep: each leaves the runs of the others alone. A finished run is validated where FILE or
-    --set ask for more than it has.
+    work on one sweep: each leaves the runs of the others alone. `runs delete` deletes the folder of a sweep.
 
     At the end the variants are compared, by fitness on held-out seeds where all runs were validated and
     fitness depends on the seed, and by recorded fitness. The folder of the runs gets the figure
@@ -104,16 +112,24 @@ def command(
     first = sweep.variants[0].experiment
     broker = experiment_broker(broker, first.broker, servers if servers is not None else first.servers)
     todo = tasks(sweep)
+    longer = 0
     for task in todo:
         with suppress(UnreadableRunError):  # reported among the runs
-            task.found()  # report errors before anything is printed
+            found = task.found()  # report errors before anything is printed
+            longer += found is not None and bool(task.budget_settings(found))
+    if tensorboard is not None:
+        from swarmwright.callbacks._tensorboard import require_writer
+
+        require_writer()
     output.text(
         f"{counted(len(sweep.variants), 'variant')} with {counted(len(sweep.seeds), 'seed')} each: "
         f"{counted(len(todo), 'run')} in {sweep.out}"
     )
+    if longer:
+        output.text(f"{counted(longer, 'run')} had a smaller budget and will continue.")
     try:
         with observed(output, Observing(log, log_level, metrics, log_size)) as observer:
-            report = Report(output, observer, todo)
+            report = Report(output, observer, todo, tensorboard)
             with report.shown():
                 outcome = conduct(sweep, todo, report, jobs=jobs, broker=broker, servers=servers)
             report.conclude()

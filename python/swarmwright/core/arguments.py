@@ -215,9 +215,7 @@ def _each(check: Callable[..., object], names: str, *more: object) -> dict[str, 
 
 
 _CHECKS: Mapping[str, Callable[..., object]] = {
-    **_each(
-        integer, "seed seeds episodes generations evaluations candidates points random jobs at at_episodes"
-    ),
+    **_each(integer, "seed episodes generations evaluations candidates points random jobs at at_episodes"),
     **_each(integer, "candidate generation episode sensors actuators"),
     **_each(number, "seconds speed"),
     **_each(flag, "progress visual trust accept_changed_code pseudo_reality verify force held_out"),

@@ -37,7 +37,7 @@ from swarmwright.optimization.interruption import report_interruption
 from swarmwright.optimization.loop import Loop
 from swarmwright.optimization.memory import check_memory, stored
 from swarmwright.optimization.notebook_progress import shown
-from swarmwright.optimization.resuming import Resumption
+from swarmwright.optimization.resuming import Resumption, prolonged
 from swarmwright.optimization.steady_state import SteadyLoop
 from swarmwright.optimization.strayed import StrayedError
 from swarmwright.optimization.two_simulations import TwoSimulations, open_simulations
@@ -344,6 +344,20 @@ def _continue(
             _hash_seed(experiment, backend),
         )
         _run(experiment, store, loop, backend, on_generation, on_progress)
+
+
+def adopt_budget(folder: Path, settings: Iterable[str]) -> None:
+    """Store a larger budget in a run of which it leaves nothing to evaluate.
+
+    Args:
+        folder: of the run.
+        settings: with its limits, as in `resume`.
+
+    Raises InputError as `resume`.
+    """
+    with StoreWriter.resume(folder.absolute()) as store:
+        run = Run.open(folder)
+        store.replace_experiment(prolonged(run, run.experiment, settings, {}), copy_of(run))
 
 
 def _hash_seed(experiment: Experiment, backend: Backend) -> str | None:

@@ -21,6 +21,10 @@ from swarmwright.runs.validation import is_due
 from swarmwright.store import StoreReader
 
 
+class NothingLeftError(InputError):
+    """A larger budget leaves nothing of a run to evaluate."""
+
+
 @dataclass(frozen=True)
 class Resumption:
     """What a run that is resumed is to become."""
@@ -50,11 +54,11 @@ class Resumption:
 
         Raises InputError for what cannot change.
         """
-        wanted = _prolonged(run, run.experiment, settings, budget)
+        wanted = prolonged(run, run.experiment, settings, budget)
         edited, notes = edits.taken_over(run, wanted)
         if wanted.validate != run.experiment.validate:
             at_end.allow(wanted, run)
-        experiment = _prolonged(run, edited, settings, budget)
+        experiment = prolonged(run, edited, settings, budget)
         return cls(
             experiment,
             notes,
@@ -65,7 +69,7 @@ class Resumption:
         )
 
     def check_goes_on(self, run: Run, ended: Ended | None) -> None:
-        """Raise InputError where a larger budget leaves nothing to evaluate: another limit ends the run.
+        """Raise NothingLeftError where a larger budget leaves nothing to evaluate: another limit ends it.
 
         Args:
             run: that is resumed.
@@ -79,7 +83,7 @@ class Resumption:
             if ended == "target"
             else f"raise that limit as well: --{ended} N"
         )
-        raise InputError(
+        raise NothingLeftError(
             f"{run.path}: with this budget nothing is left to evaluate, since "
             f"{budget.words(ended, run.generations, run.evaluations)}; {how}"
         )
@@ -91,7 +95,7 @@ class Resumption:
         return is_due(self.experiment, self.reader, changed=changed)
 
 
-def _prolonged(
+def prolonged(
     run: Run, experiment: Experiment, settings: Iterable[str], budget: Mapping[str, float | None]
 ) -> Experiment:
     """Return the experiment with which a run goes on: with a larger budget, or evaluated elsewhere.

@@ -17,6 +17,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.modules import is_in_file
 from swarmwright.core.simulation_names import is_python
 from swarmwright.core.yaml import dotted_path
+from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.derived import check_new
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, recorded_experiment
 from swarmwright.experiment.settings import parse_settings
@@ -213,8 +214,13 @@ def _of_run(run: Run, recorded: Experiment, code: _Code) -> Experiment:
                 "different code cannot be compared; move those of one of the two elsewhere"
             )
         simulation = code.copies.setdefault((display_name(simulation), digest), simulation)
+    limits: dict[str, Any] = {limit: getattr(recorded.method, limit) for limit in LIMITS}
     experiment = dataclasses.replace(
-        experiment, simulation=simulation, validate=recorded.validate, seed=recorded.seed
+        experiment,
+        simulation=simulation,
+        method=experiment.method.model_copy(update=limits),
+        validate=recorded.validate,
+        seed=recorded.seed,
     )
     for name, used in zip(_names(recorded), _names(experiment), strict=True):
         code.used.setdefault(name, used)

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -27,6 +27,7 @@ from swarmwright.core.formatting import duration
 from swarmwright.core.html import facts, table
 from swarmwright.core.notebook import Text, in_notebook
 from swarmwright.evaluation.base import Servers
+from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs.metric_curves import Names
 from swarmwright.runs.run import Run
 
@@ -219,8 +220,10 @@ class SweepResult:
 
 @checked
 def sweep(
-    source: str | PathLike[str] | Mapping[str, Any],
+    source: Experiment | str | PathLike[str] | Mapping[str, Any],
+    grid: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
     *,
+    seeds: int | Sequence[int] | None = None,
     jobs: int | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
@@ -230,13 +233,19 @@ def sweep(
     """Run an experiment in every variant and with every seed; return what came out.
 
     A run that is finished is not run again, one that was interrupted goes on: after Ctrl-C, the same call
-    continues. A run that fails does not stop the others; one that another process works on is left to it.
+    continues. More seeds, values or larger limits extend a sweep: finished runs go on to the larger limits. A
+    run that fails does not stop the others; one that another process works on is left to it.
 
     Args:
         source: path of a sweep file; of the sweep.json of a sweep, which is repeated, or completed in its
             folder without `out`; or a mapping with a file's keys: `experiment` (an `Experiment`, a mapping,
             or the path of a file), `grid` (a mapping from keys such as "method.population" to lists of
-            values, or a list of such mappings), `seeds` (how many, or a list; default 5), `out`.
+            values, or a list of such mappings), `seeds` (how many, or a list; default 5), `out`. An
+            `Experiment`, or with `grid` or `seeds` also its mapping or the path of its file, is the
+            experiment.
+        grid: of an experiment: from keys such as "method.population" to lists of values, of which every
+            combination is a variant, or a list of such mappings; default: the experiment alone.
+        seeds: of an experiment: how many, or a list; default 5.
         jobs: runs at a time, in separate processes. Default: one for each processor with servers
             "local", one for each server that is started; on a broker as many as its servers can serve. The
             records do not depend on it. Simulations of a notebook are run one after the other.
@@ -252,6 +261,7 @@ def sweep(
     if jobs is not None and not 1 <= jobs <= _MOST_JOBS:
         raise InputError(f"jobs: must be from 1 to {_MOST_JOBS}, not {jobs}")
     folder = None if out is None else Path(out)
+    source = _with_grid(source, grid, seeds)
     loaded = (
         Sweep.from_mapping(source, out=folder)
         if isinstance(source, Mapping)
@@ -275,6 +285,24 @@ def sweep(
         tuple(run for run in read if run not in outcome.finished),
         tuple(unreadable),
     )
+
+
+def _with_grid(
+    source: Experiment | str | PathLike[str] | Mapping[str, Any],
+    grid: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None,
+    seeds: int | Sequence[int] | None,
+) -> str | PathLike[str] | Mapping[str, Any]:
+    """Return the source of a sweep; an experiment with its grid and seeds as a mapping."""
+    given = {key: value for key, value in (("grid", grid), ("seeds", seeds)) if value is not None}
+    if not isinstance(source, Experiment):
+        if not given:
+            return source
+        if isinstance(source, Mapping) and "experiment" in source:
+            raise InputError(
+                f"{next(iter(given))}: belongs to an experiment, and this source is a sweep, which has a key "
+                "of that name itself"
+            )
+    return {"experiment": source, **given}
 
 
 class _Shown(Status):

@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain, count
@@ -11,16 +11,21 @@ from typing import Any, Self
 
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.variants import Variant
+from swarmwright.analysis.sweep_folders import names_of
 from swarmwright.core.errors import InputError, SwarmwrightError
+from swarmwright.core.files import contents
+from swarmwright.core.json_text import loads
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.evaluation import opening
 from swarmwright.evaluation.base import HERE, Chosen, Progress, Servers, chosen
+from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.document import AUTO, Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.launchers.entries import Entries
 from swarmwright.optimization.generation import OnGeneration
 from swarmwright.optimization.interruption import reported_by_caller
-from swarmwright.optimization.optimize import optimize, resume
+from swarmwright.optimization.optimize import adopt_budget, optimize, resume
+from swarmwright.optimization.resuming import NothingLeftError, prolonged
 from swarmwright.runs.code import changed_code, check_trusted
 from swarmwright.runs.edits import differences
 from swarmwright.runs.run import Run
@@ -28,7 +33,7 @@ from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import is_due
 from swarmwright.simulations import catalogue
 from swarmwright.store import FILE
-from swarmwright.store.folder import check_folder, without_store
+from swarmwright.store.folder import SWEEP, check_folder, without_store
 from swarmwright.store.lock import is_locked
 from swarmwright.supervision.local_servers import LocalServers
 from swarmwright.user_code.copying import display_name
@@ -112,7 +117,15 @@ class Task:
             )
         if run.state == "running":
             raise BusyRunError(self.folder)
-        if run.state != "done" or self.validation_settings(run):
+        budget = self.budget_settings(run)
+        if budget:
+            try:
+                prolonged(run, run.experiment, budget, {})
+            except InputError as error:
+                raise InputError(
+                    f"{self.folder}: {error}; name another folder for the results (out)"
+                ) from error
+        if run.state != "done" or self.settings(run):
             check_trusted(run)  # workers, which continue it, cannot ask
         return run
 
@@ -123,7 +136,21 @@ class Task:
         """
         if run.interrupted or run.validation_is_due or run.transfer_is_due:
             return False
-        return not self.validation_settings(run)
+        return not self.settings(run)
+
+    def settings(self, run: Run) -> list[str]:
+        """Return the settings with which the run that is there goes on to be what the sweep asks for."""
+        return [*self.budget_settings(run), *self.validation_settings(run)]
+
+    def budget_settings(self, run: Run) -> list[str]:
+        """Return the settings with which the run that is there goes on to the limits of the sweep.
+
+        Empty where it has these.
+        """
+        wanted, has = vars(self.experiment.budget), vars(run.experiment.budget)
+        return [
+            f"method.{limit}={json.dumps(wanted[limit])}" for limit in LIMITS if wanted[limit] != has[limit]
+        ]
 
     def validation_settings(self, run: Run) -> list[str]:
         """Return the settings with which the run that is there goes on to have the sweep's `validate`.
@@ -132,9 +159,12 @@ class Task:
         a validation is not replaced by one with fewer episodes or candidates: the larger numbers are taken.
         """
         wanted, has = self.experiment.validate, run.experiment.validate
-        if wanted == has or run.state == "stopped":
+        goes_on = bool(self.budget_settings(run))
+        if wanted == has or (run.state == "stopped" and not goes_on):
             return []
-        if not run.interrupted:
+        if goes_on:
+            wanted = _no_smaller(wanted, run)
+        elif not run.interrupted:
             more = _asks_for_more(wanted, run)
             wanted = _no_smaller(wanted, run)
             asked = dataclasses.replace(run.experiment, validate=wanted)
@@ -178,6 +208,56 @@ def _no_smaller(wanted: Validate, run: Run) -> Validate:
     )
 
 
+def _with_longer_runs(sweep: Sweep, folders: Sequence[str]) -> list[str]:
+    """Return folders of variants, with those of runs that a variant without any goes on with.
+
+    Where the sweep file was edited to have larger limits, the folders of its runs are named after the smaller
+    ones.
+
+    folders: of each variant, without the seed.
+    """
+    new = [not any((sweep.out / f"{one}-{seed}" / FILE).exists() for seed in sweep.seeds) for one in folders]
+    found = _shorter_runs(sweep, set(folders)) if any(new) else []
+    chosen = list(folders)
+    for place, variant in enumerate(sweep.variants):
+        for one in found if new[place] else ():
+            name, experiment = one
+            if comparable(experiment) == {**comparable(variant.experiment), "seed": experiment.seed} and all(
+                limit is None or (before is not None and limit >= before)
+                for limit, before in zip(
+                    vars(variant.experiment.budget).values(), vars(experiment.budget).values(), strict=True
+                )
+            ):
+                chosen[place] = name
+                found.remove(one)
+                break
+    return chosen
+
+
+def _shorter_runs(sweep: Sweep, taken: Collection[str]) -> list[tuple[str, Experiment]]:
+    """Return folders, without the seed, that an earlier version of the sweep file made, and what they hold.
+
+    taken: folders of variants, which are left out.
+    """
+    file = sweep.out / SWEEP
+    found = []
+    # Without a file or record, or with a damaged one, nothing says that the runs are of the same sweep.
+    with suppress(InputError, ValueError, KeyError, TypeError):
+        if sweep.file is None or not file.is_file():
+            return []
+        recorded = loads(contents(file))
+        if recorded["file"] != str(sweep.file):
+            return []
+        for one in recorded["variants"]:
+            seeds = zip(names_of(one["runs"]), recorded["seeds"], strict=True)
+            for folder, seed in seeds:
+                name = folder.removesuffix(f"-{seed}")
+                if name not in taken and (sweep.out / folder / FILE).exists():
+                    found.append((name, Run.open(sweep.out / folder).experiment))
+                    break
+    return found
+
+
 def tasks(sweep: Sweep) -> list[Task]:
     """Return all runs: every variant with the first seed, then with the next one.
 
@@ -185,7 +265,7 @@ def tasks(sweep: Sweep) -> list[Task]:
     """
     alike = {_identity(one.experiment): one.alike for one in sweep.variants if one.alike}
     there = {name: _existing_folders(sweep, name, alike) for name in set(alike.values())}
-    folders = [_folder(variant, there) for variant in sweep.variants]
+    folders = _with_longer_runs(sweep, [_folder(variant, there) for variant in sweep.variants])
     return [
         Task(variant, seed, sweep.out / f"{folder}-{seed}")
         for seed in sweep.seeds
@@ -225,12 +305,13 @@ def _existing_folders(sweep: Sweep, name: str, identities: Collection[str]) -> d
 
 
 def _identity(experiment: Experiment) -> str:
-    """Return what has to be the same in runs of a variant, as text."""
-    return json.dumps({**comparable(experiment), "seed": None}, sort_keys=True)
+    """Return what tells the runs of a variant from those of others, as text."""
+    values = {**comparable(experiment), "seed": None, "budget": vars(experiment.budget)}
+    return json.dumps(values, sort_keys=True)
 
 
 def comparable(experiment: Experiment) -> dict[str, Any]:
-    """Return the keys of an experiment that have to be the same in a run of it."""
+    """Return the keys of an experiment that have to be the same in a run of it: all but the limits."""
     values: dict[str, Any] = {
         key: value for key, value in experiment.to_mapping().items() if key not in _IRRELEVANT_KEYS
     }
@@ -246,6 +327,7 @@ def comparable(experiment: Experiment) -> dict[str, Any]:
         kind = SimulationName.parse(display_name(values[key]["kind"]))
         if kind.file is not None:  # likewise
             values[key] = {**values[key], "kind": kind.in_file(kind.file.name)}
+    values["method"] = {key: value for key, value in values["method"].items() if key not in LIMITS}
     found: dict[str, Any] = json.loads(json.dumps(values, default=str))  # tuples are lists
     return found
 
@@ -353,10 +435,19 @@ class Executor:
             found = task.found()
             with reported_by_caller():
                 if found is not None:
-                    settings = task.validation_settings(found)
-                    return resume(task.folder, on_generation, settings=settings, **where)
+                    return _go_on(task, found, on_generation, where)
                 return optimize(task.experiment, on_generation, out=task.folder, **where)
         except InputError as error:
             if is_locked(task.folder):  # another process began it in the meantime
                 raise BusyRunError(task.folder) from error
             raise
+
+
+def _go_on(task: Task, run: Run, on_generation: OnGeneration | None, where: Mapping[str, Any]) -> Run:
+    """Do what is left of a run; see `Executor.run`. A larger budget may leave nothing but what it is."""
+    try:
+        return resume(task.folder, on_generation, settings=task.settings(run), **where)
+    except NothingLeftError:
+        adopt_budget(task.folder, task.budget_settings(run))
+    now = Run.open(task.folder)
+    return resume(task.folder, on_generation, settings=task.settings(now), **where)

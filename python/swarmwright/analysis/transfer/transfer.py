@@ -10,7 +10,7 @@ from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.significance import FEW_RUNS
 from swarmwright.analysis.tasks import by_task, different_tasks, untested
 from swarmwright.analysis.transfer.result import Transfer
-from swarmwright.core.arguments import checked, listed, text
+from swarmwright.core.arguments import checked, integer, listed, text
 from swarmwright.core.errors import InputError
 from swarmwright.core.formatting import counted
 from swarmwright.evaluation.base import Progress, Servers
@@ -78,6 +78,7 @@ def transfer(
     listed("runs", runs, "run folders")
     listed("to", to, "simulations or files of them")
     to = [text("to", one, "a list of names of simulations, or of files of them") for one in to]
+    seeds = integer("seeds", seeds)
     opened = [run_of(run) for run in runs]
     if not opened:
         raise InputError("there are no runs to transfer; name run folders such as runs/minisim-1")
