@@ -11,6 +11,8 @@ import io
 import json
 import math
 import os
+import re
+import shutil
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -25,6 +27,12 @@ if TYPE_CHECKING:
 STDOUT = "standard output"
 """Named in errors."""
 _STDOUT = 1
+_NARROWEST = 20
+"""Columns of a terminal below which lines are not broken between words."""
+_PARTS = re.compile("`[^`]*`| +|[^ `]+|`")
+"""Text in backticks, spaces, words."""
+_COMMAND = re.compile(r" +(\S*/)?(swarmwright |python\S* -m swarmwright )")
+"""An indented line that is a command: see `program` in `_evolving`."""
 _results: TextIO | None = None
 """Standard output, while what other code prints goes to standard error."""
 
@@ -180,9 +188,63 @@ def document(text: str) -> None:
     stream.flush()
 
 
-def _print(lines: Sequence[str], *, errors: bool = False) -> None:
+def wrapped(line: str, width: int) -> list[str]:
+    """Return a line as lines of at most so many columns, broken between words; all but the first indented.
+
+    Rows of tables are broken between columns where that is possible in their right half. Commands are not
+    broken, so that they can be copied: a line that is an indented command, and text in `backticks`. What
+    has no place for a break is left to the terminal.
+    """
+    if len(line) <= width or width < _NARROWEST or _COMMAND.match(line):
+        return [line]
+    text = line.lstrip(" ")
+    indent = " " * (len(line) - len(text))
+    found: list[str] = []
+    row: list[tuple[str, str]] = []  # the gap before each word, and the word
+    length = 0
+    for gap, word in _words(text):
+        row.append((gap if row else indent, word))
+        length += len(row[-1][0]) + len(word)
+        if length > width and len(row) > 1:
+            place = _break(row, width)
+            found.append("".join(map("".join, row[:place])))
+            row = [(f"{indent}  ", row[place][1]), *row[place + 1 :]]
+            length = sum(len(before) + len(one) for before, one in row)
+    return [*found, "".join(map("".join, row)).rstrip()]
+
+
+def _words(text: str) -> Iterator[tuple[str, str]]:
+    """Yield the words of a text with the spaces before each; text in backticks belongs to one word."""
+    gap, word = "", ""
+    for part in _PARTS.findall(text):
+        if part[0] != " ":
+            word += part
+            continue
+        yield gap, word
+        gap, word = part, ""
+    yield gap, word
+
+
+def _break(row: Sequence[tuple[str, str]], width: int) -> int:
+    """Return the word before which a row is broken: at the last column in its right half, if there is one."""
+    place, columns = 0, []
+    for number, (gap, word) in enumerate(row):
+        if number and len(gap) > 1 and width // 2 < place <= width:
+            columns.append(number)
+        place += len(gap) + len(word)
+    return columns[-1] if columns else len(row) - 1
+
+
+def _print(lines: Sequence[str], *, errors: bool = False, whole: bool = False) -> None:
+    """Print lines, on a terminal broken between words.
+
+    errors: on standard error. whole: for programs, which get lines unbroken.
+    """
     # Looked up each time: while a progress bar is shown, both are redirected above it.
     stream: TextIO = sys.stderr if errors else results()
+    if not whole and stream.isatty():
+        width = shutil.get_terminal_size().columns
+        lines = [part for line in lines for part in wrapped(line, width)]
     try:
         stream.write("".join(f"{line}\n" for line in lines))
         stream.flush()
@@ -233,7 +295,7 @@ class Output:
     def cells(self, row: Sequence[str]) -> None:
         """Print a row of a table for other programs, divided by tabs."""
         if not self.as_json:
-            _print(["\t".join(map(untrusted.one_line, row))])
+            _print(["\t".join(map(untrusted.one_line, row))], whole=True)
 
     @staticmethod
     def status(text: str) -> None:
@@ -250,7 +312,7 @@ class Output:
         """Print an object for machines, at once."""
         if self.as_json:
             encoded = json.dumps(finite(record), allow_nan=False, ensure_ascii=not self.unicode)
-            _print([untrusted.in_json(encoded)])
+            _print([untrusted.in_json(encoded)], whole=True)
 
     def console(self) -> "Console":
         """A rich console on standard output; it reads NO_COLOR and the terminal's width itself.
