@@ -6,6 +6,7 @@ A machine: `--fsm-config --nstates 2 --s0 4 --att0 5 ..`. A tree, as AutoMoDe-Ma
 
 import shlex
 from collections.abc import Sequence
+from itertools import takewhile
 from typing import Any
 
 from swarmwright.core.errors import InputError
@@ -23,6 +24,8 @@ from swarmwright.core.modules import (
 _SHORT_NAMES = {"exploration": "rwm", "attraction": "att", "repulsion": "rep"}
 """What AutoMoDe calls the parameters of behaviours."""
 _MACHINE, _TREE = "--fsm-config", "--bt-config"
+_SHELL = ("|", ">", "&", ";")
+"""What begins the words that end a program's arguments in a shell."""
 _NODES = {
     0: "a selector", 1: "a selector with memory", 2: "a sequence", 3: "a sequence with memory",
     4: "a negation", 5: "an action", 6: "a condition",
@@ -173,10 +176,13 @@ def _words(text: str) -> list[str]:
 def _parameters_of(text: str, option: str) -> list[str]:
     """Return the parameters behind an option of AutoMoDe's programs, or all words where it is not there.
 
-    What stands before the option, `automode_main -c mission.argos --seed 3`, describes the experiment.
+    What stands before the option, `automode_main -c mission.argos --seed 3`, describes the experiment; what
+    stands behind a word such as `|` or `>` is the shell's.
     """
     words = _words(text)
-    return words[words.index(option) + 1 :] if option in words else words
+    if option in words:
+        words = words[words.index(option) + 1 :]
+    return list(takewhile(lambda word: not word.startswith(_SHELL), words))
 
 
 class _Values:

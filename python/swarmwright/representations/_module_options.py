@@ -19,7 +19,7 @@ _BUILT_IN = frozenset({*modules.BEHAVIOURS, *modules.CONDITIONS})
 
 def _placed(machine: object, problem: str) -> str:
     """Return what is wrong with a machine, with its line where it is in a file."""
-    if not isinstance(machine, str) or machine.lstrip().startswith("--"):
+    if not isinstance(machine, str) or is_command_line(machine):
         return problem
     place, _, reason = problem.partition(": ")
     return read(Path(machine)).place(path_of(place.removeprefix("machine."))) + reason

@@ -39,6 +39,7 @@ def test_machines_in_automodes_form() -> None:
         "./automode_main -n -c my-missions/aac.argos --seed 1234 -t 12 --fsm-config {}\n",
         "automode_main \\\n  -c 'a mission.argos' \\\n  --fsm-config \\\n  {}",
         '--fsm-config "{}"',
+        "automode_main -c mission.argos --fsm-config {} | sed '/STOP/d' > scores.txt",
     ],
 )
 def test_whole_command_lines_of_automode_are_read(line: str, tmp_path: Path) -> None:
@@ -66,6 +67,14 @@ def test_whole_command_lines_of_automode_are_read(line: str, tmp_path: Path) -> 
         ("--nstates 1 --s0 x", "--s0: 'x' found, expected a number"),
         ("--nstates 1 --s0 1 --s1 1", "--s1: is not a part of this machine"),
         ("--nstates 2 --s0 1 --s1 1 --n0 1 --n0x0 0 --c0x0 5 --p0x0 2", "probability: 2.0 found"),
+        (
+            "automode_main -c a.argos --fsm-config --nstates 1 --s0 2 --brd0 0",
+            "machine: --brd0: is not a part",
+        ),
+        (
+            "automode_main --fsm-config --nstates 1 --s0 0 --rwm0 0",
+            "states[0].rwm: 0 found, expected an integer",
+        ),
         ("--bt-config --nroot 3 --nchildroot 1", "AutoMoDe's --bt-config describes a tree; set form: tree"),
     ],
 )
