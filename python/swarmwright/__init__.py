@@ -36,6 +36,7 @@ Overview:
     Run, Controller             results: record, plots, replays; a callable controller
     transfer                    what candidates lose in other simulations
     sweep, compare              variants with several seeds, and statistical tests
+    compare_controllers         two controllers in the same episodes
     export_controller           a controller as C, C++, Python, MicroPython or ONNX, for robots
     export_bundle, verify_bundle  an archive to hand over, with proof; its check
     evaluate, simulate, repeat  the fitness of given genomes; one episode; one evaluation again
@@ -83,6 +84,7 @@ if TYPE_CHECKING:
     )
     from swarmwright.adapters.command import CommandSimulation
     from swarmwright.analysis.comparison import Comparison, compare
+    from swarmwright.analysis.paired import ControllerComparison, compare_controllers
     from swarmwright.analysis.sweep.result import SweepResult, sweep
     from swarmwright.analysis.transfer.result import Transfer
     from swarmwright.analysis.transfer.transfer import transfer
@@ -115,6 +117,7 @@ __all__ = [
     "CommandSimulation",
     "Comparison",
     "Controller",
+    "ControllerComparison",
     "ControllerEvaluation",
     "Episodes",
     "EvaluatedEpisodes",
@@ -140,6 +143,7 @@ __all__ = [
     "__version__",
     "callbacks",
     "compare",
+    "compare_controllers",
     "display",
     "environments",
     "evaluate",
@@ -172,6 +176,7 @@ _LAZY = {
     "CommandSimulation": "adapters.command",
     "Comparison": "analysis.comparison",
     "Controller": "representations.controller",
+    "ControllerComparison": "analysis.paired",
     "Episodes": "evaluation.episodes",
     "EvaluatedEpisodes": "evaluation.evaluate",
     "Experiment": "experiment.experiment",
@@ -190,6 +195,7 @@ _LAZY = {
     "Transfer": "analysis.transfer.result",
     "Validation": "runs.validation",
     "compare": "analysis.comparison",
+    "compare_controllers": "analysis.paired",
     "evaluate": "evaluation.evaluate",
     "evaluate_episodes": "evaluation.evaluate",
     "export_bundle": "export.bundle",

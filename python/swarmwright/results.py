@@ -15,7 +15,7 @@ from swarmwright.analysis.comparison import Pair, Task
 from swarmwright.analysis.groups import RunGroup
 from swarmwright.analysis.indicators import Indicator
 from swarmwright.analysis.left_out import LeftOut
-from swarmwright.analysis.significance import Difference, Kruskal
+from swarmwright.analysis.significance import Difference, Kruskal, SignedRank
 from swarmwright.analysis.sweep.result import Failure
 from swarmwright.analysis.transfer.result import GroupLoss, GroupPair, GroupTask
 from swarmwright.core.correlation import Correlation
@@ -67,6 +67,7 @@ __all__ = [
     "RunGroup",
     "Sequences",
     "Session",
+    "SignedRank",
     "Subject",
     "Summary",
     "Task",

@@ -12,7 +12,7 @@ from swarmwright.core.suggestions import unknown
 SECTIONS: dict[str, tuple[str, ...]] = {
     "Start": ("new", "import", "simulate", "schema"),
     "Run": ("optimize", "resume", "sweep"),
-    "Analyse": ("runs", "plot", "replay", "draw", "evaluate", "transfer", "score"),
+    "Analyse": ("runs", "plot", "replay", "draw", "evaluate", "compare", "transfer", "score"),
     "Deploy": ("export", "verify", "export-fmu", "couple"),
     "Servers": ("serve", "servers", "broker", "conformance"),
 }

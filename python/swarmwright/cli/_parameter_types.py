@@ -118,6 +118,22 @@ class ExistingPath(click.ParamType[Path]):
         return f", {self.for_experiment.replace('FILE', shlex.quote(str(file))).replace('PAGE', page)}"
 
 
+class ControllerOrCandidate(click.ParamType[str]):
+    """A file with a controller, the folder of a run, or a candidate of it, `RUN:GENERATION:CANDIDATE`."""
+
+    name = "controller"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """What was given, if the file or folder is there."""
+        run, *numbers = value.rsplit(":", 2)
+        if len(numbers) == 2 and not Path(value).exists():
+            ExistingPath(folder=True).convert(run, param, ctx)
+            CandidateId().convert(":".join(numbers), param, ctx)
+        else:
+            ExistingPath(folder=None).convert(value, param, ctx)
+        return value
+
+
 class OutputFile(click.ParamType[Path]):
     """A file to be written later, checked as far as possible before the work whose results it gets."""
 

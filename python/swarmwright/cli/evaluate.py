@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from swarmwright.core.statistics import Estimate
 
 
-_NOT_EVALUATED = (
+NOT_EVALUATED = (
     "it does not say how a candidate is evaluated; parameters, fitness, ranking and where it is evaluated "
     "can be set"
 )
@@ -132,7 +132,7 @@ def command(
     depends on the seed, report this fitness: the recorded one is biased upwards by selection.
 
     With --controller, that controller is evaluated instead, in the simulation of RUN or of an experiment
-    file.
+    file. `swarmwright compare` compares two controllers in the same episodes.
 
     With --curve, the best candidates of several generations are evaluated: fitness on held-out seeds falls
     where evolution adapts to the seeds that it uses.
@@ -179,12 +179,12 @@ def command(
         )
     opened = Run.open(run)
     again = episodes is None and seed is None and curve is None
-    only = ELSEWHERE - {"validate"} if again else _evaluated()
+    only = ELSEWHERE - {"validate"} if again else settable()
     reason = (
         "--set changes the conditions, so that the result cannot be compared with the record; add "
         "--episodes N"
         if again
-        else _NOT_EVALUATED
+        else NOT_EVALUATED
     )
     used = used_for(opened, opened.evaluation(candidate, generation).generation, simulation)
     refuse_seed(settings)
@@ -299,7 +299,7 @@ def _of_controller(
     if run.is_dir():
         opened = Run.open(run)
         used = used_for(opened)
-        experiment = used.with_settings(settings, only=_evaluated(), reason=_NOT_EVALUATED)
+        experiment = used.with_settings(settings, only=settable(), reason=NOT_EVALUATED)
     else:
         opened, experiment = None, experiment_of(run, settings)
     broker = experiment_broker(
@@ -325,7 +325,7 @@ def _names(text: str | None) -> list[str] | Literal["all"]:
     return [] if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
-def _evaluated() -> frozenset[str]:
+def settable() -> frozenset[str]:
     """Return the keys of an experiment that can be set where other episodes are evaluated."""
     from swarmwright.experiment.experiment import ELSEWHERE
 

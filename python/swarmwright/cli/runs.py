@@ -255,7 +255,8 @@ def compare(
     reference point and offset are printed. RUN can be the folder of a sweep: then its runs are compared.
     Files among the runs, which a pattern such as results/* also names, are ignored. Runs that have not
     finished, have no generation, are damaged or are missing in a sweep do not count: they are named, tables
-    have their number, and the exit status is 1. `swarmwright plot` draws it as well.
+    have their number, and the exit status is 1. `swarmwright plot` draws it as well. `swarmwright compare`
+    compares two controllers instead, `swarmwright evaluate --controller` evaluates a single one.
     """
     from swarmwright.analysis import table_files
     from swarmwright.cli._comparison import Compared, show_comparison

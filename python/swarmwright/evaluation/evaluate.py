@@ -330,16 +330,21 @@ def _rows(genomes: ArrayLike) -> NDArray[np.float32]:
     return rows
 
 
-def check_fit(controller: Controller, sensors: int, actuators: int, simulation: str) -> None:
-    """Raise InputError unless a controller fits a simulation, whose agents have these sizes."""
+def check_fit(
+    controller: Controller, sensors: int, actuators: int, simulation: str, place: str = "controller"
+) -> None:
+    """Raise InputError unless a controller fits a simulation, whose agents have these sizes.
+
+    place: what the message calls the controller.
+    """
     if controller.parameters:
         if catalogue.is_described(simulation):
             for name, message in unknown(simulation, controller.parameters):
-                raise InputError(f"controller: {name}: {message}")
+                raise InputError(f"{place}: {name}: {message}")
         return
     if (controller.sensors, controller.actuators) != (sensors, actuators):
         raise InputError(
-            f"controller: has {controller.sensors} sensors and {controller.actuators} actuators; "
+            f"{place}: has {controller.sensors} sensors and {controller.actuators} actuators; "
             f"{simulation} has {sensors} and {actuators}"
         )
 

@@ -1,7 +1,8 @@
 """Post-evaluation: the fitness of a candidate, or of any controller, in episodes with held-out seeds."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from operator import index
@@ -21,7 +22,8 @@ from swarmwright.core.statistics import Estimate, estimate, quantile
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, Servers
 from swarmwright.evaluation.code_failures import failed
 from swarmwright.evaluation.metrics import asked_for
-from swarmwright.evaluation.opening import open_backend
+from swarmwright.evaluation.module_code import is_in_python
+from swarmwright.evaluation.opening import open_backend, open_once
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.rankings import Ranking
 from swarmwright.representations.controller import Controller
@@ -422,32 +424,87 @@ def _of_controller(
     given: Controller | str | PathLike[str], experiment: Experiment, where: Where, used: set[int]
 ) -> ControllerEvaluation:
     """Evaluate a controller from elsewhere. used: seeds that are not taken unless they are asked for."""
+    controller = given if isinstance(given, Controller) else Controller.load(given)
+    return of_controllers({"controller": controller}, experiment, where, used)[0]
+
+
+def of_controllers(
+    controllers: Mapping[str, Controller],
+    experiment: Experiment,
+    where: Where,
+    used: set[int],
+    *,
+    may_fail: bool = False,
+) -> list[ControllerEvaluation]:
+    """Evaluate controllers of any kinds in the same episodes, one after the other.
+
+    Args:
+        controllers: by what messages call them.
+        experiment: whose simulation, fitness and ranking.
+        where: in which episodes, and where.
+        used: seeds that are not taken unless they are asked for.
+        may_fail: whether a controller may fail in every episode.
+
+    Raises as `post_evaluate`, before the first episode where a controller does not fit.
+    """
     from swarmwright.evaluation.evaluate import check_fit  # noqa: PLC0415 - takes long, not for reading runs
 
-    controller = given if isinstance(given, Controller) else Controller.load(given)
     seeds = where.seeds(experiment, used)
     where.check(experiment)
-    specification = controller.specification
-    with open_backend(
-        experiment,
-        broker=where.broker,
-        servers=where.servers,
-        most=len(seeds),
-        metrics=asked_for(experiment, where.metrics),
-        controller=specification,
-    ) as backend:
-        check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
-        weights = np.array([specification["weights"]], dtype=np.float32)
-        results = _results(
-            backend, Controllers(specification, weights), seeds, where.on_progress, may_fail=False
-        )
-        names = backend.metrics
-    return ControllerEvaluation(
-        seeds=seeds,
-        episodes=results.fitness[0] + 0.0,
-        ranking=experiment.new_ranking(),
-        metrics=dict(zip(names, results.metrics[0].T + 0.0, strict=True)),
-    )
+    total = len(controllers) * len(seeds)
+    found: list[ControllerEvaluation] = []
+    with _servers_for(controllers.values(), experiment, where, total) as (broker, servers):
+        for name, controller in controllers.items():
+            specification = controller.specification
+            with open_backend(
+                experiment,
+                broker=broker,
+                servers=servers,
+                most=len(seeds),
+                metrics=asked_for(experiment, where.metrics),
+                controller=specification,
+            ) as backend:
+                for place, one in controllers.items():
+                    check_fit(one, backend.sensors, backend.actuators, experiment.simulation, place)
+                weights = np.array([specification["weights"]], dtype=np.float32)
+                results = _results(
+                    backend,
+                    Controllers(specification, weights),
+                    seeds,
+                    _part(where.on_progress, len(found) * len(seeds), total),
+                    may_fail=may_fail,
+                    whose="" if len(controllers) == 1 else f"{name}: ",
+                )
+                names = backend.metrics
+            found.append(
+                ControllerEvaluation(
+                    seeds=seeds,
+                    episodes=results.fitness[0] + 0.0,
+                    ranking=experiment.new_ranking(),
+                    metrics=dict(zip(names, results.metrics[0].T + 0.0, strict=True)),
+                )
+            )
+    return found
+
+
+@contextmanager
+def _servers_for(
+    controllers: Collection[Controller], experiment: Experiment, where: Where, most: int
+) -> Iterator[tuple[str | None, Servers | None]]:
+    """Start servers once for several controllers; yield broker and servers as `open_once` does."""
+    # Servers are started with the modules in Python of the controllers that they get.
+    if len(controllers) == 1 or any(is_in_python(one.specification) for one in controllers):
+        yield where.broker, where.servers
+        return
+    with open_once(experiment, where.broker, where.servers, most=most) as opened:
+        yield opened
+
+
+def _part(on_progress: Progress | None, before: int, total: int) -> Progress | None:
+    """Return the progress of a part of all episodes. before: episodes of the parts before it."""
+    if on_progress is None:
+        return None
+    return lambda done, _total, waiting_for: on_progress(before + done, total, waiting_for)
 
 
 def unseen_seeds(first: int, used: set[int], count: int, begin: int | None = None) -> list[int]:
@@ -494,12 +551,16 @@ def _results(
     on_progress: Progress | None,
     *,
     may_fail: bool,
+    whose: str = "",
 ) -> Results:
-    """Return the results of controllers in an episode of each seed; raises as `evaluated`."""
+    """Return the results of controllers in an episode of each seed; raises as `evaluated`.
+
+    whose: begins the message when every episode failed.
+    """
     backend.post_evaluates()
     results = backend.evaluate(controllers, seeds, on_progress or (lambda *_: None))
     if not (may_fail or np.isfinite(results.fitness).any()):
-        words = "every episode failed; the last reason: "
+        words = f"{whose}every episode failed; the last reason: "
         raise failed(words, results.journal.errors, backend.failure_of, unknown="not known")
     return results
 

@@ -135,12 +135,12 @@ class Validation:
         `ranking.failed` is no number, so that they cannot be compared one by one.
         """
         ahead, best = self.leading, self.best
-        return None if ahead is best else _gain(ahead, best, of=len(self.candidates) - 1)
+        return None if ahead is best else gain_of(ahead, best, of=len(self.candidates) - 1)
 
     @property
     def gain(self) -> Estimate | None:
         """How much `best` is better than `start`, of the same episodes; None without it, or as for `lead`."""
-        return None if self.start is None else _gain(self.best, self.start)
+        return None if self.start is None else gain_of(self.best, self.start)
 
     @property
     def seeds(self) -> list[int]:
@@ -174,7 +174,7 @@ class Validation:
         write_text(path, "\n".join([*lines, ""]))
 
 
-def _gain(one: ControllerEvaluation, other: ControllerEvaluation, of: int = 1) -> Estimate | None:
+def gain_of(one: ControllerEvaluation, other: ControllerEvaluation, of: int = 1) -> Estimate | None:
     """Return how much one is better than another in the same episodes; None where one does not count.
 
     of: intervals that are looked at together.

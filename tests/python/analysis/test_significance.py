@@ -1,6 +1,6 @@
 """The tests against their definitions, against SciPy, and on what they must not choke on."""
 
-from itertools import combinations, permutations
+from itertools import combinations, permutations, product
 from math import comb, inf, nan
 from typing import Any
 
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmwright.analysis.significance import difference, holm, kruskal_wallis, mann_whitney
+from swarmwright.analysis.significance import difference, holm, kruskal_wallis, mann_whitney, signed_rank
 
 Values = st.lists(st.integers(-5, 5).map(float), min_size=1, max_size=6).map(np.array)
 
@@ -203,3 +203,49 @@ def test_holm() -> None:
     assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert holm([0.9, 0.8]) == [1.0, 1.0]
     assert holm([]) == []
+
+
+@given(st.lists(st.integers(-3, 3).map(float), min_size=1, max_size=9).map(np.array))
+def test_the_signed_rank_test_counts_all_signs(differences: np.ndarray) -> None:
+    from scipy.stats import rankdata
+
+    found = signed_rank(differences)
+    apart = differences[differences != 0]
+    assert (found.better, found.worse) == ((differences > 0).sum(), (differences < 0).sum())
+    assert found.equal == len(differences) - len(apart)
+    if not len(apart):
+        assert (found.p, found.effect) == (1.0, 0.0)
+        return
+    ranks = rankdata(np.abs(apart))
+    assert found.w == ranks[apart > 0].sum()
+    assert found.effect == pytest.approx(np.sum(ranks * np.sign(apart)) / ranks.sum())
+    seen = abs(found.w - ranks.sum() / 2)
+    sums = [sum(rank for rank, one in zip(ranks, signs, strict=True) if one)
+            for signs in product([0, 1], repeat=len(ranks))]  # fmt: skip
+    extreme = sum(abs(one - ranks.sum() / 2) >= seen - 1e-9 for one in sums)
+    assert found.p == pytest.approx(extreme / len(sums))
+    assert found.least <= found.p
+
+
+@pytest.mark.parametrize("count", [12, 60, 300])
+def test_without_ties_the_signed_rank_test_is_scipys_exact_one(count: int) -> None:
+    from scipy import stats
+
+    differences = np.random.default_rng(count).normal(0.1, 1, count)
+    found = signed_rank(differences)
+    assert found.method == "exact"
+    assert found.p == pytest.approx(float(stats.wilcoxon(differences, method="exact").pvalue), rel=1e-9)
+
+
+def test_the_signed_rank_test_of_many_pairs_is_approximated() -> None:
+    differences = np.random.default_rng(3).integers(-4, 6, 700).astype(float)
+    many, fewer = signed_rank(differences), signed_rank(differences[:520])
+    assert many.method == "normal approximation"
+    assert fewer.method == "exact", "pairs without a difference do not count"
+    assert many.p < 1e-3
+
+
+def test_the_signed_rank_test_of_thousands_of_pairs_is_not_slow_or_infinite() -> None:
+    found = signed_rank(np.random.default_rng(4).normal(1e300, 1e300, 20_000))
+    assert found.p < 1e-4
+    assert 0 < found.effect < 1

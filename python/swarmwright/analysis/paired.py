@@ -1,0 +1,479 @@
+"""Comparison of two controllers in the same episodes."""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, SupportsIndex
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.analysis.groups import flattened_of
+from swarmwright.analysis.significance import LEVEL, SignedRank, signed_rank
+from swarmwright.analysis.table import columns, number
+from swarmwright.analysis.table_files import CSV, check
+from swarmwright.core.arguments import checked, path_of
+from swarmwright.core.by_value import ComparedByValue
+from swarmwright.core.errors import InputError
+from swarmwright.core.files import write_text
+from swarmwright.core.formatting import counted, p_value
+from swarmwright.core.html import preformatted
+from swarmwright.core.problems import shown
+from swarmwright.core.statistics import Estimate, estimate
+from swarmwright.core.untrusted import one_line
+from swarmwright.evaluation.base import Progress, Servers
+from swarmwright.experiment.experiment import Experiment, experiment_of
+from swarmwright.representations.controller import Controller
+from swarmwright.runs.choice import choose
+from swarmwright.runs.code import used_for
+from swarmwright.runs.post_evaluation import EPISODES, ControllerEvaluation, Where, of_controllers
+from swarmwright.runs.run import Run
+from swarmwright.runs.validation import gain_of
+from swarmwright.store.database import FILE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Values = NDArray[np.float64]
+
+_CANDIDATE = re.compile(r"(.+):(\d{1,18}):(\d{1,18})")
+"""A candidate of a run, RUN:GENERATION:CANDIDATE."""
+_CONDITIONS = ("simulation", "parameters", "fitness", "code.simulation")
+"""Keys of an experiment that decide what an episode is and what its fitness is."""
+_NAMED = 6
+"""Seeds, or keys of experiments, that a note names."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
+class ControllerComparison(ComparedByValue):
+    """Two controllers in the same episodes; made by `swarmwright.compare_controllers`.
+
+    `print(result)` shows it as text, `figure()` as a picture, `to_mapping()` as plain values, and
+    `export(path)` writes every episode. Fitness is in the units of the simulation, more is better.
+    """
+
+    names: tuple[str, str]
+    """What the controllers are called: as they were given, or A and B."""
+    first: ControllerEvaluation
+    second: ControllerEvaluation
+    """With the same seeds."""
+    experiment: Experiment = field(compare=False)
+    """In which both were evaluated."""
+    held_out: bool
+    """Whether the seeds were chosen so that the evolution of neither run had used them."""
+    notes: tuple[str, ...] = ()
+    """Caveats of what was compared, a sentence each; `caveats` has those of the results as well."""
+
+    @property
+    def seeds(self) -> list[int]:
+        """Simulation seed of each episode."""
+        return self.first.seeds
+
+    @cached_property
+    def differences(self) -> Values:
+        """(episodes,) fitness of the first minus the second; NaN where a failed episode does not count."""
+        values = [one.ranking.counted(one.episodes) for one in (self.first, self.second)]
+        with np.errstate(invalid="ignore"):  # NaN and infinities where an episode failed
+            found = values[0] - values[1]
+        return np.where(np.isfinite(values[0]) & np.isfinite(values[1]), found, np.nan)
+
+    @cached_property
+    def paired(self) -> Values:
+        """The differences that count."""
+        return self.differences[~np.isnan(self.differences)]
+
+    @property
+    def left_out(self) -> list[int]:
+        """Seeds of the episodes that do not count, because one of the controllers failed in them."""
+        return [seed for seed, one in zip(self.seeds, self.differences, strict=True) if math.isnan(one)]
+
+    @property
+    def is_reportable(self) -> bool:
+        """Whether every pair counts: no episode failed, or `ranking.failed` gives failures a fitness."""
+        return len(self.paired) == len(self.seeds)
+
+    @cached_property
+    def depends_on_seed(self) -> bool | None:
+        """Whether the fitness of either controller differs between episodes; None of one episode."""
+        if len(self.seeds) < 2:
+            return None
+        found = (np.unique(one.episodes) for one in (self.first, self.second))  # NaN equals NaN there
+        return any(len(values) > 1 for values in found)
+
+    @cached_property
+    def difference(self) -> Estimate:
+        """Mean difference, first minus second, with Student's 95 % confidence interval.
+
+        No interval where all differences are the same: then there is nothing to estimate it from.
+        """
+        found = estimate(self.paired.tolist())
+        if len(self.paired) and np.ptp(self.paired) == 0:
+            return Estimate(found.mean, None, None, None, None)
+        return found
+
+    @cached_property
+    def test(self) -> SignedRank | None:
+        """Wilcoxon's signed-rank test of the differences; None where there is no chance to test against.
+
+        That is where no pair counts, with one episode, and where fitness does not depend on the seed.
+        """
+        if len(self.paired) < 2 or not self.depends_on_seed:
+            return None
+        return signed_rank(self.paired)
+
+    @cached_property
+    def fitness_difference(self) -> Estimate | None:
+        """The difference of fitness as the ranking makes it of several episodes, a median for example.
+
+        None where that is the mean of the episodes, and where a failed episode does not count.
+        """
+        if all(one.fitness == one.mean for one in (self.first, self.second)):
+            return None
+        return gain_of(self.first, self.second)
+
+    @cached_property
+    def caveats(self) -> tuple[str, ...]:
+        """Everything that restricts the conclusions, a sentence each."""
+        return (*self.notes, *_caveats(self))
+
+    def __repr__(self) -> str:
+        """Say which is better, and by how much."""
+        names = " against ".join(self.names)
+        return f"<ControllerComparison of {names}: difference {_estimated(self.difference)}>"
+
+    def _repr_html_(self) -> str:
+        """Return what is printed, for notebooks."""
+        return preformatted(str(self))
+
+    def __str__(self) -> str:
+        return "\n".join([*_lines(self), *(f"Note: {one_line(note)}." for note in self.caveats)])
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return everything as plain values, for JSON; NaN is left as it is."""
+        test = self.test
+        return {
+            "first": {"controller": self.names[0], **self.first.to_mapping()},
+            "second": {"controller": self.names[1], **self.second.to_mapping()},
+            "seeds": self.seeds,
+            "differences": self.differences.tolist(),
+            "difference": {**vars(self.difference), "confidence": 0.95, "interval": "t"},
+            "fitness_difference": None if self.fitness_difference is None else vars(self.fitness_difference),
+            "test": None if test is None else {"name": "Wilcoxon signed-rank", **vars(test)},
+            "held_out": self.held_out,
+            "depends_on_seed": self.depends_on_seed,
+            "failed": [self.first.failed, self.second.failed],
+            "left_out": self.left_out,
+            "reportable": self.is_reportable,
+            "notes": list(self.caveats),
+        }
+
+    def figure(self) -> "Figure":
+        """Return a matplotlib figure: fitness of the first over the second, and every difference."""
+        from swarmwright.figures.paired import draw
+
+        return draw(self)
+
+    @checked
+    def plot(self, path: str | PathLike[str]) -> Path:
+        """Draw `figure` into a file (.png, .svg or .pdf); return its path.
+
+        Raises InputError for another ending or a file that cannot be written.
+        """
+        from swarmwright.figures.style import save
+
+        return save(self.figure(), Path(path))
+
+    def export(self, path: str | PathLike[str]) -> None:
+        """Write every episode as a table, .csv: seed, first, second, difference.
+
+        nan: the controller failed in the episode, or the pair does not count. Raises InputError for another
+        ending, and when the file cannot be written.
+        """
+        check(Path(path), CSV)
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(["seed", "first", "second", "difference"])
+        rows = (self.first.episodes.tolist(), self.second.episodes.tolist(), self.differences.tolist())
+        table.writerows(zip(self.seeds, *rows, strict=True))
+        write_text(path, text.getvalue())
+
+
+class Contender(NamedTuple):
+    """A controller that is compared."""
+
+    name: str
+    controller: Controller
+    run: Run | None = None
+    """Whose candidate it is."""
+    generation: int | None = None
+    """Of the candidate."""
+
+    @classmethod
+    def of(cls, letter: str, given: Run | Controller | str | PathLike[str]) -> Self:
+        """Return what an argument names. letter: A or B, for what has no name.
+
+        Raises InputError where there is no such run, candidate or controller.
+        """
+        if isinstance(given, Controller):
+            return cls(letter, given)
+        if isinstance(given, Run):
+            return cls._candidate(str(given.path), given)
+        path = path_of(letter, given, "a run folder or a controller")
+        candidate = None if path.exists() else _CANDIDATE.fullmatch(str(path))
+        if candidate is not None:
+            return cls._candidate(str(path), Run.open(candidate[1]), int(candidate[2]), int(candidate[3]))
+        if (path / FILE).is_file():
+            return cls._candidate(str(path), Run.open(path))
+        return cls(str(path), Controller.load(path))
+
+    @classmethod
+    def _candidate(
+        cls, name: str, run: Run, generation: int | None = None, candidate: int | None = None
+    ) -> Self:
+        choice = choose(run, generation, candidate)
+        return cls(name, Controller(choice.specification), run, choice.generation)
+
+
+class Match(NamedTuple):
+    """Two controllers, and the experiment in which they are compared."""
+
+    first: Contender
+    second: Contender
+    experiment: Experiment
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        first: Run | Controller | str | PathLike[str],
+        second: Run | Controller | str | PathLike[str],
+        experiment: Experiment | Mapping[str, Any] | str | PathLike[str] | None,
+    ) -> Self:
+        """Return it from the arguments of `compare_controllers`; raises likewise."""
+        both = Contender.of("A", first), Contender.of("B", second)
+        if experiment is not None:
+            return cls(*both, experiment_of(experiment))
+        runs = [(one.run, one.generation) for one in both if one.run is not None]
+        if not runs:
+            raise InputError(
+                "neither A nor B is a run whose experiment they can be compared in; name one: --experiment "
+                "FILE (in Python, experiment=..)"
+            )
+        notes = () if len(runs) < 2 else tuple(_unlike(both, runs[0][0], runs[1][0]))
+        return cls(*both, used_for(*runs[0]), notes)
+
+    def evaluated(self, where: Where) -> ControllerComparison:
+        """Evaluate both controllers; raises as `compare_controllers`."""
+        used = [
+            set() if one.run is None else one.run._store.used_seeds() for one in (self.first, self.second)
+        ]
+        names = self.first.name, self.second.name
+        shown_names = [
+            letter if letter == name else f"{letter} ({one_line(name)})"
+            for letter, name in zip("AB", names, strict=True)
+        ]
+        first, second = of_controllers(
+            dict(zip(shown_names, (self.first.controller, self.second.controller), strict=True)),
+            self.experiment,
+            where,
+            used[0] | used[1],
+            may_fail=self.experiment.ranking.failure_fitness is not None,
+        )
+        notes = [*self.notes, *_seen(first.seeds, used)]
+        if self.first.controller.specification == self.second.controller.specification:
+            notes.append("A and B are the same controller")
+        return ControllerComparison(
+            names=names,
+            first=first,
+            second=second,
+            experiment=self.experiment,
+            held_out=where.seed is None,
+            notes=tuple(notes),
+        )
+
+
+@checked
+def compare_controllers(
+    first: Run | Controller | str | PathLike[str],
+    second: Run | Controller | str | PathLike[str],
+    *,
+    experiment: Experiment | Mapping[str, Any] | str | PathLike[str] | None = None,
+    episodes: int = EPISODES,
+    seed: SupportsIndex | None = None,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    on_progress: Progress | None = None,
+) -> ControllerComparison:
+    """Compare two controllers in the same episodes.
+
+    Both get the same seeds, so that the chance in the episodes is the same for both and smaller differences
+    are found than from two separate means. Nothing is added to runs.
+
+    Args:
+        first: a run or its folder, of which the best candidate is taken; `RUN:GENERATION:CANDIDATE` for
+            another one; a file as `Controller.load` reads it; or a `Controller`.
+        second: likewise.
+        experiment: in which both are evaluated, an experiment, its file, or a mapping with the keys of one.
+            Default: that of the first, or of the second where the first is not a run.
+        episodes: how many, from 1 on; where a fitness is made of several, such as a median, at least these.
+        seed: simulation seed of the first episode, the next ones follow; default: held-out seeds, which the
+            evolution of neither run used.
+        broker: as in `optimize`.
+        servers: as in `optimize`.
+        on_progress: as in `optimize`; it counts the episodes of both.
+
+    Raises:
+        InputError: there is no such candidate or controller, neither is a run and no experiment is named,
+            the runs have different simulations and no experiment is named, a controller does not fit the
+            simulation, or a number is out of range.
+        SimulationError: every episode of a controller failed, the last in the code of the simulation.
+        RunError: no broker, no fitting server, or every episode failed for another reason.
+
+    See also `compare` for groups of runs, and `post_evaluate` for a single controller.
+    """
+    where = Where.of(episodes, seed, broker, servers, on_progress)
+    return Match.of(first, second, experiment).evaluated(where)
+
+
+def _unlike(both: tuple[Contender, Contender], one: Run, other: Run) -> Iterator[str]:
+    """Yield in what conditions the runs of two candidates differ.
+
+    Raises InputError where these are different simulations.
+    """
+    here, there = flattened_of(one), flattened_of(other)
+    if here["simulation"] != there["simulation"]:
+        raise InputError(
+            f"A ({both[0].name}) was evolved in {one.experiment.label}, B ({both[1].name}) in "
+            f"{other.experiment.label}; name the experiment in which both are evaluated: --experiment FILE "
+            "(in Python, experiment=..)"
+        )
+    keys = [
+        key
+        for key in dict.fromkeys([*here, *there])
+        if key.startswith(_CONDITIONS) and key != "parameters.seed" and here.get(key) != there.get(key)
+    ]
+    if keys:
+        named = "; ".join(
+            f"{key}: A {shown(here.get(key))}, B {shown(there.get(key))}" for key in keys[:_NAMED]
+        )
+        more = f"; and {len(keys) - _NAMED} more" if len(keys) > _NAMED else ""
+        yield (
+            "A and B were evolved under different conditions, and both are evaluated in the experiment of A "
+            f"({named}{more})"
+        )
+
+
+def _seen(seeds: Sequence[int], used: Sequence[set[int]]) -> Iterator[str]:
+    """Yield that evolution had used some of the seeds."""
+    for letter, known in zip("AB", used, strict=True):
+        if count := len(known.intersection(seeds)):
+            yield (
+                f"the evolution of {letter} used {count:,} of these {len(seeds):,} seeds, so its fitness in "
+                "them is biased upwards where fitness depends on the seed"
+            )
+
+
+def _lines(found: ControllerComparison) -> Iterator[str]:
+    """Yield the two controllers as a table, their difference and the test."""
+    count = len(found.seeds)
+    seeds = f"seeds {found.seeds[0]} to {found.seeds[-1]}" if count > 1 else f"seed {found.seeds[0]}"
+    seeds = f"held-out {seeds}" if found.held_out else seeds
+    yield f"{counted(count, 'episode')} of {one_line(found.experiment.subject)}, the same for both ({seeds}):"
+    failed = bool(found.first.failed or found.second.failed)
+    rows = [["", "controller", "mean fitness", "95 % interval", *["failed episodes"] * failed]]
+    for letter, name, one in zip("AB", found.names, (found.first, found.second), strict=True):
+        mean = one.mean
+        interval = "" if not mean.standard_error else f"{number(mean.low or 0)} to {number(mean.high or 0)}"
+        rows.append([letter, name, number(mean.mean), interval, *[str(one.failed)] * failed])
+    yield from columns(rows)
+    yield ""
+    yield f"Difference A - B: {_estimated(found.difference)}"
+    of_fitness = found.fitness_difference
+    if of_fitness is not None:
+        options = found.first.ranking.options
+        how = f"{getattr(options, 'aggregate', options.kind)} of {options.episodes} episodes"
+        yield f"Difference of fitness ({how}): {_estimated(of_fitness)}"
+    test = found.test
+    if test is None:
+        return
+    yield f"A is better in {counted(test.better, 'episode')}, B in {test.worse:,}; equal in {test.equal:,}"
+    if test.better or test.worse:
+        yield (
+            f"Wilcoxon signed-rank test: W {test.w:g}, p {p_value(test.p)} ({test.method}); effect size "
+            f"(matched-pairs rank-biserial correlation) {test.effect:.2f}"
+        )
+    if found.is_reportable:
+        better = f"{'A' if test.effect > 0 else 'B'} is significantly better (p at most 0.05)."
+        yield better if test.p <= LEVEL else "No significant difference (p above 0.05)."
+
+
+def _estimated(one: Estimate) -> str:
+    """Return a mean difference with its interval."""
+    if one.low is None or one.high is None:
+        return number(one.mean) if math.isfinite(one.mean) else "not known"
+    return (
+        f"{number(one.mean)}, 95 % confidence interval {number(one.low)} to {number(one.high)} (Student's t "
+        "of the differences)"
+    )
+
+
+def _caveats(found: ControllerComparison) -> Iterator[str]:
+    """Yield what restricts the conclusions."""
+    yield from _failed(found)
+    count, test = len(found.paired), found.test
+    if len(found.seeds) < 2:
+        yield "one episode says nothing about others, so there is no interval and no test; take more"
+    elif found.depends_on_seed is False:
+        yield (
+            f"all {count:,} episodes of each controller have the same fitness, which does not seem to depend "
+            "on the seed: the difference is exact, and there is no interval and no test"
+        )
+    elif count > 1 and np.ptp(found.paired) == 0:
+        yield f"the difference is the same in all {count:,} episodes, so there is no interval"
+    elif test is not None and test.least > LEVEL:
+        yield (
+            f"{counted(test.better + test.worse, 'difference')} cannot be significant, since the test's p is "
+            f"at least {p_value(test.least)}; take more episodes"
+        )
+    elif test is not None and _contradicts(found.difference, test):
+        yield (
+            "test and interval disagree: the test is of the ranks of the differences, the interval is of "
+            "their mean, which a few large differences can dominate; look at the figure"
+        )
+    if hasattr(found.first.ranking.options, "slow"):
+        yield "both were evaluated in the experiment's own simulation, not in the ranking's slow one"
+
+
+def _contradicts(difference: Estimate, test: SignedRank) -> bool:
+    """Whether the test finds a difference and the interval does not, or the reverse, or with another sign."""
+    if difference.low is None or difference.high is None:
+        return False
+    apart = difference.low > 0 or difference.high < 0
+    return (test.p <= LEVEL) != apart or (apart and difference.mean * test.effect < 0)
+
+
+def _failed(found: ControllerComparison) -> Iterator[str]:
+    """Yield in which episodes a controller failed, and how these count."""
+    value = found.first.ranking.options.failure_fitness
+    for letter, one in zip("AB", (found.first, found.second), strict=True):
+        if not one.failed:
+            continue
+        seeds = [
+            seed for seed, fitness in zip(one.seeds, one.episodes, strict=True) if not math.isfinite(fitness)
+        ]
+        more = f" and {len(seeds) - _NAMED:,} more" if len(seeds) > _NAMED else ""
+        which = f"{', '.join(map(str, seeds[:_NAMED]))}{more}"
+        counts = "" if value is None else f", and counts as {value:g} there"
+        yield f"{letter} failed in {one.failed:,} of {len(one.seeds):,} episodes (seeds {which}){counts}"
+    if not found.is_reportable:
+        yield (
+            f"pairs with a failed episode are left out ({len(found.left_out):,} of {len(found.seeds):,}), so "
+            "do not report these figures: whoever fails in hard episodes is compared in the easy ones alone; "
+            "--set ranking.failed=NUMBER gives failed episodes a fitness"
+        )

@@ -1,0 +1,151 @@
+"""`swarmwright compare`: two controllers in the same episodes."""
+
+from pathlib import Path
+
+import click
+
+from swarmwright.cli._broker_options import (
+    broker_option,
+    experiment_broker,
+    experiment_prefix_option,
+    prefix_settings,
+)
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import json_option, servers_option, set_option, trust_option
+from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._parameter_types import (
+    ControllerOrCandidate,
+    ExistingPath,
+    OutputFile,
+    SaveOption,
+    Servers,
+    WholeNumber,
+)
+from swarmwright.cli._server_output import server_output_option
+
+
+@click.command(
+    "compare",
+    cls=Command,
+    example="swarmwright compare runs/cma-1 runs/nnga-1\n"
+    "swarmwright compare runs/minisim-1 runs/minisim-1:3:12 --episodes 500\n"
+    "swarmwright compare runs/minisim-1 mine.json --out comparison.pdf --csv episodes.csv\n"
+    "swarmwright compare controller.json mine.json --experiment minisim.yaml --json",
+)
+@click.argument("first", type=ControllerOrCandidate(), metavar="A")
+@click.argument("second", type=ControllerOrCandidate(), metavar="B")
+@click.option(
+    "--experiment",
+    "experiment_file",
+    type=ExistingPath(folder=False),
+    metavar="FILE",
+    help="Evaluate both in this experiment. Default: A's, or B's where A is not a run.",
+)
+@click.option(
+    "--episodes",
+    type=WholeNumber(min=1, max=10_000_000),
+    metavar="N",
+    default=100,
+    show_default=True,
+    help="Episodes of each controller.",
+)
+@click.option(
+    "--seed",
+    type=WholeNumber(min=0, max=2**62),
+    metavar="S",
+    help="Simulation seed of the first episode; the others have S + 1, S + 2, .. Default: held-out seeds, "
+    "which neither run used; name another S for fresh ones.",
+)
+@set_option("Another value than the experiment's: parameters.maxSteps=40, ranking.failed=0.")
+@click.option(
+    "--out",
+    "picture",
+    cls=SaveOption,
+    type=OutputFile(),
+    metavar="FILE",
+    help="Draw the episodes of both and their differences: .png, .svg or .pdf. --save does the same.",
+)
+@click.option(
+    "--csv",
+    "table",
+    type=OutputFile(),
+    metavar="FILE",
+    help="Write every episode as a table: seed, first, second, difference.",
+)
+@broker_option(
+    default=None,
+    text="Use the servers on this broker. Default: the experiment's, SWARMWRIGHT_BROKER's, or one started "
+    "here.",
+)
+@experiment_prefix_option("the experiment's")
+@servers_option
+@server_output_option
+@trust_option
+@json_option
+def command(
+    first: str,
+    second: str,
+    experiment_file: Path | None,
+    episodes: int,
+    seed: int | None,
+    settings: tuple[str, ...],
+    picture: Path | None,
+    table: Path | None,
+    broker: str | None,
+    prefix: str | None,
+    servers: Servers | None,
+    as_json: bool,
+) -> None:
+    """Compare two controllers in the same episodes.
+
+    A and B are each a run folder, whose best candidate is taken; a candidate of a run,
+    RUN:GENERATION:CANDIDATE; or a file with a controller: best.json, controller.json of a bundle, a
+    controller written by hand (JSON), or a machine (YAML). Both are evaluated with the same seeds in the same
+    experiment. Printed are the mean difference with its 95 % confidence interval (Student's t of the
+    differences), Wilcoxon's signed-rank test and its effect size.
+
+    An episode in which a controller fails is named. Its pair is left out, and the figures are not to be
+    reported, unless ranking.failed gives failures a fitness.
+
+    `swarmwright runs compare` compares groups of runs, that is methods; `swarmwright evaluate --controller`
+    evaluates a single controller.
+    """
+    from swarmwright.analysis.paired import Match
+    from swarmwright.analysis.table_files import CSV, check
+    from swarmwright.cli._experiments import experiment_of
+    from swarmwright.cli._progress import episodes as shown_episodes
+    from swarmwright.cli.evaluate import NOT_EVALUATED, settable
+    from swarmwright.experiment.settings import refuse_seed
+    from swarmwright.figures import style
+    from swarmwright.runs.post_evaluation import Where
+
+    output = Output(as_json=as_json)
+    show_warnings()
+    if picture is not None:
+        style.check(picture)
+    if table is not None:
+        check(table, CSV)
+    refuse_seed(settings)
+    changed = (*settings, *prefix_settings(prefix))
+    if experiment_file is None:
+        match = Match.of(first, second, None)
+        experiment = match.experiment.with_settings(changed, only=settable(), reason=NOT_EVALUATED)
+        match = match._replace(experiment=experiment)
+    else:
+        match = Match.of(first, second, experiment_of(experiment_file, changed))
+        experiment = match.experiment
+    broker = experiment_broker(
+        broker, experiment.broker, servers if servers is not None else experiment.servers
+    )
+    with shown_episodes(output) as on_progress:
+        found = match.evaluated(Where.of(episodes, seed, broker, servers, on_progress))
+    if settings:
+        output.text(f"Settings: {', '.join(settings)}")
+    output.block(str(found))
+    output.json({"settings": list(settings), **found.to_mapping()})
+    if table is not None:
+        found.export(table)
+        output.text(f"Every episode is in {table}")
+    if picture is not None:
+        found.plot(picture)
+        output.text(f"The figure is in {picture}")
