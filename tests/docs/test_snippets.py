@@ -298,6 +298,7 @@ def _attributes(cls: type) -> tuple[set[str], set[str]]:
         ((swarmwright.LearningCurve,), "learning_curve"),
         ((swarmwright.Transfer,), "transfer"),
         ((swarmwright.Comparison,), "compare"),
+        ((swarmwright.ControllerComparison,), "compare_controllers"),
         ((swarmwright.SweepResult,), "sweep"),
         ((swarmwright.Generation,), "optimize"),
     ],
