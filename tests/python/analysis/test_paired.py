@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import pytest
 
 from swarmwright import (
     Controller,
-    ControllerComparison,
     Experiment,
     InputError,
     Run,
@@ -81,7 +81,8 @@ def test_both_get_seeds_that_neither_run_used(folder: Path) -> None:
     again = compare_controllers(folder / "b", folder / "a", episodes=30, seed=found.seeds[0])
     assert again.difference.mean == pytest.approx(-found.difference.mean)
     assert again.test is not None
-    assert (again.test.p, again.test.effect) == (found.test.p, pytest.approx(-found.test.effect))
+    assert again.test.p == found.test.p
+    assert again.test.effect == pytest.approx(-found.test.effect)
     known = compare_controllers(folder / "a", folder / "b", seed=0, episodes=3)
     assert not known.held_out
     assert any("the evolution of A used 3 of these 3 seeds" in note for note in known.caveats)
@@ -284,14 +285,8 @@ def test_the_figure_draws_pairs_that_count(folder: Path, failed: float | None) -
 
 def test_drawn_without_any_pair(folder: Path, tmp_path: Path) -> None:
     found = compare_controllers(folder / "a", folder / "b", episodes=2)
-    nothing = np.full(2, np.nan)
-    parts = {
-        name: type(found.first)(seeds=found.seeds, episodes=nothing, ranking=found.first.ranking, metrics={})
-        for name in ("first", "second")
-    }
-    empty = ControllerComparison(
-        names=("A", "B"), **parts, experiment=found.experiment, held_out=True
-    )  # fmt: skip
+    failed = replace(found.first, episodes=np.full(2, np.nan), metrics={})
+    empty = replace(found, first=failed, second=failed)
     assert "Difference A - B: not known" in str(empty)
     assert empty.plot(tmp_path / "f.svg").is_file()
     assert json.dumps(empty.to_mapping())
