@@ -57,9 +57,9 @@ def points(size: float) -> float:
 @contextmanager
 def styled() -> Iterator[None]:
     """Within the block, or the function that this decorates, texts have the fonts of the present style."""
-    from matplotlib import rc_context, rcParams
+    with plain():  # imports Matplotlib, also with an unknown MPLBACKEND
+        from matplotlib import rc_context, rcParams
 
-    with plain():
         families = _installed(current().style)
         with rc_context({"font.family": [*families, *rcParams["font.family"]]}):
             yield

@@ -181,7 +181,7 @@ def test_a_run_of_a_newer_format_is_not_called_damaged(
         store.execute("PRAGMA user_version = 99")
     assert swarmwright(["runs", "verify", str(copy), str(finished.path), "--json"]) == 2
     found = capsys.readouterr()
-    assert "has format 99; this Swarmwright knows formats up to" in found.err
+    assert "has format 99; this Swarmwright reads format " in found.err
     assert [json.loads(line)["run"] for line in found.out.splitlines()] == [str(finished.path)]
 
 
