@@ -11,6 +11,8 @@ from swarmwright.commands.failure import CommandFailure
 
 _ITEMS = 64
 """Items of an array that are columns, `ranges.0`, `ranges.1`, .."""
+_WORDS = 200
+"""Characters of a library's message that are shown: some repeat the definitions of all types."""
 _NEEDED = {"rosbag": ("rosbags",), "mcap": ("rosbags", "mcap")}
 
 Row = tuple[str, dict[str, Any]]
@@ -48,7 +50,12 @@ def _rosbag(name: str, file: Path, wanted: Collection[str]) -> Iterator[Row]:
             topic = connection.topic
             if topic not in seen or _is_wanted(topic, wanted):
                 seen.add(topic)
-                message = reader.deserialize(data, connection.msgtype)
+                try:
+                    message = reader.deserialize(data, connection.msgtype)
+                except Exception:
+                    if _is_wanted(topic, wanted):
+                        raise
+                    continue  # its type may have changed between versions of ROS
                 yield f"{name}: message {number}", dict(_fields(message, topic))
 
 
@@ -83,18 +90,20 @@ def _is_wanted(topic: str, wanted: Collection[str]) -> bool:
 
 
 def _unreadable(name: str, error: Exception) -> CommandFailure:
-    words = f": {error}" if str(error) else ""
+    words = f": {' '.join(str(error).split())[:_WORDS]}" if str(error) else ""
     return CommandFailure(f"{name}: cannot be read: {type(error).__name__}{words}; was the log cut off?")
 
 
 def _fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - any message
     """Yield the values of a message by their names."""
+    if hasattr(value, "tolist"):  # an array of NumPy
+        value = value.tolist()
     if isinstance(value, dict):
         inner = list(value.items())
     elif hasattr(value, "__dataclass_fields__"):
         inner = [(one, getattr(value, one)) for one in value.__dataclass_fields__ if one != "__msgtype__"]
-    elif isinstance(value, list | tuple) or hasattr(value, "tolist"):
-        inner = [(str(index), one) for index, one in enumerate(list(value)[:_ITEMS])]
+    elif isinstance(value, list | tuple):
+        inner = [(str(index), one) for index, one in enumerate(value[:_ITEMS])]
     else:
         yield name, value
         return

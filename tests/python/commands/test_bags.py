@@ -4,9 +4,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from swarmwright import InputError, RunError, simulate
+from swarmwright.commands import logs
+from swarmwright.commands.failure import CommandFailure
 from tests.python.commands.processes import Traced
 
 pytest.importorskip("rosbags")
@@ -74,6 +77,46 @@ def test_messages_are_rows(traced: Traced, log: str) -> None:
         (traced.folder / Path(log).name).write_bytes((traced.folder / log).read_bytes())
     form = "auto" if "." in log else "rosbag"
     assert run(traced, Path(log).name, log_format=form) == 0.5 + 3
+
+
+@pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])
+def test_arrays_are_columns_of_items(tmp_path: Path, plugin: str) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    array, layout = (
+        types.types["std_msgs/msg/Float32MultiArray"],
+        types.types["std_msgs/msg/MultiArrayLayout"],
+    )
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin[plugin]) as writer:
+        topic = writer.add_connection("/scan", array.__msgtype__, typestore=types)
+        for step in range(3):
+            message = array(
+                layout=layout(dim=[], data_offset=0), data=np.array([step, step + 0.5], np.float32)
+            )
+            writer.write(topic, step, types.serialize_cdr(message, array.__msgtype__))
+    found = logs.read({"bag": tmp_path / "bag"}, "rosbag", ["/scan.data.0", "/scan.data.1"])
+    assert found == {"/scan.data.0": [0, 1, 2], "/scan.data.1": [0.5, 1.5, 2.5]}
+
+
+@pytest.mark.parametrize("wanted", ["/robot.x", "/said.data"])
+def test_other_topics_may_have_messages_that_cannot_be_read(tmp_path: Path, wanted: str) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    point = types.types["geometry_msgs/msg/Point"]
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        other = writer.add_connection("/said", "std_msgs/msg/String", typestore=types)
+        writer.write(other, 0, b"\0\1\0\0\xff\0\0\0cut off")
+        topic = writer.add_connection("/robot", point.__msgtype__, typestore=types)
+        writer.write(topic, 1, types.serialize_cdr(point(x=0.5, y=0.0, z=1.0), point.__msgtype__))
+    if wanted == "/robot.x":
+        assert logs.read({"bag": tmp_path / "bag"}, "rosbag", [wanted]) == {wanted: [0.5]}
+    else:
+        with pytest.raises(CommandFailure, match=r"^bag: cannot be read: .* was the log cut off\?$"):
+            logs.read({"bag": tmp_path / "bag"}, "rosbag", [wanted])
 
 
 def test_a_column_that_is_not_there(traced: Traced) -> None:
