@@ -45,6 +45,8 @@ class TensorBoard(Callback):
             self._writer = require_writer()(str(path))
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+        except ImportError as error:  # s3:// and gs:// need further packages
+            raise InputError(f"{folder}: cannot be written: {error}") from error
         if experiment is not None:
             lines = dump(experiment.to_mapping()).splitlines()
             self._writer.add_text("experiment", "\n".join(f"    {line}" for line in lines))

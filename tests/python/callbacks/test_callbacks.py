@@ -222,3 +222,12 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         callbacks.TensorBoard(tmp_path / "file" / "logs")
+
+
+def test_stores_of_tensorboard_that_need_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unavailable(folder: str) -> None:
+        raise ImportError(f"boto3 must be installed for {folder}")
+
+    monkeypatch.setattr("tensorboardX.SummaryWriter", unavailable)
+    with pytest.raises(InputError, match=r"^s3://bucket/x: cannot be written: boto3 must be installed"):
+        callbacks.TensorBoard("s3://bucket/x")
