@@ -31,7 +31,8 @@ def command() -> None:
     "list",
     cls=Command,
     example="swarmwright runs list\n"
-    "swarmwright runs list --sort best --filter state=done --filter 'method.population>=50'\n"
+    "swarmwright runs list --sort best --filter state=done\n"
+    "swarmwright runs list --filter 'method.population>=50'\n"
     "swarmwright runs list results --json",
 )
 @click.argument("folder", type=ExistingPath(folder=True), default=None, required=False, metavar="[DIR]")
