@@ -37,6 +37,9 @@ pub type AttemptRow = (
 type Evaluated<'py> = (Fitness<'py>, Metrics<'py>, Vec<AttemptRow>, Vec<String>);
 
 /// Finds servers and runs episodes on them.
+/// What a server declares: its id, determinism and tolerance.
+type Declared = (u64, Option<String>, Option<f64>);
+
 #[pyclass(name = "Pool", module = "swarmwright._engine")]
 pub struct PyPool {
     /// None once it is closed.
@@ -199,7 +202,7 @@ impl PyPool {
     }
 
     /// What each server declares: (server, determinism, tolerance).
-    fn determinism(&mut self) -> PyResult<Vec<(u64, Option<String>, Option<f64>)>> {
+    fn determinism(&mut self) -> PyResult<Vec<Declared>> {
         let declared = self.pool()?.determinism().into_iter();
         let owned = |(server, kind, tolerance): (u64, Option<&str>, Option<f64>)| {
             (server, kind.map(str::to_owned), tolerance)

@@ -34,7 +34,7 @@ def test_help_ends_with_an_example_that_is_accepted(program: Any, names: tuple[s
     ]
     assert lines, "no example"
     for line in lines:
-        words = shlex.split(line.split(">")[0])
+        words = shlex.split(line.split(" > ")[0])
         assert words[0] == "swarmwright"
         command: Any = click_program
         rest = words[1:]

@@ -181,7 +181,8 @@ def test_a_server_that_knows_d61_alone_runs_by_itself(
 ) -> None:
     with foreign(any_broker, "line", runs_itself=True) as server:
         run = optimize(PLAIN, broker=any_broker, out=tmp_path / "run")
-        assert server.episodes == run.evaluations
+        assert run.audit is not None
+        assert server.episodes == run.evaluations + run.audit["episodes"]
     sent = server.parameters
     assert all(message["length"] == 3 and message["steps"] in {1, 2, 3, 4} for message in sent)
     assert {message["turn"] for message in sent} == {"left", "right"}
