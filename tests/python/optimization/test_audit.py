@@ -225,7 +225,7 @@ def test_other_servers_repeat_what_one_has_evaluated(
     assert found is not None
     assert found["episodes"] == found["elsewhere"] == audit.LEAST
     (text,) = warnings(caplog)
-    # Which servers had what does not follow from the seed: 3 may have been compared with one of the others alone.
+    # Which server gets what is a matter of time: 3 may have been compared with one of the others alone.
     named = (
         ", or server 3, which was one of the two each time, computes differently; try",
         ", or the servers compute differently; try",
