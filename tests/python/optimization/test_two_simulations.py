@@ -315,7 +315,8 @@ def test_two_simulators_on_a_broker(any_broker: str, foreign: Callable[..., Any]
         {
             "simulation": "line", "sensors": 2, "actuators": 1, "requirements": {"dimensions": 1},
             "method": {"kind": "random_search", "population": 8, "generations": 2},
-            "controller": {"hidden": [2]}, "validate": False, "timeouts": {"discovery": 3},
+            "controller": {"hidden": [2]}, "validate": False, "faults": {"audit": 0},
+            "timeouts": {"discovery": 3},
             "ranking": {
                 "kind": "multi_fidelity", "share": 0.25, "episodes": 2,
                 "slow": {"name": "longer", "simulation": "long line", "requirements": {"dimensions": 1}},
