@@ -3,7 +3,6 @@
 import importlib.util
 import itertools
 import math
-import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,6 +14,7 @@ from xml.etree import ElementTree as ET
 from swarmwright.core import archives, xml
 from swarmwright.core.errors import InputError, explained
 from swarmwright.core.ranges import Range
+from swarmwright.core.temporary import TemporaryFolder
 from swarmwright.fmu.conversions import Conversions, inverse_units
 from swarmwright.fmu.terminals import terminals_of
 from swarmwright.fmu.units import Unit
@@ -245,9 +245,9 @@ def _by_fmpy(text: bytes) -> Any:  # noqa: ANN401 - FMPy has no types
     """Return what FMPy reads from a model description that has been checked."""
     from fmpy import read_model_description  # noqa: PLC0415 - optional
 
-    with tempfile.TemporaryDirectory(prefix="swarmwright-fmu-") as folder:
-        (Path(folder) / _DESCRIPTION).write_bytes(text)
-        return read_model_description(folder, validate=False)
+    with TemporaryFolder("fmu") as folder:
+        (folder / _DESCRIPTION).write_bytes(text)
+        return read_model_description(str(folder), validate=False)
 
 
 def _add_limits(variables: Any, text: bytes) -> None:  # noqa: ANN401 - FMPy has no types

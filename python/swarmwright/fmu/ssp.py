@@ -1,7 +1,6 @@
 """Systems of FMUs: System Structure and Parameterization (SSP) 1.0, files `.ssp`."""
 
 import math
-import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ from xml.etree import ElementTree as ET
 from swarmwright.core import archives
 from swarmwright.core.errors import InputError, explained
 from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.temporary import TemporaryFolder
 from swarmwright.core.warn_once import warn_once
 from swarmwright.fmu import description as fmus
 from swarmwright.fmu.description import Description, Variable, checked_xml, place, runs_here
@@ -121,9 +121,9 @@ def _time(experiment: ET.Element | None, key: str) -> float | None:
 def _components(file: Path, sources: Mapping[str, str]) -> dict[str, Description]:
     """Return what the FMU of each component announces."""
     found, sizes = {}, {}
-    with tempfile.TemporaryDirectory(prefix="swarmwright-ssp-") as folder:
+    with TemporaryFolder("ssp") as folder:
         for source in dict.fromkeys(sources.values()):
-            fmu = extracted(file, source, Path(folder))
+            fmu = extracted(file, source, folder)
             found[source] = fmus.for_coupling(fmu)
             with archives.opened(fmu, "an FMU") as archive:
                 sizes[source] = fmu.stat().st_size + archives.unpacked_bytes(archive)

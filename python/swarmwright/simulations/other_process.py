@@ -7,11 +7,11 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from swarmwright.core import hash_seed
 from swarmwright.core.errors import InputError, SwarmwrightError
+from swarmwright.core.temporary import TemporaryFolder
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.names import name_of
@@ -56,7 +56,7 @@ def outcomes(simulation: type | str, trial: Trial, seeds: Sequence[str]) -> list
     except (TypeError, ValueError) as error:
         raise NotRunError(f"its parameters cannot be written as JSON: {error}") from error
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(TemporaryDirectory(prefix="swarmwright-")))
+        folder = stack.enter_context(TemporaryFolder("check"))
         started = []
         for index, seed in enumerate(seeds):
             process = subprocess.Popen(

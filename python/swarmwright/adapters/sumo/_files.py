@@ -1,15 +1,13 @@
 """Checks the files of a configuration: SUMO itself ends the process at a network that is not XML."""
 
 import re
-import shutil
-import tempfile
-import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.temporary import TemporaryFolder
 
 _INPUTS = ("net-file", "route-files", "additional-files")
 _SHORT = {"n": "net-file", "net": "net-file", "r": "route-files", "a": "additional-files", "l": "log"}
@@ -108,8 +106,8 @@ class Outputs:
     """A private folder for what SUMO writes nevertheless: detectors and devices with files of their own."""
 
     def __init__(self) -> None:
-        folder = tempfile.mkdtemp(prefix="swarmwright-sumo-")
-        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self._folder = TemporaryFolder("sumo")
+        folder = str(self._folder.path)
         # SUMO puts the prefix between the folder and the name of each file that it writes.
         self.options = ("--output-prefix", f"{_UP}{folder.lstrip('/')}/")
 
