@@ -18,10 +18,10 @@
  *   - A structure that begins with `size` is to have it set to its sizeof: use the macros below, which have the
  *     defaults.
  *
- * Link with libswarmwright. A broker that the same user runs on this machine (`swarmwright broker`) admits the program without
- * more; the credentials of others come from the environment: SWARMWRIGHT_USERNAME and
- * SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE, and SWARMWRIGHT_CERTIFICATE_FILE
- * with SWARMWRIGHT_KEY_FILE where the broker requires a client certificate.
+ * Link with libswarmwright. A broker that the same user runs on this machine (`swarmwright broker`) admits the program
+ * without more; the credentials of others come from the environment: SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD or
+ * SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE, and SWARMWRIGHT_CERTIFICATE_FILE with
+ * SWARMWRIGHT_KEY_FILE where the broker requires a client certificate.
  */
 #ifndef SWARMWRIGHT_H
 #define SWARMWRIGHT_H

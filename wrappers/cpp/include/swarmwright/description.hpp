@@ -81,8 +81,8 @@ inline std::string variable(const char* name) {
 
 }  // namespace detail
 
-/// Options of a server. The user name and password come from the environment (SWARMWRIGHT_USERNAME, ...), unless the broker is
-/// one that the same user runs on this machine.
+/// Options of a server. The user name and password come from the environment (SWARMWRIGHT_USERNAME, ...), unless the
+/// broker is one that the same user runs on this machine.
 struct Options {
   /// mqtt://, mqtts://, ws://, wss:// or unix:///PATH; empty for the environment's SWARMWRIGHT_BROKER, else
   /// mqtt://localhost:1883.
