@@ -134,11 +134,6 @@ def test_lines_of_comments_are_no_rows(traced: Traced, log: str) -> None:
     assert simulate(traced.shell(f"printf '{log}' > log.csv", metrics={"fitness": "mean"})) == 3.5
 
 
-def test_a_row_may_begin_with_a_number_sign(traced: Traced) -> None:
-    log = "agent,fitness\\n#1,2\\n#2,5\\n"
-    assert simulate(traced.shell(f"printf '{log}' > log.csv", metrics={"fitness": "mean"})) == 3.5
-
-
 def test_folders_of_failed_episodes_stay_for_other_processes(tmp_path: Path) -> None:
     instance = Instance(tmp_path)
     try:
