@@ -1151,6 +1151,8 @@ class Pool:
             NDArray[np.float32] | None,
         ],
         on_progress: Callable[[int, int, str], None] | None = None,
+        *,
+        revised: bool = False,
     ) -> None:
         """Evaluate candidates as they come, until all that were given have been evaluated.
 
@@ -1158,6 +1160,8 @@ class Pool:
         evaluated in every episode, their fitness (k, episodes) and metrics (k, episodes, metrics), attempts and warnings
         as of `evaluate`. It returns the genomes of further candidates, (n, weights), n may be 0, or None to stop. Otherwise as
         `evaluate`; on_progress's total grows.
+
+        revised: candidates with results of a server that turns out to be wrong are evaluated and fed again.
         """
     def close(self) -> None:
         """End the runs that are left, free the servers, disconnect."""

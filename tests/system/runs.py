@@ -4,12 +4,21 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright import Run
+from swarmwright.core.errors import SwarmwrightError
 
 
 def record(folder: Path) -> dict[str, Any]:
     """The run record, which depends on the experiment and its seed alone."""
     run = Run.open(folder)
     return {"record": run.digest, "history": run.history, "best.json": (folder / "best.json").read_bytes()}
+
+
+def generations(folder: Path) -> int:
+    """How many a run has stored, also one that goes on."""
+    try:
+        return Run.open(folder).generations
+    except SwarmwrightError:  # it is being made
+        return 0
 
 
 def evaluations(folder: Path) -> list[tuple[float, list[float]]]:

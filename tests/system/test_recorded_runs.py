@@ -11,13 +11,16 @@ from tests.system.recorder import Recorder, Referee, check_shapes
 from tests.system.runs import attempts
 
 RUNS = {
-    "one agent": "simulation: minisim\nmode: stepwise\nmethod: {population: 10, generations: 2}\n",
+    "one agent": (
+        "simulation: minisim\nmode: stepwise\nmethod: {population: 10, generations: 2}\nfaults: {audit: 0}\n"
+    ),
     "swarm": (
         "simulation: minisim\nmode: stepwise\n"
         "parameters: {numAgents: 4, numDefenders: 2, placement: random, maxSteps: 12}\n"
         "ranking: {kind: absolute, episodes: 2}\n"
         "method: {kind: random_search, population: 5, generations: 2}\n"
         "controller: {kind: fully_meshed, hidden: 1}\n"
+        "faults: {audit: 0}\n"
     ),
 }
 

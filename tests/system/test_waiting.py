@@ -8,7 +8,7 @@ import pytest
 
 from tests.system.brokers import BrokerProcess, Kind
 from tests.system.conftest import Experiment, Launch
-from tests.system.runs import record
+from tests.system.runs import generations, record
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def later(kind: Kind, tmp_path: Path, cleanup: ExitStack) -> BrokerProcess:
 def test_everybody_waits_for_the_broker(later: BrokerProcess, launch: Launch, experiment: Experiment) -> None:
     """Server and tool are there first; killed in the middle, the run is resumed before the broker is back."""
     path = experiment(
-        "simulation: minisim\nmethod: {kind: nnga, population: 12, generations: 200}\nseed: 3\n"
+        "simulation: minisim\nmethod: {kind: nnga, population: 12, generations: 2000}\nseed: 3\n"
     )
     server = launch("serve", "minisim", "--broker", later.url, "--id", 5, "--wait", 60, "--json")
     waiting = server.until_event("waiting")
@@ -34,7 +34,7 @@ def test_everybody_waits_for_the_broker(later: BrokerProcess, launch: Launch, ex
     later.start()
     server.until_event("ready")
     tool.until_error("the broker answers after ")
-    tool.until(lambda program: len(program.lines) >= 3, "three generations")
+    tool.until(lambda _: generations(path.parent / "result") >= 3, "three generations")
     tool.process.kill()
     tool.process.wait(10)
     later.kill()

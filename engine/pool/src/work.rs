@@ -23,6 +23,8 @@ pub struct Work {
     make: Option<MakeGenomes>,
     /// What is evaluated; none: every candidate in every episode.
     only: Option<Vec<Repetition>>,
+    /// Whether candidates whose results turn out to be worth nothing are handed out again.
+    revised: bool,
 }
 
 /// One evaluation that is to be repeated.
@@ -180,6 +182,7 @@ impl Work {
             sample: None,
             make: None,
             only: None,
+            revised: false,
         })
     }
 
@@ -206,6 +209,20 @@ impl Work {
     #[must_use]
     pub fn repetitions(&self) -> Option<&[Repetition]> {
         self.only.as_deref()
+    }
+
+    /// Where candidates are handed out one by one: those whose results turn out to be worth nothing, as their server is wrong, are
+    /// evaluated and handed out again, until the work ends.
+    #[must_use]
+    pub fn revised(mut self) -> Self {
+        self.revised = true;
+        self
+    }
+
+    /// Whether candidates may be handed out again.
+    #[must_use]
+    pub fn is_revised(&self) -> bool {
+        self.revised
     }
 
     /// As [`of`](Self::of) and [`sampled`](Self::sampled), with genomes that are made when one is needed here: for servers that

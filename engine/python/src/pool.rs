@@ -269,8 +269,9 @@ impl PyPool {
         Ok((fitness, metrics, attempts, warnings))
     }
 
-    #[pyo3(signature = (architecture, genomes, seeds, feed, on_progress=None))]
+    #[pyo3(signature = (architecture, genomes, seeds, feed, on_progress=None, *, revised=false))]
     #[expect(
+        clippy::too_many_arguments,
         clippy::needless_pass_by_value,
         reason = "pyo3 hands arguments over by value"
     )]
@@ -282,10 +283,14 @@ impl PyPool {
         seeds: Vec<u64>,
         feed: Py<PyAny>,
         on_progress: Option<Py<PyAny>>,
+        revised: bool,
     ) -> PyResult<()> {
         let needed = self.metrics;
         let pool = self.pool()?;
-        let work = work(architecture, &genomes, seeds)?;
+        let mut work = work(architecture, &genomes, seeds)?;
+        if revised {
+            work = work.revised();
+        }
         let (episodes, columns) = (work.episodes(), genomes.shape()[1]);
         // Each of the two callbacks may raise.
         let (mut in_feed, mut in_progress): (Option<PyErr>, Option<PyErr>) = (None, None);

@@ -202,24 +202,25 @@ class BrokerBackend:
 
         All but the first `FIRST` candidates wait until one of these has succeeded, or all have been
         evaluated: servers that each of them takes down would be started again for every other one as well.
+        Candidates are told again where a server turns out to be wrong.
         """
         count, weights = controllers.weights.shape
         first = Controllers(controllers.architecture, controllers.weights[:FIRST])
         others = np.ascontiguousarray(controllers.weights[FIRST:])
-        told = 0
+        told = set[int]()
         fitness = np.full((count, len(seeds)), np.nan)
         metrics = np.full((count, len(seeds), len(self.metrics)), np.nan)
         journal = Journal()
         no_more = np.empty((0, weights), dtype=np.float32)
 
         def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32]:
-            nonlocal told, others
+            nonlocal others
             rows = list(candidates)
             fitness[rows], metrics[rows] = results.fitness, results.metrics
             journal.extend(results.journal, 0)
             on_results(candidates, results)
-            told += len(rows)
-            if len(others) and (told == len(first.weights) or np.isfinite(results.fitness).any()):
+            told.update(rows)
+            if len(others) and (len(told) == len(first.weights) or np.isfinite(results.fitness).any()):
                 more, others = others, no_more
                 return more
             return no_more
@@ -227,7 +228,7 @@ class BrokerBackend:
         def progress(done: int, _: int, waiting_for: str) -> None:
             on_progress(done, count * len(seeds), waiting_for)
 
-        self.stream(first, seeds, feed, progress)
+        self._stream(first, seeds, feed, progress, revised=True)
         return Results(fitness, metrics, journal)
 
     def repeat(
@@ -270,6 +271,18 @@ class BrokerBackend:
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
     ) -> None:
         """Evaluate on the servers that there are; each gets another candidate as soon as it has done one."""
+        self._stream(controllers, seeds, feed, on_progress, revised=False)
+
+    def _stream(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        feed: Feed,
+        on_progress: Progress,
+        *,
+        revised: bool,
+    ) -> None:
+        """Evaluate as `stream`; revised: candidates are fed again where a server turns out to be wrong."""
 
         def take(
             candidates: list[int],
@@ -288,7 +301,7 @@ class BrokerBackend:
 
         with engine_errors():
             architecture = with_digests(controllers.architecture)
-            self._pool.stream(architecture, controllers.weights, list(seeds), take, progress)
+            self._pool.stream(architecture, controllers.weights, list(seeds), take, progress, revised=revised)
 
     def check(self) -> None:
         """Log servers that have been given up; raise RunError when none is left."""

@@ -206,11 +206,17 @@ def reading(file: Path) -> Iterator[sqlite3.Connection]:
 @contextmanager
 def reading_on(connection: sqlite3.Connection, file: Path) -> Iterator[sqlite3.Connection]:
     """Yield a connection that is open already; raise InputError for damage that is found while it is used."""
-    with errors(file, InputError):
-        try:
-            yield connection
-        except (ValueError, TypeError, OverflowError) as error:  # SQLite takes text in a column of numbers
-            raise InputError(f"{file}: is damaged: {error}") from error
+    with errors(file, InputError), _damage(file):
+        yield connection
+
+
+@contextmanager
+def _damage(file: Path) -> Iterator[None]:
+    """Raise InputError for values of the wrong kind: SQLite takes text for numbers and any bytes for text."""
+    try:
+        yield
+    except (ValueError, TypeError, OverflowError) as error:
+        raise InputError(f"{file}: is damaged: {error}") from error
 
 
 def connect_to_read(file: Path) -> sqlite3.Connection:
@@ -231,7 +237,8 @@ def _connect_checked(file: Path, how: str) -> sqlite3.Connection:
         f"{file.absolute().as_uri()}?{how}", uri=True, isolation_level=None, check_same_thread=False
     )
     try:
-        _check(connection, file)
+        with _damage(file):
+            _check(connection, file)
     except BaseException:
         connection.close()
         raise

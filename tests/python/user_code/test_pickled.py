@@ -112,7 +112,9 @@ def test_a_copy_in_a_run_is_pickled(project: Path) -> None:
     for name in ("gather.py", "helper.py", "parts"):
         shutil.move(name, f"gone-{name}")
     post_evaluate(Run.open(run.path), episodes=1, servers="in-process")
-    copied: Any = next(module for name, module in files.items() if "/code/1/" in name)
+    copied: Any = next(
+        module for name, module in files.items() if name.startswith(f"{run.path.resolve()}/code/1/")
+    )
     found = in_worker("spawn", copied.doubled, copied.Data(copied.Metres(5.0)))
     assert found.value.number == 10
 

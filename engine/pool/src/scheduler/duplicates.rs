@@ -47,6 +47,9 @@ impl Scheduler {
 
     /// Results are handed out. Of servers that say which start of them answers there is no doubt.
     pub(super) fn hands_out(&mut self) {
+        if self.ledger.is_revised() {
+            return;
+        }
         let slots = self.fleet.slots();
         let doubtful = slots.filter(|(_, slot)| slot.instance.is_none());
         let doubtful: BTreeSet<u64> = doubtful.map(|(id, _)| id).collect();

@@ -85,6 +85,11 @@ impl Ledger {
         work.is_some_and(|work| work.repetitions().is_some())
     }
 
+    /// Whether candidates that have been handed out may be handed out again.
+    pub fn is_revised(&self) -> bool {
+        self.work.as_ref().is_some_and(Work::is_revised)
+    }
+
     /// Adds candidates behind the others; see [`Work::extend`].
     pub fn extend(&mut self, genomes: &[f32]) -> Result<(), WorkError> {
         let Some(work) = &mut self.work else {
@@ -152,7 +157,7 @@ impl Ledger {
         // What succeeded last may be needed to tell which servers are sound.
         let kept = self.good.map_or(usize::MAX, |good| good / episodes - base);
         let ended = ended.min(kept);
-        if ended * episodes >= MIN_FORGOTTEN.max(self.settled.len() / 2) {
+        if ended * episodes >= MIN_FORGOTTEN.max(self.settled.len() / 2) && !self.is_revised() {
             self.settled.drain(..ended * episodes);
             self.holders.drain(..ended * episodes);
             self.by.drain(..ended * episodes);
@@ -339,7 +344,8 @@ impl Ledger {
                 continue;
             }
             let candidate = place / episodes;
-            if self.open[candidate] == 0 && !here.contains(&(base + candidate)) {
+            let is_out = self.open[candidate] == 0 && !here.contains(&(base + candidate));
+            if is_out && !self.is_revised() {
                 lost += 1;
                 continue;
             }

@@ -97,6 +97,37 @@ fn work_that_grows_is_handed_out_once_and_forgotten_when_it_has_ended() {
 }
 
 #[test]
+fn what_was_handed_out_is_handed_out_again_where_work_is_revised() {
+    for revised in [false, true] {
+        let work = Work::new(ARCHITECTURE, vec![0.5; 8], vec![1, 2]).unwrap();
+        let mut ledger = Ledger::new(if revised { work.revised() } else { work }, 0);
+        while ledger.take(1, &[1, 2], 8).is_some() {}
+        for evaluation in 0..7 {
+            ledger.settle(evaluation, 1 + u64::from(evaluation > 1), 1.0, &[]);
+        }
+        assert_eq!(ledger.take_settled().candidates, [0, 1, 2]);
+        ledger.settle(7, 1, 1.0, &[]);
+        // Of the last candidate, only one episode is that server's, and it has not been handed out.
+        let found = ledger.reopen(1);
+        if !revised {
+            assert_eq!(found, (1, 2));
+            continue;
+        }
+        assert_eq!(found, (3, 0));
+        assert!(!ledger.finished());
+        while let Some(piece) = ledger.take(2, &[1, 2], 8) {
+            for evaluation in piece.evaluations {
+                ledger.settle(evaluation, 2, 2.0, &[]);
+            }
+        }
+        let settled = ledger.take_settled();
+        assert_eq!(settled.candidates, [0, 3]);
+        assert_eq!(settled.fitness, [2.0, 2.0, 1.0, 2.0]);
+        assert!(ledger.finished());
+    }
+}
+
+#[test]
 fn what_failed_goes_to_others_first_and_in_ever_smaller_parts() {
     let mut ledger = ledger(64, 1);
     let piece = ledger.take(1, &[1, 2], 64).unwrap();
