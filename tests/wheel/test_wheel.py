@@ -54,6 +54,19 @@ def test_what_is_in_it(wheel: Path) -> None:
     assert metadata["Description-Content-Type"].startswith("text/markdown")
 
 
+def test_programs_are_for_the_processor(wheel: Path, processor: str, home: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        libraries = {name: archive.read(name)[:20] for name in archive.namelist() if name.endswith(".so")}
+    assert len(libraries) == 2
+    for name, header in libraries.items():
+        assert header[:4] == b"\x7fELF", name
+        assert int.from_bytes(header[18:20], "little") == {"x86_64": 62, "aarch64": 183}[processor], name
+    code = "import platform, swarmwright; print(platform.machine(), swarmwright.__version__)"
+    command = [str(home / "python"), "-P", "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=variables(home))
+    assert done.stdout.split() == [processor, wheel.name.split("-")[1]]
+
+
 def test_there_is_no_rust(home: Path) -> None:
     path = variables(home)["PATH"]
     assert [shutil.which(name, path=path) for name in ("cargo", "rustc", "cc", "gcc")] == [None] * 4
