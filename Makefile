@@ -548,11 +548,12 @@ $(VENV)/.clusters: $(VENV)/.dev pyproject.toml
 	$(BIN)/python -m pip install --quiet --group clusters
 	touch $@
 
-# What only benchmarks need: those that Swarmwright is compared with.
-$(VENV)/.wheel: $(VENV)/.dev pyproject.toml
+# What builds and tests wheels, without the engine of this environment.
+$(VENV)/.wheel: $(VENV)/.tools pyproject.toml
 	$(BIN)/python -m pip install --quiet --group wheel
 	touch $@
 
+# What only benchmarks need: those that Swarmwright is compared with.
 $(VENV)/.bench: $(VENV)/.dev pyproject.toml
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	$(BIN)/python -m pip install --quiet --group bench
