@@ -9,7 +9,9 @@ import click
 from click.core import ParameterSource
 
 from swarmwright.cli._broker_options import experiment_broker
+from swarmwright.cli._browser import open_in_browser
 from swarmwright.cli._options import Decorator
+from swarmwright.cli._output import Output
 from swarmwright.cli._parameter_types import OutputFile, RealNumber, SaveOption
 
 if TYPE_CHECKING:
@@ -27,6 +29,12 @@ _OPTIONS: tuple[Decorator, ...] = (
         metavar="FILE",
         help="Write the episode to a file: .html is an interactive page, .gif an animation, .mp4 a video, "
         ".png a still image with all trajectories.",
+    ),
+    click.option(
+        "--open",
+        "opening",
+        is_flag=True,
+        help="With --save: open the file in a browser, if there is a display.",
     ),
     click.option(
         "--speed",
@@ -57,7 +65,10 @@ _OPTIONS: tuple[Decorator, ...] = (
 
 
 def picture_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """`--save`, `--speed`, `--show`, `--colors`: a command gets `picture`, `speed`, `parts`, `colors`."""
+    """Add `--save`, `--open`, `--speed`, `--show` and `--colors`.
+
+    The command gets `picture`, `opening`, `speed`, `parts` and `colors`.
+    """
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
@@ -118,3 +129,12 @@ def saved(recording: "Recording | PictureRecording", picture: Path) -> dict[str,
     """Return what was written as plain values, for `--json`."""
     steps = len(recording.fitness_so_far) - 1
     return {"fitness": recording.fitness, "steps": steps, "picture": str(picture)}
+
+
+def show_in_browser(output: Output, picture: Path) -> None:
+    """Open a file in a browser, and say so; where that is not possible, say where a browser finds it."""
+    address = picture.absolute().as_uri()
+    if open_in_browser(picture):
+        output.text(f"Opening it in the browser. If no window appears, open {address}")
+    else:
+        output.text(f"No browser can be opened here. Open it in one: {address}")

@@ -24,6 +24,7 @@ from swarmwright.cli._pictures import (
     check_unsaved,
     picture_options,
     saved,
+    show_in_browser,
     shown_parts,
     where,
 )
@@ -43,7 +44,7 @@ _BEFORE_A_RUN = (
     cls=Command,
     example="swarmwright replay runs/minisim-1 --speed 2\n"
     "swarmwright replay runs/minisim-1 --generation 0 --candidate 7 --save early.gif\n"
-    "swarmwright replay runs/minisim-1 --save best.html\n"
+    "swarmwright replay runs/minisim-1 --save best.html --open\n"
     "swarmwright replay runs/line-1 --broker mqtt://lab-3:1883 --save line.html\n"
     "swarmwright replay runs/minisim-1 --beside 0:7 --beside runs/minisim-2 --save several.html",
 )
@@ -89,6 +90,7 @@ _BEFORE_A_RUN = (
 def command(
     run: Path,
     picture: Path | None,
+    opening: bool,
     speed: float,
     parts: str,
     colors: Colors,
@@ -122,7 +124,7 @@ def command(
         raise click.UsageError("--beside is shown by a page: --save FILE.html.")
     shown = shown_parts(parts, colors)
     if picture is None:
-        check_unsaved({"parts": "--show", "colors": "--colors"})
+        check_unsaved({"opening": "--open", "parts": "--show", "colors": "--colors"})
     from swarmwright import Run
     from swarmwright.runs.replay import Replay
 
@@ -147,6 +149,8 @@ def command(
     if picture is not None:
         others = [_replay_beside(replay, which, how) for which in beside]
         _save(output, replay, picture, speed, shown, others)
+        if opening:
+            show_in_browser(output, picture)
     elif as_json:
         _print_scenes(output, replay)
     else:

@@ -27,6 +27,7 @@ from swarmwright.cli._pictures import (
     check_unsaved,
     picture_options,
     saved,
+    show_in_browser,
     shown_parts,
     where,
 )
@@ -78,6 +79,7 @@ def command(
     broker: str | None,
     prefix: str | None,
     picture: Path | None,
+    opening: bool,
     speed: float,
     parts: str,
     colors: Colors,
@@ -95,7 +97,7 @@ def command(
             "--visual has a server draw the episode, --save writes it into a file; give one of them."
         )
     if picture is None:
-        check_unsaved({"speed": "--speed", "parts": "--show", "colors": "--colors"})
+        check_unsaved({"opening": "--open", "speed": "--speed", "parts": "--show", "colors": "--colors"})
     else:
         check_file(picture)
     shown = shown_parts(parts, colors)
@@ -108,6 +110,8 @@ def command(
     if picture is not None:
         broker = broker_of(experiment.simulation, broker, experiment.broker)
         _save(output, experiment, controller, seed, broker, picture, speed, shown)
+        if opening:
+            show_in_browser(output, picture)
         return
     loaded = None if controller is None else Controller.load(controller)
     if visual:  # the server's process, which draws, takes the width from its environment
