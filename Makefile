@@ -1,4 +1,4 @@
-# make demo    set up what is missing and evolve the example
+# make demo    set up what is missing, evolve a swarm on two servers and show it: build/demo
 # make java    the simulation wrapper for Java and its example server
 # make cpp     the simulation wrapper for C++ and its example server
 # make test    the tests of the engine and of the library, in about ten minutes, without those that take longest
@@ -95,7 +95,13 @@ help:
 	@sed -n 's/^# \(make .*\)/\1/p' $(MAKEFILE_LIST)
 
 demo: $(VENV)/.engine
-	@$(BIN)/swarmwright optimize experiments/minisim.yaml --servers 2
+	@rm -rf build/demo
+	$(BIN)/swarmwright optimize experiments/aggregation.yaml --servers 2 --out build/demo
+	$(BIN)/swarmwright replay build/demo --speed 12 --save build/demo/swarm.gif > /dev/null
+	$(BIN)/swarmwright replay build/demo --save build/demo/swarm.png > /dev/null
+	echo
+	echo "build/demo/swarm.gif is the picture of README.md, build/demo/swarm.png shows the whole trajectories."
+	$(BIN)/swarmwright replay build/demo --speed 4 --save build/demo/swarm.html --open
 
 java: $(JAVA)
 

@@ -180,6 +180,8 @@ def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
     programs = [str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMWRIGHT_")}
     environment["PATH"] = os.pathsep.join(programs)
+    for display in ("DISPLAY", "WAYLAND_DISPLAY"):  # `--open` shall not open a browser
+        environment.pop(display, None)
     environment["PYTHONUNBUFFERED"] = "1"  # as on a terminal: roslaunch says at once what it starts
     if gazebo := os.environ.get("SWARMWRIGHT_GAZEBO"):
         environment["SWARMWRIGHT_GAZEBO"] = gazebo
