@@ -282,7 +282,11 @@ def _go_on() -> int:
 
 def _check_schema(connection: sqlite3.Connection, file: Path) -> None:
     """Raise InputError unless a store has exactly the tables of `_TABLES`: no view, trigger or index."""
-    expected, found = _schema(), _read_schema(connection)
+    expected = _schema()
+    try:
+        found = _read_schema(connection)
+    except UnicodeDecodeError as error:  # of SQLite's message, which quotes what it cannot parse
+        raise InputError(f"{file}: is damaged: the definitions of its tables are not text") from error
     for key in sorted(expected.keys() | found.keys()):
         if expected.get(key) != found.get(key):
             kind, name = key

@@ -6,6 +6,7 @@ import shutil
 import signal
 import sqlite3
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from swarmwright import InputError, Run, RunError, optimize, resume
 from swarmwright.cli import run
 from swarmwright.cli._commands import program
 from swarmwright.store import FILE, Journal, StoreReader, StoreWriter, WarningEntry
-from swarmwright.store.database import reading
+from swarmwright.store.database import connect_to_read, reading, reopen
 from swarmwright.store.lock import LOCK, Lock, _opened, is_locked
 from tests.python.records import EXPERIMENT, change, change_numbers, seal
 
@@ -173,6 +174,17 @@ def test_a_damaged_store_is_not_touched(copy: Path) -> None:
             with pytest.raises(InputError, match=r"run\.sqlite: (is damaged|is not a Swarmwright run store)"):
                 attempt(copy)
         assert store.read_bytes() == damage
+
+
+@pytest.mark.parametrize("opening", [reopen, connect_to_read])
+def test_definitions_of_tables_that_are_no_text_are_damage(
+    copy: Path, opening: Callable[[Path], Any]
+) -> None:
+    """SQLite quotes them in a message, which Python cannot decode."""
+    store = copy / FILE
+    store.write_bytes(store.read_bytes().replace(b"CREATE TABLE event", b"CREATE \xffABLE event"))
+    with pytest.raises(InputError, match=r"run\.sqlite: is damaged: the definitions of its tables"):
+        opening(store)
 
 
 @pytest.mark.parametrize(
