@@ -96,11 +96,12 @@ help:
 
 demo: $(VENV)/.engine
 	@rm -rf build/demo
+	echo "20 robots learn to gather on a black spot. Fitness is the mean number of robots on it."
 	$(BIN)/swarmwright optimize experiments/aggregation.yaml --servers 2 --out build/demo
+	echo
+	echo "Drawing swarm.gif, as in README.md, and swarm.png with all trajectories, in build/demo."
 	$(BIN)/swarmwright replay build/demo --speed 12 --save build/demo/swarm.gif > /dev/null
 	$(BIN)/swarmwright replay build/demo --save build/demo/swarm.png > /dev/null
-	echo
-	echo "build/demo/swarm.gif is the picture of README.md, build/demo/swarm.png shows the whole trajectories."
 	$(BIN)/swarmwright replay build/demo --speed 4 --save build/demo/swarm.html --open
 
 java: $(JAVA)

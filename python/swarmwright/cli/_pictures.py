@@ -135,6 +135,6 @@ def show_in_browser(output: Output, picture: Path) -> None:
     """Open a file in a browser, and say so; where that is not possible, say where a browser finds it."""
     address = picture.absolute().as_uri()
     if open_in_browser(picture):
-        output.text(f"Opening it in the browser. If no window appears, open {address}")
+        output.text(f"Opening it in the browser. If no window appears: {address}")
     else:
-        output.text(f"No browser can be opened here. Open it in one: {address}")
+        output.text(f"Open it in a browser: {address}")

@@ -51,7 +51,7 @@ def test_a_browser_is_started_without_its_noise(
     said = capfd.readouterr()
     assert said.err == ""
     assert said.out.splitlines()[-1] == (
-        f"Opening it in the browser. If no window appears, open {address(folder)}"
+        f"Opening it in the browser. If no window appears: {address(folder)}"
     )
     assert "noise" not in said.out
     assert (folder / "address").read_text() == f"{address(folder)}\n"
@@ -83,7 +83,7 @@ def test_a_browser_needs_a_display_and_a_person(
     assert (folder / "started").exists() is wanted
     if not wanted:
         last = capfd.readouterr().out.splitlines()[-1]
-        assert last == f"No browser can be opened here. Open it in one: {address(folder)}"
+        assert last == f"Open it in a browser: {address(folder)}"
 
 
 @pytest.mark.parametrize("does", ["exit 1", None])
@@ -95,7 +95,7 @@ def test_no_browser_is_no_failure(
     assert saved() == 0
     said = capfd.readouterr()
     assert said.err == ""
-    assert said.out.splitlines()[-1].startswith("No browser can be opened here.")
+    assert said.out.splitlines()[-1].startswith("Open it in a browser: file:///")
 
 
 def test_a_browser_that_stays_in_the_foreground_is_not_waited_for(
