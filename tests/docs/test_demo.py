@@ -32,7 +32,7 @@ def differing(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
 @pytest.mark.timeout(120)
 def test_the_picture_of_the_readme_is_of_the_demo(root: Path, tmp_path: Path) -> None:
     """Records are the same on any number of servers, so this evolves in one process."""
-    assert f"]({PICTURE})" in (root / "README.md").read_text(encoding="utf-8")
+    assert f'src="{PICTURE}"' in (root / "README.md").read_text(encoding="utf-8")
     recipe = (root / "Makefile").read_text(encoding="utf-8").split("\ndemo: ")[1].split("\n\n")[0]
     file = re.search(r" optimize (\S+) ", recipe)
     speed = re.search(r" --speed (\S+) --save \S+\.gif ", recipe)

@@ -307,7 +307,7 @@ def _hint(output: Output, run: "Run", broker: str | None) -> None:
     if here:
         output.text("See the best controller at work:")
         output.text(f"  {program()} replay {folder}")
-        output.text(f"  {program()} replay {folder} --save best.gif")
+        output.text(f"  {program()} replay {folder} --save best.html --open")
         return
     file = shlex.quote(str(run.path / "experiment.yaml"))
     where = shlex.quote(broker or run.experiment.broker or "URL")
