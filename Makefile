@@ -94,6 +94,7 @@ endef
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' $(MAKEFILE_LIST)
 
+# Its run is made anew each time, with the same record.
 demo: $(VENV)/.engine
 	@rm -rf build/demo
 	echo "20 robots learn to gather on a black spot. Fitness is the mean number of robots on it."
