@@ -274,8 +274,8 @@ wheel: $(VENV)/.wheel $(addsuffix /.libraries,$(EMULATED))
 	}
 	rm -rf $(WHEEL)/dist
 	cargo-zigbuild rustc $(MANIFEST) --release --package swarmwright-fmi --lib --target $(ZIG_TARGET).$(GLIBC) -- -C strip=symbols
-	# The library for this machine's own exports is back afterwards.
-	[ ! -e $(FMI) ] || mv $(FMI) $(WHEEL)/kept.so
+	# The library for this machine's own exports is back afterwards, also if an earlier call was killed.
+	[ -e $(WHEEL)/kept.so ] || [ ! -e $(FMI) ] || mv $(FMI) $(WHEEL)/kept.so
 	trap 'rm -f $(FMI); [ ! -e $(WHEEL)/kept.so ] || mv $(WHEEL)/kept.so $(FMI)' EXIT
 	install -D $(WHEEL)/target/$(ZIG_TARGET)/release/libswarmwright_fmi.so $(FMI)
 	python engine/licenses.py python/swarmwright/third-party-licenses.txt
