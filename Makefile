@@ -1,8 +1,10 @@
 # make demo    set up what is missing, evolve a swarm on two servers and show it: build/demo
 # make java    the simulation wrapper for Java and its example server
 # make cpp     the simulation wrapper for C++ and its example server
-# make test    the tests of the engine and of the library, in about ten minutes, without those that take longest
-# make test-python  all tests of the library
+# make test    the tests of the engine and the commit tier of the library: minutes
+# make test-all     every test there is: hours
+# make test-journeys  the process tier: programs, brokers, servers and a browser
+# make test-python  the slow tests of the library; PART=2/4, here and in the next two: a part of them
 # make test-peers  servers, tools and brokers of other makes and in other languages (Java, C++, JavaScript, Go)
 # make test-docs   every command and snippet of the documentation
 # make test-ros1  ROS 1 as Debian has it: real masters, nodes and launch files
@@ -38,13 +40,15 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: wheel release test-wheel test-oldest brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python test-quick lint lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
+.PHONY: fmi wheel release test-wheel test-oldest brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-commit test-journeys test-python test-all lint lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
 export VIRTUAL_ENV := $(CURDIR)/$(VENV)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_QUIET := 1
+# Kernels for the best instruction set of this processor alone, which halves the time to compile; all: what runs on other machines.
+export SWARMWRIGHT_LEVELS ?= native
 unexport PYTHONHOME
 # Tests start thousands of processes, each of which would compile the library anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -69,6 +73,7 @@ ATTACHED_SOURCES := $(shell find wrappers/argos wrappers/stage -name build -prun
 ROS1_SOURCES := $(wildcard wrappers/ros1/*/src/*.[ch] wrappers/ros1/*/src/*.cpp python/swarmwright/export/templates/ros*/src/*.[ch]pp)
 MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
 ENGINE := $(shell find engine -name target -prune -o -path 'engine/*/tests' -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
+FMI := python/swarmwright/fmu/libswarmwright_fmi.so
 LICENSES := python/swarmwright/third-party-licenses.txt
 
 ROS1 := ros-core catkin rosbash ros-message-generation libroscpp-dev libgeometry-msgs-dev libnav-msgs-dev libsensor-msgs-dev libstd-msgs-dev \
@@ -109,10 +114,10 @@ java: $(JAVA)
 
 cpp: $(CPP)/.built
 
-test: test-engine test-quick
+test: test-engine test-commit
 
-# Options of cargo for the engine's tests. `.ci/run` compiles the engine once, for them and for Python.
-ENGINE_TESTS ?=
+# Options of cargo for the engine's tests: with the library's profile, they share what is compiled for it.
+ENGINE_TESTS ?= --release
 
 test-engine: $(VENV)/.created
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
@@ -126,32 +131,58 @@ test-cpp: $(CPP)/address/.built $(CPP)/thread/.built
 		ctest --test-dir $$build --output-on-failure --no-label-summary
 	done
 
-# A test that fails is repeated once: many start several processes, of which one may be late on a busy machine. Both are
+# Tiers, see CONTRIBUTING.md. PART=2/4 takes the second of four parts of the slow tests.
+PART ?= 1/1
+SLOW := -m "slow and not long and not journey" --part $(PART)
+
+# A slow test that fails is repeated once: many start several processes, of which one may be late on a busy machine. Both are
 # printed, since what fails now and then is a fault to be found, too.
 AGAIN := --reruns 1 --rerun-show-tracebacks -raR
 
-# Tests wait for other processes more than half of their time: four at a time keep two processors busy.
-PYTEST := $(BIN)/python -m pytest $(AGAIN) -n 4 --dist worksteal --durations=100 --durations-min=5
+PYTEST := $(BIN)/python -m pytest --dist worksteal --durations=100 --durations-min=5
 
-test-python test-quick: $(VENV)/.engine $(VENV)/.dev protocol/node_modules/.package-lock.json
+# The commit tier computes, in as many processes as there are processors.
+test-commit: $(VENV)/.engine $(VENV)/.dev
+	@$(PYTEST) -n auto -m "not slow and not long and not journey" tests/python tests/protocol tests/typing
+
+# The process tier: programs, brokers, servers of each kind and a browser.
+test-journeys: $(VENV)/.engine $(VENV)/.dev $(FMI) $(JAVA) $(CPP)/.built
+	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
+	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
+	$(PYTEST) -n 3 -m "journey and not long" tests/python tests/protocol tests/system tests/docs
+
+# The slow tier. Its tests wait for other processes more than half of their time: four at a time keep two processors busy.
+test-python: $(VENV)/.engine $(VENV)/.dev $(FMI) protocol/node_modules/.package-lock.json
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
 	[ -e /usr/include/yaml-cpp/yaml.h ] || { $(call install,libyaml-cpp-dev); }
-	$(PYTEST) $(if $(filter test-quick,$@),-m "not long and not slow") tests/python tests/protocol tests/typing
+	$(PYTEST) $(AGAIN) -n 4 $(SLOW) tests/python tests/protocol tests/typing
 
-test-peers: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built $(JAVASCRIPT) $(GO)
+test-peers: $(VENV)/.engine $(VENV)/.dev $(FMI) $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built $(JAVASCRIPT) $(GO)
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v nginx > /dev/null || [ -x /usr/sbin/nginx ] || { $(call install,nginx-light); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
-	$(PYTEST) -n 5 tests/benchmarks tests/conformance tests/system tests/wrappers
+	$(PYTEST) $(AGAIN) -n 5 $(SLOW) tests/benchmarks tests/conformance tests/system tests/wrappers
 
-test-docs: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/.built $(JAVASCRIPT) $(GO)
+test-docs: $(VENV)/.engine $(VENV)/.dev $(FMI) $(JAVA) $(CPP)/.built $(JAVASCRIPT) $(GO)
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
-	$(PYTEST) tests/docs
+	$(PYTEST) $(AGAIN) -n 4 $(SLOW) tests/docs
+
+# What is large to install, in four parts that take about as long.
+INSTALLED_1 := test-arm64 test-ssh test-kubernetes
+INSTALLED_2 := test-gazebo test-gz test-brokers test-slurm
+INSTALLED_3 := test-wheel test-ros1 test-simulators
+INSTALLED_4 := test-oldest test-ray test-export test-preemption
+
+test-all: lint check-docs test test-journeys test-java test-cpp test-python test-peers test-docs $(INSTALLED_1) $(INSTALLED_2) $(INSTALLED_3) $(INSTALLED_4)
+
+# Names of the targets of a part: make --silent installed-2
+installed-%:
+	@echo $(INSTALLED_$*)
 
 brokers: $(VENV)/.engine $(VENV)/.dev
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
@@ -257,7 +288,6 @@ WHEEL := build/wheel
 MACHINE := $(shell uname -m)
 ARCH ?= $(MACHINE)
 ZIG_TARGET := $(ARCH)-unknown-linux-gnu
-FMI := python/swarmwright/fmu/libswarmwright_fmi.so
 
 # The emulated Python is that of `make test-arm64`.
 EMULATED := $(if $(filter aarch64-x86_64,$(ARCH)-$(MACHINE)),$(ARM64))
@@ -267,13 +297,13 @@ wheel: $(VENV)/.wheel $(addsuffix /.libraries,$(EMULATED))
 		echo "No wheel for $(ARCH): it is built on such a machine; the one for aarch64 also on x86_64." >&2
 		exit 1
 	}
-	export PATH=$(BIN):$$PATH CARGO_TARGET_DIR=$(CURDIR)/$(WHEEL)/target
+	export PATH=$(BIN):$$PATH CARGO_TARGET_DIR=$(CURDIR)/$(WHEEL)/target SWARMWRIGHT_LEVELS=all
 	[ -d "$$(rustc --print target-libdir --target $(ZIG_TARGET))" ] || rustup target add $(ZIG_TARGET) || {
 		echo "No wheel for $(ARCH): rustup cannot install Rust's standard library for $(ZIG_TARGET)." >&2
 		exit 1
 	}
 	rm -rf $(WHEEL)/dist
-	cargo-zigbuild rustc $(MANIFEST) --release --package swarmwright-fmi --lib --target $(ZIG_TARGET).$(GLIBC) -- -C strip=symbols
+	cargo-zigbuild rustc $(MANIFEST) --release --package swarmwright-fmi --lib --target $(ZIG_TARGET).$(GLIBC)
 	# The library for this machine's own exports is back afterwards, also if an earlier call was killed.
 	[ -e $(WHEEL)/kept.so ] || [ ! -e $(FMI) ] || mv $(FMI) $(WHEEL)/kept.so
 	trap 'rm -f $(FMI); [ ! -e $(WHEEL)/kept.so ] || mv $(WHEEL)/kept.so $(FMI)' EXIT
@@ -300,7 +330,7 @@ release: $(VENV)/.created
 	$(BIN)/python deploy/release.py list $(RELEASE)
 
 # The wheel of what is compiled already, with this system's glibc, in an environment without Rust.
-test-wheel: $(VENV)/.engine $(VENV)/.dev $(VENV)/.wheel
+test-wheel: $(VENV)/.engine $(VENV)/.dev $(VENV)/.wheel $(FMI)
 	@command -v strip > /dev/null || { $(call install,binutils); }
 	export PATH=$(BIN):$$PATH
 	rm -rf $(WHEEL)/built $(WHEEL)/here
@@ -575,6 +605,14 @@ $(LICENSES): engine/licenses.py $(filter %/Cargo.lock %/Cargo.toml,$(ENGINE)) | 
 $(VENV)/.engine: $(VENV)/.tools $(ENGINE) | $(LICENSES)
 	@mkdir -p build
 	$(BIN)/maturin develop --release --extras conformance
-	$(CARGO) rustc $(MANIFEST) --release --package swarmwright-fmi --lib -- -C strip=symbols
-	install "$${CARGO_TARGET_DIR:-engine/target}/release/libswarmwright_fmi.so" python/swarmwright/fmu/
+	# Of another engine; it is compiled when it is needed.
+	rm -f $(FMI)
 	touch $@
+
+# The library that FMUs of simulations hold. `swarmwright export-fmu` makes it when it is first needed.
+fmi: $(FMI)
+
+$(FMI): $(ENGINE) | $(VENV)/.engine
+	@$(CARGO) rustc $(MANIFEST) --release --package swarmwright-fmi --lib
+	install "$${CARGO_TARGET_DIR:-engine/target}/release/libswarmwright_fmi.so" $@.new
+	mv $@.new $@

@@ -52,6 +52,12 @@ def _mqtt(scale: Scale) -> Suite:
     return MqttSuite(scale.seconds, scale.round_trips, scale.flood)
 
 
+def _build(_scale: Scale) -> Suite:
+    from benchmarks.build import BuildSuite
+
+    return BuildSuite()
+
+
 def _program(_scale: Scale) -> Suite:
     from benchmarks.program import ProgramSuite
 
@@ -180,6 +186,7 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "servers": _servers,
     "frevo": _frevo,
     "program": _program,
+    "build": _build,
 }
 """By name, which `--only` searches."""
 QUICK_SUITES = ("mqtt", "rollouts", "arena", "bound", "tasks", "methods", "store", "wrappers", "commands")

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -48,15 +49,70 @@ def environment(extra: Mapping[str, str] | None = None) -> dict[str, str]:
     }
 
 
+COMMIT_TIER = ("python", "protocol", "typing")
+"""Folders whose tests belong to the commit tier unless they are marked; those of all others are slow."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that chooses a part of the slow tier."""
+    parser.addoption(
+        "--part", metavar="K/N", help="run the K-th of N parts of the slow tests (K from 1), and all others"
+    )
+
+
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with tests that may take longest, so that others fill the time beside them to the end."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Sort tests into tiers, see CONTRIBUTING.md, and begin with those that may take longest.
+
+    Others then fill the time beside them to the end.
+    """
+    for item in items:
+        folder = item.path.relative_to(ROOT / "tests").parts[0]
+        if folder not in COMMIT_TIER and item.get_closest_marker("journey") is None:
+            item.add_marker("slow")
+    part = config.getoption("--part")
+    if part:
+        number, parts = map(int, part.split("/"))
+        left_out = [
+            item
+            for item in items
+            # By its name, so that a test is in the same part whatever else there is.
+            if item.get_closest_marker("slow") and zlib.crc32(item.nodeid.encode()) % parts != number - 1
+        ]
+        config.hook.pytest_deselected(items=left_out)
+        gone = set(left_out)
+        items[:] = [item for item in items if item not in gone]
 
     def longest(item: pytest.Item) -> float:
         marker = item.get_closest_marker("timeout")
         return -float(marker.args[0]) if marker is not None and marker.args else 0.0
 
     items.sort(key=longest)
+
+
+class _Started:
+    """Counts the processes that the current test starts."""
+
+    number = 0
+
+    def __init__(self) -> None:
+        sys.addaudithook(self._note)
+
+    def _note(self, event: str, _: object) -> None:
+        if event in {"subprocess.Popen", "os.posix_spawn", "os.fork", "os.forkpty"}:
+            self.number += 1
+
+
+_STARTED = _Started()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Keep the commit tier in one process: what starts others is slow, or a journey."""
+    before = _STARTED.number
+    yield
+    if _STARTED.number > before and not any(map(item.get_closest_marker, ("slow", "journey"))):
+        pytest.fail("this test starts a process: mark it as slow, or call what it tests in this process")
 
 
 def _timed_anew(item: pytest.Item) -> None:

@@ -8,6 +8,10 @@ use crate::Lanes;
 /// all, which this shows.
 pub const INSTRUCTIONS: &str = "SWARMWRIGHT_INSTRUCTIONS";
 
+/// Whether the library was compiled for processors that have no more than [`Level::Portable`], too (`SWARMWRIGHT_LEVELS`, see
+/// `build.rs`): large kernels are left out for it where it was not.
+pub const IS_FOR_PORTABLE: bool = cfg!(level_portable);
+
 /// An instruction set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Level {
@@ -30,7 +34,8 @@ pub trait Kernel {
 }
 
 impl Level {
-    /// The instruction sets of this processor, the best one last.
+    /// The instruction sets of this processor that kernels were compiled for, the best one last. [`Portable`](Self::Portable) is always
+    /// one of them.
     #[must_use]
     pub fn available() -> Vec<Self> {
         let all = [Self::Portable, Self::Avx2, Self::Avx512];
@@ -62,7 +67,7 @@ impl Level {
         found.copied().map(Some).ok_or_else(|| {
             let names: Vec<_> = available.iter().map(|level| level.name()).collect();
             format!(
-                "{INSTRUCTIONS}={}: expected {}, the instruction sets of this processor",
+                "{INSTRUCTIONS}={}: expected {}, the instruction sets of this processor that the library was compiled for",
                 value.to_string_lossy(),
                 names.join(" or ")
             )
@@ -76,13 +81,13 @@ impl Level {
             .unwrap_or(Self::Portable)
     }
 
-    /// Whether this processor has the instruction set.
+    /// Whether this processor has the instruction set, and kernels were compiled for it.
     fn is_here(self) -> bool {
         match self {
             Self::Portable => true,
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", level_avx2))]
             Self::Avx2 => is_x86_feature_detected!("avx2"),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", level_avx512))]
             Self::Avx512 => {
                 is_x86_feature_detected!("avx512f")
                     && is_x86_feature_detected!("avx512bw")
@@ -90,7 +95,7 @@ impl Level {
                     && is_x86_feature_detected!("avx512vl")
                     && is_x86_feature_detected!("popcnt")
             }
-            #[cfg(not(target_arch = "x86_64"))]
+            #[expect(unreachable_patterns, reason = "where all of them are compiled")]
             Self::Avx2 | Self::Avx512 => false,
         }
     }
@@ -120,7 +125,7 @@ impl Level {
     pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
         assert!(self.is_here(), "this processor has no {}", self.name());
         match self {
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", level_avx512))]
             // SAFETY: the processor has the features that the function enables, as asserted above.
             Self::Avx512 => unsafe {
                 avx512(
@@ -128,7 +133,7 @@ impl Level {
                     || kernel.run::<crate::x86::avx512::F32s>(),
                 )
             },
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", level_avx2))]
             // SAFETY: as above.
             Self::Avx2 => unsafe {
                 avx2(

@@ -32,7 +32,7 @@ mod scalar;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub use level::{INSTRUCTIONS, Kernel, Level};
+pub use level::{INSTRUCTIONS, IS_FOR_PORTABLE, Kernel, Level};
 pub use number::{Number, number};
 pub use pair::{Pair, PairInt, PairMask};
 

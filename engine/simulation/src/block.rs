@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 use swarmwright_controllers::{Architecture, Controller, ControllerError, LaneController};
-use swarmwright_lanes::{Kernel, Lanes, Level, MOST_LANES, Pair, prefetch};
+use swarmwright_lanes::{IS_FOR_PORTABLE, Kernel, Lanes, Level, MOST_LANES, Pair, prefetch};
 
 use crate::rollout::{check_sizes, rollout_until, stopped};
 use crate::{Description, ParameterError, Parameters, RolloutError, Simulation, measure};
@@ -102,7 +102,7 @@ pub trait LaneWorld: Sync + Sized {
     const VECTORS: usize;
 
     /// Whether the portable instruction set is of use, too; else episodes are computed one at a time there.
-    const PORTABLE: bool = true;
+    const PORTABLE: bool = IS_FOR_PORTABLE;
 
     /// Memory for the state of as many episodes as there are lanes, used for one group of episodes after the other.
     type Workspace<L: Lanes>;

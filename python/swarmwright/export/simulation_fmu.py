@@ -10,13 +10,14 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from swarmwright.core.errors import InputError
+from swarmwright.export import fmi_library
 from swarmwright.export._base import Files
 from swarmwright.export.fmu_parts import add_range, add_units, token, unit_name, xml, zipped
 from swarmwright.export.simulation_model import Model, Variable
 from swarmwright.export.text import MARK, check_prefix, render
 
-LIBRARY = Path(__file__).parents[1] / "fmu" / "libswarmwright_fmi.so"
-"""Built by `make .venv/.engine` of the crate engine/fmi, and part of the wheel."""
+LIBRARY = fmi_library.FILE
+"""The library that an FMU of a simulation holds."""
 LICENSES = Path(__file__).parents[1] / "third-party-licenses.txt"
 """Of the crates that the library is compiled from; made with it."""
 VERSIONS = ("2.0", "3.0")
@@ -52,26 +53,26 @@ def simulation_fmu(title: str, parameters: Mapping[str, Any], *, fmi: str, name:
 def model_fmu(model: Model, *, fmi: str, name: str) -> bytes:
     """Return an FMU of a model, see `simulation_fmu`. Raises InputError where the library is not built."""
     check_prefix(name)
-    library = _built(LIBRARY, "the library that an FMU of a simulation holds")
+    binary = fmi_library.read()
     content = json.dumps(model.content(""), sort_keys=True)
-    made = token(fmi, name, content, library)
+    made = token(fmi, name, content, binary)
     inside: Files = {
         "modelDescription.xml": _description(model, fmi, name, made),
         "documentation/index.html": _documentation(model, fmi, name),
-        "documentation/licenses/license.txt": _built(LICENSES, "the licences of the library in the FMU"),
+        "documentation/licenses/license.txt": _licenses(),
         "resources/model.json": json.dumps(model.content(made), indent=1, sort_keys=True),
-        _place(fmi, name): library,
+        _place(fmi, name): binary,
     }
     return zipped(inside)
 
 
-def _built(file: Path, what: str) -> bytes:
-    """Return a file that is built from the engine. Raises InputError without it."""
+def _licenses() -> bytes:
+    """Return the licences of the library in the FMU. Raises InputError where they are missing."""
     try:
-        return file.read_bytes()
+        return LICENSES.read_bytes()
     except OSError:
         raise InputError(
-            f"{file}: is missing, {what}; `make .venv/.engine` makes it from engine/fmi"
+            f"{LICENSES}: is missing, the licences of the library in the FMU; `make .venv/.engine` makes it"
         ) from None
 
 

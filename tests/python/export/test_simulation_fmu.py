@@ -28,7 +28,7 @@ from swarmwright.fmu.ssp import described, system_of
 from swarmwright.simulations import catalogue
 from tests.fmus import Driven, driving
 
-pytestmark = pytest.mark.skipif(not LIBRARY.exists(), reason="engine/fmi is not built: make .venv/.engine")
+pytestmark = pytest.mark.skipif(not LIBRARY.exists(), reason="engine/fmi is not built: make fmi")
 
 CASES: dict[str, dict[str, Any]] = {
     "minisim": {"numAgents": 3, "placement": "random", "speedDefenders": 0.4},

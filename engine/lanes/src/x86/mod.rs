@@ -6,7 +6,9 @@
 
 use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
 
+#[cfg_attr(not(level_avx2), allow(dead_code))]
 pub mod avx2;
+#[cfg_attr(not(level_avx512), allow(dead_code))]
 pub mod avx512;
 
 /// Asks for the cache line of a byte.

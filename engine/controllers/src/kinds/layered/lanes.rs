@@ -88,15 +88,16 @@ fn layer<L: Lanes>(activation: Activation, rows: &[L], inputs: Inputs<'_, L>, ou
     for four in &mut fours {
         let sums = add_rows([L::splat(0.0); 4], split::<L, 4>(rest, length, 1), inputs);
         for node in 0..4 {
-            four[node] = apply(activation, rest[node * length].add(sums[node]));
+            four[node] = rest[node * length].add(sums[node]);
         }
         rest = &rest[4 * length..];
     }
     for output in fours.into_remainder() {
-        *output = apply(
-            activation,
-            rest[0].add(add_row(L::splat(0.0), &rest[1..length], inputs)),
-        );
+        *output = rest[0].add(add_row(L::splat(0.0), &rest[1..length], inputs));
         rest = &rest[length..];
+    }
+    // Afterwards, so that functions are compiled once, and not for each of the nodes above.
+    for output in outputs {
+        *output = apply(activation, *output);
     }
 }
