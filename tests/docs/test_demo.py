@@ -32,6 +32,7 @@ def differing(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
     return float((np.abs(one.astype(int) - other).max(axis=2) > 32).mean())
 
 
+@pytest.mark.journey
 @pytest.mark.timeout(120)
 def test_the_picture_of_the_readme_is_of_the_demo(root: Path, tmp_path: Path) -> None:
     """Records are the same on any number of servers, so this evolves in one process."""

@@ -73,6 +73,7 @@ def test_the_examples_of_d61_survive_in_python(classes: Path) -> None:
         del sys.modules[specification.name]
 
 
+@pytest.mark.slow
 def test_a_generated_client_plays_d61s_episode_on_a_server(classes: Path) -> None:
     """The agent runs straight ahead, as in the conversation; every number that comes is the one there."""
     messages = vectors("conversations/published.json")["messages"]

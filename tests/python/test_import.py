@@ -9,6 +9,7 @@ import pytest
 import swarmwright
 
 
+@pytest.mark.slow
 def test_importing_is_fast_and_lazy() -> None:
     # Processor time, because others may work beside the test.
     code = (
@@ -22,6 +23,7 @@ def test_importing_is_fast_and_lazy() -> None:
     assert heavy == "[]"
 
 
+@pytest.mark.slow
 def test_plotting_libraries_are_not_needed_to_optimize() -> None:
     uses = "swarmwright.optimize; swarmwright.Experiment"
     code = f"import sys, swarmwright; {uses}; assert 'matplotlib' not in sys.modules"
@@ -34,6 +36,7 @@ def test_every_public_name_is_there(name: str) -> None:
     assert name in dir(swarmwright)
 
 
+@pytest.mark.slow
 def test_modules_are_there_whatever_was_used_before() -> None:
     names = [name for name in swarmwright.__all__ if isinstance(getattr(swarmwright, name), ModuleType)]
     assert {"callbacks", "display", "methods", "modules", "rankings", "representations"} <= set(names)

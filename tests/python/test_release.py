@@ -40,12 +40,14 @@ def commit(clone: Path, name: str, old: str, new: str) -> None:
     git(clone, "commit", "--quiet", "--all", "--message", "all: change a file")
 
 
+@pytest.mark.slow
 def test_a_commit_that_can_be_released(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert release.main(["check"], clone) == 0
     assert release.main(["check", "--tag", f"v{VERSION}"], clone) == 0
     assert capsys.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_uncommitted_and_untracked_files(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (clone / "CITATION.cff").write_text((clone / "CITATION.cff").read_text() + "# more\n")
     (clone / "new.py").touch()
@@ -58,6 +60,7 @@ def test_uncommitted_and_untracked_files(clone: Path, capsys: pytest.CaptureFixt
     assert problem.endswith("new2.py and 6 more: commit or remove them")
 
 
+@pytest.mark.slow
 def test_a_folder_without_git(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(clone.parent))
     (clone / ".git").rename(clone.parent / "git")
@@ -65,12 +68,14 @@ def test_a_folder_without_git(clone: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert problem.startswith("git status failed: fatal: not a git repository")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tag", [VERSION, "v9.9.9", f"v{VERSION}-rc1", ""])
 def test_a_tag_of_another_version(clone: Path, tag: str) -> None:
     (problem,) = release.problems(clone, tag)
     assert problem.startswith(f"the tag is {tag}, but v{VERSION} ")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", release.VERSIONS)
 def test_another_version_in_one_file(clone: Path, name: str) -> None:
     line = re.search(release.VERSIONS[name], (clone / name).read_text(), re.MULTILINE)
@@ -80,12 +85,14 @@ def test_another_version_in_one_file(clone: Path, name: str) -> None:
     assert release.problems(clone, None) == [expected]
 
 
+@pytest.mark.slow
 def test_a_file_without_its_version(clone: Path) -> None:
     commit(clone, "CITATION.cff", "\nversion: ", "\nrelease: ")
     (problem,) = release.problems(clone, None)
     assert problem.startswith("CITATION.cff: the version is missing")
 
 
+@pytest.mark.slow
 def test_a_lock_file_of_an_earlier_version(clone: Path) -> None:
     commit(clone, "engine/Cargo.toml", f'version = "{VERSION}"', 'version = "9.9.9"')
     found = release.problems(clone, None)
@@ -93,6 +100,7 @@ def test_a_lock_file_of_an_earlier_version(clone: Path) -> None:
     assert any(problem.startswith("CHANGELOG.md: ") for problem in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -116,6 +124,7 @@ def test_headings_of_the_changelog(heading: str) -> None:
     assert release.missing_notes(f"# Changelog\n\n{heading}\n\n- First.\n", VERSION) == []
 
 
+@pytest.mark.slow
 def test_checksums(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names = [f"swarmwright-{VERSION}-cp311-abi3-manylinux_2_17_{one}.whl" for one in ("aarch64", "x86_64")]
     for name in names:

@@ -7,6 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from swarmwright import InputError
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch, Serve
@@ -63,6 +65,7 @@ def first_generation(run: Program) -> None:
     run.until(lambda program: len(program.lines) >= 1, "a generation")
 
 
+@pytest.mark.journey
 def test_one_of_two_servers_is_killed(
     broker: BrokerProcess, serve: Serve, launch: Launch, connect: Any, experiment: Experiment
 ) -> None:
@@ -199,6 +202,7 @@ def test_interrupted_runs_free_their_servers_at_once(
     )
 
 
+@pytest.mark.journey
 def test_the_broker_is_killed_and_comes_back(
     broker: BrokerProcess, serve: Serve, launch: Launch, experiment: Experiment
 ) -> None:

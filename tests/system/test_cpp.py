@@ -20,6 +20,7 @@ pytestmark = pytest.mark.timeout(600)  # the first of them builds the library
 MAINS = pytest.mark.parametrize("main", ["minisim", "minisim_plugin"])
 
 
+@pytest.mark.journey
 @MAINS
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_the_record_is_that_of_the_built_in_server(

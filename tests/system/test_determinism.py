@@ -2,6 +2,8 @@
 
 import itertools
 
+import pytest
+
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch
 from tests.system.runs import attempts, record
@@ -16,6 +18,7 @@ method: {kind: nnga, population: 14, generations: 3}
 COUNTS = (1, 2, 8)
 
 
+@pytest.mark.journey
 def test_any_number_of_servers_on_any_broker(
     kind: str, launch: Launch, experiment: Experiment, broker: BrokerProcess
 ) -> None:

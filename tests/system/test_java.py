@@ -18,6 +18,7 @@ from tests.system.test_plain_tool import CONVERSATIONS
 pytestmark = pytest.mark.timeout(600)  # the first of them builds the jar
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_the_record_is_that_of_the_built_in_server(
     embedded: BrokerProcess,

@@ -7,6 +7,8 @@ import threading
 import time
 from typing import Any
 
+import pytest
+
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch, Serve
 from tests.system.plain_tool import PlainTool
@@ -111,6 +113,7 @@ def test_two_tools_and_one_server(
         assert record(path.parent / f"run-{seed}") == record(path.parent / f"local-{seed}")
 
 
+@pytest.mark.journey
 def test_states_of_servers(broker: BrokerProcess, serve: Serve, launch: Launch, connect: Any) -> None:
     """Ready, busy and lost beside each other, on the page and as JSON."""
     servers = serve(broker.url, "--no-restart", first=10, count=3)

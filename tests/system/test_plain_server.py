@@ -42,6 +42,7 @@ def played(specification: dict[str, Any], genome: list[float]) -> Toy:
     return toy
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("version", [3, 5], ids=["mqtt3", "mqtt5"])
 def test_fitness_is_what_the_controllers_earn(
     broker: BrokerProcess, connect: Any, launch: Launch, experiment: Experiment, version: int

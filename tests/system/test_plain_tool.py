@@ -34,6 +34,7 @@ def test_conversations(broker: BrokerProcess, serve: Serve, version: int) -> Non
     assert servers.process.poll() is None
 
 
+@pytest.mark.journey
 def test_a_plain_tool_steers_agents_to_the_goal(broker: BrokerProcess, serve: Serve, connect: Any) -> None:
     """A controller written by hand: head for the goal. Two agents, no hash but a word, no `simulation`."""
     serve(broker.url, first=7)

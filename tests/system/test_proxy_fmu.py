@@ -102,6 +102,7 @@ def test_a_server_in_cpp(embedded: BrokerProcess, serve_cpp: ServeCpp, proxy: Pr
         play(world, seed)
 
 
+@pytest.mark.journey
 def test_a_server_in_python(embedded: BrokerProcess, launch: Launch, proxy: Proxy) -> None:
     server = launch("serve", f"{PYTHON}:Minisim", "--broker", embedded.url, "--json")
     server.until_event("ready", seconds=60)

@@ -25,6 +25,7 @@ RUNS = {
 }
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("name", RUNS)
 def test_a_run_speaks_the_protocol_and_nothing_else(
     broker: BrokerProcess, serve: Serve, launch: Launch, connect: Any, experiment: Experiment, name: str

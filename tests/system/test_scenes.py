@@ -95,6 +95,7 @@ def test_what_agents_sensed_and_did_is_kept(embedded: BrokerProcess, connect: An
     assert page.fitness == run.best.fitness
 
 
+@pytest.mark.journey
 def test_an_experiment_is_shown_before_any_run(
     embedded: BrokerProcess, connect: Any, launch: Launch, experiment: Experiment, tmp_path: Path
 ) -> None:

@@ -96,6 +96,7 @@ def test_every_account_reads_and_writes_what_its_role_may_and_nothing_else(
         assert any(message.payload == b"end" for message in peers[user].messages), user
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_whole_run_over_tls_with_two_servers(
     make: Make,

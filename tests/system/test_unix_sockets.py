@@ -37,6 +37,7 @@ def mosquitto(folder: Path, path: Path, cleanup: ExitStack) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_run_with_two_servers_has_the_record_of_one_over_tcp(
     kind: Kind, launch: Launch, experiment: Experiment, tmp_path: Path, cleanup: ExitStack

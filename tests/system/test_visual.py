@@ -3,6 +3,8 @@
 import itertools
 from typing import Any
 
+import pytest
+
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch, Serve
 from tests.system.recorder import Recorder, Referee, check_shapes
@@ -21,6 +23,7 @@ def steps_of(recorder: Recorder) -> list[float]:
     return [later - sooner for sooner, later in itertools.pairwise(times)]
 
 
+@pytest.mark.journey
 def test_a_server_draws_when_the_control_message_says_so(
     broker: BrokerProcess, serve: Serve, launch: Launch, connect: Any, experiment: Experiment
 ) -> None:

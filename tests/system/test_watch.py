@@ -31,6 +31,7 @@ def until(watcher: Program, what: str, reached: Any) -> dict[str, Any]:
     return next(view for view in views(watcher) if reached(view))
 
 
+@pytest.mark.journey
 @pytest.mark.timeout(150)
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_the_watch_names_the_server_that_is_waited_for(

@@ -34,6 +34,7 @@ def test_sensors_motors_and_noise() -> None:
         assert 0 < simulation.fitness() < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mode", "servers"), [("stepwise", 1), ("batched", 1), ("offloaded", 2)])
 def test_every_mode(mode: str, servers: Any) -> None:
     one = Experiment.from_mapping(

@@ -37,6 +37,7 @@ def experiment(simulation: Any, **changes: Any) -> Experiment:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["gymnasium:CartPole-v1", "gymnasium:Pendulum-v1?max_episode_steps=30", SPREAD]
 )
@@ -113,6 +114,7 @@ TEAM = {
 }
 
 
+@pytest.mark.slow
 def test_agents_of_several_kinds_have_controllers_of_their_own(tmp_path: Path) -> None:
     one = experiment(
         TAG, parameters={"max_cycles": 8}, controller=TEAM, fitness="reward_adversary - reward_agent"
@@ -192,6 +194,7 @@ def test_agents_that_are_dropped_get_and_sense_nothing_more() -> None:
     assert zoo.fitness() == (15 + 14) / 2
 
 
+@pytest.mark.slow
 def test_a_parameter_that_changes_the_number_of_agents_alone(tmp_path: Path) -> None:
     one = experiment("pettingzoo:broken?alike=true", parameters={"extra": 3}, fitness="best - worst")
     assert simulate(one, servers="in-process") == 0
@@ -247,6 +250,7 @@ def test_what_an_environment_returns_wrongly_is_said(name: str, words: str) -> N
         simulate(experiment(name), servers="in-process")
 
 
+@pytest.mark.slow
 def test_a_reward_in_an_array() -> None:
     assert simulate(experiment("pettingzoo:broken?reward=[2.0]"), servers="in-process") == (6 * 2 + 4 * 2) / 2
 
@@ -254,6 +258,7 @@ def test_a_reward_in_an_array() -> None:
 REMEMBERING = "gymnasium:broken:Remembering-v0"
 
 
+@pytest.mark.slow
 def test_an_environment_that_reset_does_not_restore_is_new_in_each_episode(
     caplog: pytest.LogCaptureFixture, tmp_path: Path
 ) -> None:
@@ -419,6 +424,7 @@ def test_a_flag_can_also_take_text() -> None:
         simulate(word, servers="in-process")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["local", 1])
 @pytest.mark.parametrize(
     ("name", "words"),
@@ -481,6 +487,7 @@ def test_a_reset_of_the_time_before_seeds() -> None:
         Old().reset({}, 1)
 
 
+@pytest.mark.slow
 def test_masked_actions_are_not_taken(tmp_path: Path) -> None:
     one = experiment("gymnasium:broken:Masked-v0", controller={"kind": "layered", "hidden": []})
     assert (one.sensors, one.actuators) == (2, 4)

@@ -116,6 +116,7 @@ def experiment(name: str, **more: Any) -> Experiment:
     )
 
 
+@pytest.mark.slow
 @SIMULATORS
 @pytest.mark.timeout(120)
 def test_controllers_are_evolved(name: str, tmp_path: Path) -> None:
@@ -127,6 +128,7 @@ def test_controllers_are_evolved(name: str, tmp_path: Path) -> None:
         assert here.digest == there.digest
 
 
+@pytest.mark.slow
 @needs_enki
 def test_enki_has_e_pucks_only() -> None:
     name = "swarmwright.adapters.enki:Missions"

@@ -119,6 +119,7 @@ def test_the_floor_that_is_seen() -> None:
     assert quadrotors.fitness() == pytest.approx(2 * np.pi / 100, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Rovers, Quadrotors])
 def test_one_record_here_and_on_servers_in_every_mode(kind: type[Any], tmp_path: Path) -> None:
     def experiment(mode: str) -> Experiment:
@@ -190,6 +191,7 @@ ctypes.CDLL = ctypes.cdll._dlltype = Lacking
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drawn_by", ["osmesa", "nothing", "disable"])
 def test_a_film_where_nothing_can_be_drawn(tmp_path: Path, drawn_by: str) -> None:
     experiment = Experiment.from_mapping(
@@ -213,6 +215,7 @@ def test_a_film_where_nothing_can_be_drawn(tmp_path: Path, drawn_by: str) -> Non
     assert process.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_what_cannot_be_filmed_is_refused_before_an_episode_is_simulated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -33,6 +33,7 @@ def evolved(name: str, folder: Path, **changes: Any) -> Run:
     return optimize(Experiment.from_mapping(experiment), servers="local", out=folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [CART, SPREAD])
 def test_the_pictures_are_those_of_the_recorded_episode(name: str, tmp_path: Path) -> None:
     run = evolved(name, tmp_path / "run", parameters={"seed": 5})
@@ -46,6 +47,7 @@ def test_the_pictures_are_those_of_the_recorded_episode(name: str, tmp_path: Pat
     assert "in the run it was" in replay.outcome(pictures.fitness + 1)
 
 
+@pytest.mark.slow
 def test_a_picture_is_what_the_environment_renders(tmp_path: Path) -> None:
     run = evolved(CART, tmp_path / "run", parameters={"seed": 5})
     pictures = Replay.of(run).pictures()
@@ -78,6 +80,7 @@ def test_every_file_from_the_command_line(program: Any, tmp_path: Path) -> None:
     assert "draws pictures and no scenes; --save FILE.html, .gif, .mp4 or .png" in scenes.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [CART, None])
 def test_the_hint_to_watch_stands_where_there_is_something_to_see(
     program: Any, tmp_path: Path, name: str | None

@@ -90,6 +90,7 @@ def test_many_groups_are_drawn_and_told_in_short(tmp_path: Path) -> None:
     drawn(found, tmp_path)
 
 
+@pytest.mark.slow
 def test_methods_are_compared_within_a_task(tmp_path: Path) -> None:
     """Fitness of unlike tasks has unlike units, and pairs between these would weaken Holm's correction."""
     found = compare(
@@ -574,6 +575,7 @@ def test_failed_candidates_and_runs(tmp_path: Path) -> None:
     json.dumps(found.to_mapping())
 
 
+@pytest.mark.slow
 def test_extreme_fitness(tmp_path: Path) -> None:
     huge = [KnownRun(tmp_path / f"h{seed}", [[-1e300], [1e300]], seed=seed) for seed in range(5)]
     tiny = [
@@ -585,6 +587,7 @@ def test_extreme_fitness(tmp_path: Path) -> None:
     drawn(compare(tiny), tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".png", ".svg", ".pdf"])
 @pytest.mark.parametrize("x", ["evaluations", "generations"])
 def test_the_same_figure_is_the_same_file(tmp_path: Path, ending: str, x: str) -> None:

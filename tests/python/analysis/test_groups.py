@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from swarmwright import compare
 from swarmwright.analysis.groups import group
 from swarmwright.analysis.option_columns import option_columns
@@ -94,6 +96,7 @@ def test_a_run_counts_once(tmp_path: Path) -> None:
     assert groups[0].runs == (longer,)
 
 
+@pytest.mark.slow
 def test_many_copies_of_a_run_are_noted_together(tmp_path: Path) -> None:
     same = [KnownRun(tmp_path / f"r{number}", [[1.0]], seed=1) for number in range(1001)]
     groups, notes = group([*same, *same[:2]])

@@ -237,6 +237,7 @@ def test_empty_fronts_and_archives(fronts: list[Run], archives: list[Run]) -> No
         assert compare([empty, *others], by=by).groups[0].final[0] == 0.0  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_sweep_has_what_its_runs_share(tmp_path: Path) -> None:
     base = {**BASE, "method": {**ARCHIVE, "generations": 2}}
     found = sweep({"experiment": base, "grid": {"method.step": [0.01, 0.3]}, "seeds": 2}, out=tmp_path / "a")

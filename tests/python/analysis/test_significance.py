@@ -14,6 +14,7 @@ from swarmwright.analysis.significance import difference, holm, kruskal_wallis, 
 Values = st.lists(st.integers(-5, 5).map(float), min_size=1, max_size=6).map(np.array)
 
 
+@pytest.mark.slow
 @given(Values, Values)
 def test_p_is_the_share_of_arrangements_that_are_as_extreme(one: np.ndarray, two: np.ndarray) -> None:
     found = difference(one, two)
@@ -143,6 +144,7 @@ def test_kruskal_and_wallis_is_scipys_and_takes_failures() -> None:
     assert found.method == "chi-square"
 
 
+@pytest.mark.slow
 @given(st.lists(Values, min_size=3, max_size=4).filter(lambda groups: sum(map(len, groups)) <= 6))
 def test_p_of_several_groups_is_the_share_of_arrangements_that_are_as_extreme(
     groups: list[np.ndarray],
@@ -170,6 +172,7 @@ def test_the_clearest_difference_of_several_groups() -> None:
     assert kruskal_wallis([np.arange(4.0) + 10 * number for number in range(3)]).p == pytest.approx(6 / 34650)
 
 
+@pytest.mark.slow
 def test_p_of_more_runs_is_that_of_permutations_and_always_the_same() -> None:
     from scipy import stats
 
@@ -187,6 +190,7 @@ def test_p_of_more_runs_is_that_of_permutations_and_always_the_same() -> None:
     assert found.p == pytest.approx(expected, abs=4 * np.sqrt(found.p / 2000))
 
 
+@pytest.mark.slow
 def test_p_of_several_groups_does_not_depend_on_their_order() -> None:
     random = np.random.default_rng(3)
     groups = [random.normal(size=8) + number for number in range(3)]

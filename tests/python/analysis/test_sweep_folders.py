@@ -137,6 +137,7 @@ def test_it_is_no_run(swept: Path) -> None:
         swarmwright.Run.open(swept)
 
 
+@pytest.mark.slow
 def test_commands_take_the_folder_of_a_sweep(program: Any, results: Path, tmp_path: Path) -> None:
     whole = program("runs", "compare", "results", "--json")
     assert (whole.returncode, whole.stderr) == (0, "")

@@ -81,6 +81,7 @@ def test_a_parquet_file_has_the_same(swept: Path, tmp_path: Path) -> None:
         assert {row["ranking.episodes"] for row in mine} == {run.experiment.ranking.episodes}
 
 
+@pytest.mark.slow
 def test_the_command_takes_the_folder_of_a_sweep(program: Any, swept: Path, tmp_path: Path) -> None:
     results = shutil.copytree(swept, tmp_path / "results")
     result = program("runs", "export", "results", "all.csv")

@@ -67,6 +67,7 @@ def store(keyring: Mapping[str, str], account: str, password: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_keyring_has_passwords_by_user_and_broker(keyring: Mapping[str, str], ask: Ask) -> None:
     store(keyring, "tool", "general")
     store(keyring, "tool@lab:8883", "special")
@@ -77,6 +78,7 @@ def test_the_keyring_has_passwords_by_user_and_broker(keyring: Mapping[str, str]
     assert ask("mqtts://lab") == "None"
 
 
+@pytest.mark.slow
 def test_environment_and_file_come_before_the_keyring(
     keyring: Mapping[str, str], ask: Ask, tmp_path: Path
 ) -> None:
@@ -88,6 +90,7 @@ def test_environment_and_file_come_before_the_keyring(
     assert ask("mqtt://lab", **user) == "of the keyring"
 
 
+@pytest.mark.slow
 def test_a_keyring_that_cannot_be_read_is_an_error_that_says_how_to_mend_it(ask: Ask, tmp_path: Path) -> None:
     (tmp_path / "data" / "python_keyring").mkdir(parents=True)
     (tmp_path / "data" / "python_keyring" / "keyring_pass.cfg").write_text("no keyring at all\n[\n")
@@ -96,6 +99,7 @@ def test_a_keyring_that_cannot_be_read_is_an_error_that_says_how_to_mend_it(ask:
     assert "SWARMWRIGHT_PASSWORD_FILE" in said
 
 
+@pytest.mark.slow
 def test_no_keyring_is_no_error(ask: Ask) -> None:
     backend = {"PYTHON_KEYRING_BACKEND": "keyring.backends.fail.Keyring"}
     assert ask("mqtt://lab", SWARMWRIGHT_USERNAME="tool", **backend) == "None"

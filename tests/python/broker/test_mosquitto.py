@@ -47,6 +47,7 @@ def test_what_is_secret_is_the_owners_alone(tmp_path: Path) -> None:
     assert not any(word.strip() in elsewhere for word in words)
 
 
+@pytest.mark.slow
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     folder = write(tmp_path / "lab")
     before = {path: path.read_bytes() for path in folder.iterdir()}
@@ -146,6 +147,7 @@ def test_only_a_new_folder_is_opened_to_mosquitto(
     assert sorted(owned) == ["acl", "broker-key.pem", "passwords"]
 
 
+@pytest.mark.slow
 def test_a_folder_that_mosquitto_cannot_enter_is_warned_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -172,6 +174,7 @@ def test_a_folder_that_mosquitto_cannot_enter_is_warned_of(
     assert not [message for message in caplog.messages if message.startswith(f"{folder}:")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("prefix", "stem"), [("lab/1", "lab-1-"), ("", "")])
 def test_the_variables_of_an_account_have_its_prefix(tmp_path: Path, prefix: str, stem: str) -> None:
     folder = write(tmp_path, (prefix,))

@@ -101,6 +101,7 @@ def world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
     assert not [*folder.glob("**/*.env")], "the file ends with its broker"
 
 
+@pytest.mark.slow
 @needs_root
 def test_another_user_cannot_use_the_broker_of_a_run(experiment: Experiment, world: Path) -> None:
     with open_backend(experiment, servers=2) as backend:
@@ -113,6 +114,7 @@ def test_another_user_cannot_use_the_broker_of_a_run(experiment: Experiment, wor
     assert told == {"codes": [0x87] * 4, "found": []}
 
 
+@pytest.mark.slow
 @needs_root
 def test_another_user_cannot_use_the_broker_of_launched_processes(world: Path) -> None:
     run = Experiment.from_mapping({"simulation": "minisim", "servers": {"launcher": "process", "count": 1}})
@@ -125,6 +127,7 @@ def test_another_user_cannot_use_the_broker_of_launched_processes(world: Path) -
     assert told == {"codes": [0x87] * 4, "found": []}
 
 
+@pytest.mark.slow
 @needs_root
 def test_another_user_cannot_use_a_broker_that_runs_by_itself(start: Any, world: Path) -> None:
     broker = start(
@@ -148,6 +151,7 @@ def test_another_user_cannot_use_a_broker_that_runs_by_itself(start: Any, world:
     assert broker.wait(10) == 0
 
 
+@pytest.mark.slow
 def test_programs_of_one_user_find_a_broker_by_its_address(start: Any, program: Any, tmp_path: Path) -> None:
     broker = start("broker", "--port", "0", "--json")
     (listening,) = events(broker, "listening")
@@ -165,6 +169,7 @@ def test_programs_of_one_user_find_a_broker_by_its_address(start: Any, program: 
     assert "such as `swarmwright broker --account FILE` writes" in elsewhere.stderr
 
 
+@pytest.mark.slow
 def test_the_account_of_a_broker_that_was_killed_is_not_used(start: Any) -> None:
     broker = start("broker", "--port", "0", "--json")
     (listening,) = events(broker, "listening")
@@ -181,6 +186,7 @@ def test_the_account_of_a_broker_that_was_killed_is_not_used(start: Any) -> None
         assert not file.exists(), "the next start removes it"
 
 
+@pytest.mark.slow
 def test_an_account_is_known_to_this_process_where_no_file_can_be_written(
     monkeypatch: pytest.MonkeyPatch, experiment: Experiment, tmp_path: Path
 ) -> None:
@@ -201,6 +207,7 @@ def test_the_broker_of_local_launchers_has_an_account() -> None:
         _engine.servers(access.address, wait=0.1)
 
 
+@pytest.mark.slow
 def test_the_file_of_an_account_is_for_other_programs(start: Any, program: Any, tmp_path: Path) -> None:
     file = tmp_path / "me.env"
     broker = start("broker", "--port", "0", "--account", "me.env", "--json")
@@ -220,6 +227,7 @@ def test_the_file_of_an_account_is_for_other_programs(start: Any, program: Any, 
     assert file.read_text() == "notes\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -237,6 +245,7 @@ def test_options_that_exclude_each_other(
     assert message in refused.stderr
 
 
+@pytest.mark.slow
 def test_a_broker_admits_all_users_only_where_it_is_asked_to(start: Any) -> None:
     broker = start("broker", "--port", "0", "--anonymous")
     first, second = broker.stdout.readline(), broker.stdout.readline()

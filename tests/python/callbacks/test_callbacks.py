@@ -95,6 +95,7 @@ def uri(empty: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "sqlite:///mlflow.db"
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_on_is_named_by_its_folder(uri: str, tmp_path: Path) -> None:
     from mlflow import MlflowClient
 
@@ -107,6 +108,7 @@ def test_a_run_that_goes_on_is_named_by_its_folder(uri: str, tmp_path: Path) -> 
     assert names[:2] == ["swarm-7", "mine"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("plots")
 def test_mlflow_has_the_run(uri: str, tmp_path: Path) -> None:
     from mlflow import MlflowClient
@@ -196,6 +198,7 @@ def test_nested_values_become_flat() -> None:
     assert flat({"a": {"b": {"c": 1}, "d": [1, 2]}, "e": "x"}) == {"a.b.c": 1, "a.d": [1, 2], "e": "x"}
 
 
+@pytest.mark.slow
 def test_options_of_the_program(program: Any, uri: str, tmp_path: Path) -> None:
     EXPERIMENT.save(tmp_path / "x.yaml")
     result = program(*("optimize", "x.yaml", "--out", "run", "--tensorboard", "board", "--mlflow", uri))

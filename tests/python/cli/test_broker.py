@@ -19,6 +19,8 @@ from paho.mqtt.enums import CallbackAPIVersion
 from tests.conftest import PROGRAM, environment
 from tests.python.cli.test_services import events
 
+pytestmark = pytest.mark.slow
+
 
 def add_user(folder: Path, file: str, name: str, password: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
@@ -196,6 +198,7 @@ def test_the_log_says_whose_message_was_denied(start: Any, tmp_path: Path) -> No
     assert re.search(r"client probe of account ada at 127.0.0.1:\d+: may not publish to control", denied)
 
 
+@pytest.mark.journey
 def test_sighup_has_files_read_again_and_ends_nothing(start: Any, program: Any, tmp_path: Path) -> None:
     add_user(tmp_path, "users.txt", "ada", "correct horse\n")
     broker = start("broker", "--port", "0", "--users", "users.txt", "--json", "--log", "broker.log")

@@ -43,6 +43,7 @@ def address(folder: Path) -> str:
     return (folder / "x.html").as_uri()
 
 
+@pytest.mark.slow
 def test_a_browser_is_started_without_its_noise(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -58,6 +59,7 @@ def test_a_browser_is_started_without_its_noise(
     assert (folder / "terminal").read_text() == "TERM=\n", "browsers for text do not take the terminal"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("display", "also", "wanted"),
     [
@@ -86,6 +88,7 @@ def test_a_browser_needs_a_display_and_a_person(
         assert last == f"Open it in a browser: {address(folder)}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("does", ["exit 1", None])
 def test_no_browser_is_no_failure(
     does: str | None, folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
@@ -98,6 +101,7 @@ def test_no_browser_is_no_failure(
     assert said.out.splitlines()[-1].startswith("Open it in a browser: file:///")
 
 
+@pytest.mark.slow
 def test_a_browser_that_stays_in_the_foreground_is_not_waited_for(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -116,6 +120,7 @@ def test_open_is_refused_without_a_file(capfd: pytest.CaptureFixture[str]) -> No
     assert "--open is for pictures, videos and pages: give --save FILE as well." in capfd.readouterr().err
 
 
+@pytest.mark.slow
 def test_json_stays_json(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 BASE = """\
 simulation: minisim
 parameters: {maxSteps: 6}
@@ -69,6 +71,7 @@ def test_archives(program: Any, swept: Any, tmp_path: Path) -> None:
     assert "--by qd_score --offset -20 --at 8` compares all" in result.stdout
 
 
+@pytest.mark.journey
 def test_tables_are_written(program: Any, swept: Any, tmp_path: Path) -> None:
     swept("archives")
     files = ["--csv", "table.csv", "--latex", "table.tex"]

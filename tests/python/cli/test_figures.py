@@ -9,6 +9,8 @@ from PIL import Image
 
 import swarmwright
 
+pytestmark = pytest.mark.slow
+
 BASE: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "parameters": {"maxSteps": 4},
     "method": {"kind": "nnga", "population": 6, "generations": 3},
@@ -27,6 +29,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.journey
 def test_one_run_is_drawn_into_its_folder(program: Any, runs: Path) -> None:
     result = program("plot", runs / "nnga-1", "--json")
     assert result.returncode == 0, result.stderr

@@ -161,6 +161,7 @@ def on_terminal(*arguments: str, seconds: float = 3.0) -> str:
     return said.decode()
 
 
+@pytest.mark.slow
 def test_servers(crowd: str, program: Any) -> None:
     shown = program("servers", "--broker", crowd)
     check(shown.stdout)
@@ -176,6 +177,7 @@ def test_servers(crowd: str, program: Any) -> None:
     check(re.sub("\x1b\\[[0-9;]*m", "", drawn.replace("\r\n", "\n")))
 
 
+@pytest.mark.journey
 def test_the_watch(crowd: str, start: Any) -> None:
     for more in ((), ("--json",)):
         watching = start("servers", "--watch", "--every", "0.2", "--broker", crowd, *more)
@@ -227,6 +229,7 @@ def failing(broker: str, foreign: Foreign, title: str, *, every: int = 2) -> Ite
         yield
 
 
+@pytest.mark.slow
 def test_reasons_of_a_server_in_a_run_and_after_it(
     embedded_broker: str, foreign: Foreign, program: Any, tmp_path: Path
 ) -> None:
@@ -244,6 +247,7 @@ def test_reasons_of_a_server_in_a_run_and_after_it(
     check((tmp_path / "log").read_text())
 
 
+@pytest.mark.slow
 def test_errors_name_peers_and_files(
     embedded_broker: str, foreign: Foreign, program: Any, tmp_path: Path
 ) -> None:
@@ -284,6 +288,7 @@ class Evil(Simulation):
 """
 
 
+@pytest.mark.slow
 def test_what_a_simulation_raises_and_prints(program: Any, tmp_path: Path) -> None:
     (tmp_path / "evil.py").write_text(SIMULATION.format(text=HOSTILE, printed=HOSTILE))
     experiment = "simulation: evil.py:Evil\nmethod: {kind: random_search, population: 3, generations: 1}\n"
@@ -304,6 +309,7 @@ def test_what_a_simulation_raises_and_prints(program: Any, tmp_path: Path) -> No
     assert r"\x1e" not in log, "marks of lines are taken out"
 
 
+@pytest.mark.slow
 def test_serve(embedded_broker: str, start: Any, tmp_path: Path) -> None:
     (tmp_path / "evil.py").write_text(SIMULATION.format(text=HOSTILE, printed=""))
     serving = start("serve", "evil.py:Evil", "--id", "5", "--broker", embedded_broker)

@@ -15,6 +15,8 @@ from swarmwright import Run
 from swarmwright.runs.folders import remove_run
 from tests.python.cli.processes import children, gone, handles
 
+pytestmark = pytest.mark.slow
+
 ENDLESS = "simulation: minisim\nmethod: {population: 6, generations: 1000000}\nservers: 1\n"
 OWN = """
 from swarmwright import Simulation
@@ -148,6 +150,7 @@ def test_a_budget_below_what_there_is_is_refused_before_anything_is_said(
     assert "generations: 2 is less than the experiment's 4" in result.stderr
 
 
+@pytest.mark.journey
 def test_the_command_that_is_printed_goes_on_with_the_same_servers(
     start: Any, embedded_broker: str, tmp_path: Path
 ) -> None:

@@ -12,6 +12,8 @@ import pytest
 from tests.conftest import ROOT
 from tests.python.cli.test_services import events
 
+pytestmark = pytest.mark.slow
+
 LEAST = ROOT / "tests" / "conformance" / "least.py"
 
 
@@ -30,6 +32,7 @@ def listed(program: Any, broker: str, *options: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
+@pytest.mark.journey
 def test_a_server_without_presence_is_listed_when_it_answers(program: Any, start: Any, silent: str) -> None:
     serving = start("serve", "minisim", "--broker", silent, "--id", "40", "--json")
     events(serving, "ready")

@@ -30,6 +30,7 @@ def names(file: Path) -> list[str]:
     return [line["event"] for line in lines(file)]
 
 
+@pytest.mark.journey
 def test_a_run_is_logged_from_its_beginning_to_its_end(program: Any, tmp_path: Path) -> None:
     (tmp_path / "e.yaml").write_text(QUICK)
     done = program(
@@ -65,6 +66,7 @@ def test_attempts_that_another_server_overtook_are_no_failures(tmp_path: Path) -
     assert found == [("debug", "attempt_overtaken"), ("warning", "attempt_failed"), ("debug", "attempt")]
 
 
+@pytest.mark.slow
 def test_the_log_goes_to_standard_error(program: Any, tmp_path: Path) -> None:
     (tmp_path / "e.yaml").write_text(QUICK)
     done = program("optimize", "e.yaml", "--servers", "local", "--out", "r", "--log", "-")
@@ -72,6 +74,7 @@ def test_the_log_goes_to_standard_error(program: Any, tmp_path: Path) -> None:
     assert [found[0]["event"], found[-1]["event"]] == ["run_started", "run_ended"]
 
 
+@pytest.mark.slow
 def test_what_ends_a_command_is_logged(program: Any, tmp_path: Path, unused_port: int) -> None:
     (tmp_path / "e.yaml").write_text(QUICK)
     broker = f"mqtt://127.0.0.1:{unused_port}"
@@ -81,6 +84,7 @@ def test_what_ends_a_command_is_logged(program: Any, tmp_path: Path, unused_port
     assert "no broker answers" in last["message"]
 
 
+@pytest.mark.slow
 def test_a_sweep_logs_each_run(program: Any, tmp_path: Path) -> None:
     (tmp_path / "e.yaml").write_text(QUICK)
     (tmp_path / "s.yaml").write_text(
@@ -91,6 +95,7 @@ def test_a_sweep_logs_each_run(program: Any, tmp_path: Path) -> None:
     assert names(tmp_path / "log").count("run_ended") == 2
 
 
+@pytest.mark.slow
 def test_servers_and_broker_are_logged(start: Any, tmp_path: Path) -> None:
     broker = start("broker", "--port", "0", "--json", "--log", "broker.log")
     (listening,) = events(broker, "listening")
@@ -107,6 +112,7 @@ def test_servers_and_broker_are_logged(start: Any, tmp_path: Path) -> None:
     assert (found[0], found[-1]) == ("listening", "stopped")
 
 
+@pytest.mark.slow
 def test_what_the_broker_refuses_is_logged(start: Any, tmp_path: Path) -> None:
     import socket
 
@@ -124,6 +130,7 @@ def test_what_the_broker_refuses_is_logged(start: Any, tmp_path: Path) -> None:
     assert {line["part"] for line in engine} == {"swarmwright_broker"}
 
 
+@pytest.mark.slow
 def test_a_log_that_cannot_be_written_is_named(tmp_path: Path, program: Any) -> None:
     (tmp_path / "e.yaml").write_text(QUICK)
     done = program("optimize", "e.yaml", "--servers", "local", "--log", "nowhere/log")
@@ -133,6 +140,7 @@ def test_a_log_that_cannot_be_written_is_named(tmp_path: Path, program: Any) -> 
         Log(tmp_path / "nowhere" / "log")
 
 
+@pytest.mark.slow
 def test_a_log_that_can_no_longer_be_written_is_told_once(tmp_path: Path, program: Any) -> None:
     (tmp_path / "e.yaml").write_text(QUICK)
     done = program("optimize", "e.yaml", "--servers", "local", "--log", "/dev/full")

@@ -25,6 +25,7 @@ def program(*arguments: str, **variables: str) -> "subprocess.CompletedProcess[s
     )
 
 
+@pytest.mark.slow
 def test_closed_standard_output(finished: Run) -> None:
     words = " ".join([sys.executable, "-m", "swarmwright", "runs", "show", str(finished.path)])
     for closed in (">&-", "<&- >&-", "<&- >&- 2>&-"):
@@ -34,6 +35,7 @@ def test_closed_standard_output(finished: Run) -> None:
         assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "status"), [("-Sn", 0), ("-n", 1)], ids=["soft", "hard"])
 def test_the_limit_of_open_files_is_raised_as_far_as_allowed(limit: str, status: int, tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text("simulation: minisim\nservers: 8\nmethod: {generations: 1}\n")
@@ -44,6 +46,7 @@ def test_the_limit_of_open_files_is_raised_as_far_as_allowed(limit: str, status:
     assert done.returncode == status, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "servers"), [(64, 40), (24, 2), (10, 1)])
 def test_too_few_open_files_are_named_with_the_limit(tmp_path: Path, limit: int, servers: int) -> None:
     (tmp_path / "x.yaml").write_text(f"simulation: minisim\nservers: {servers}\n")
@@ -56,6 +59,7 @@ def test_too_few_open_files_are_named_with_the_limit(tmp_path: Path, limit: int,
     assert told in done.stderr
 
 
+@pytest.mark.slow
 def test_a_required_package_of_another_version_is_named(tmp_path: Path) -> None:
     """It is no bug in Swarmwright: another package may have installed it."""
     (tmp_path / "pydantic").mkdir()
@@ -73,6 +77,7 @@ def test_a_required_package_of_another_version_is_named(tmp_path: Path) -> None:
     assert "internal error: ModuleNotFoundError" in program("schema", PYTHONPATH=str(tmp_path)).stderr
 
 
+@pytest.mark.slow
 def test_a_run_that_another_process_works_on_is_not_resumed(finished: Run) -> None:
     """Nothing is printed before that is said."""
     lock = Lock(finished.path)
@@ -86,6 +91,7 @@ def test_a_run_that_another_process_works_on_is_not_resumed(finished: Run) -> No
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["in-process", "1"])
 def test_a_failed_episode_is_explained_once(servers: str, tmp_path: Path) -> None:
     (tmp_path / "failing.py").write_text(
@@ -102,6 +108,7 @@ def test_a_failed_episode_is_explained_once(servers: str, tmp_path: Path) -> Non
     assert done.stderr.count("ValueError: no start") == 1, done.stderr
 
 
+@pytest.mark.slow
 def test_settings_of_matplotlib_do_not_count(finished: Run, tmp_path: Path) -> None:
     (tmp_path / "matplotlibrc").write_text("text.usetex: True\naxes.facecolor: red\nbackend: nothing\n")
     (tmp_path / "empty").touch()
@@ -234,6 +241,7 @@ def test_what_code_prints_is_not_among_json(
     assert "reset\n" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_what_c_code_prints_is_not_among_json(tmp_path: Path, program: Any) -> None:
     prints = 'ctypes.CDLL(None).puts(b"from C")\n        os.write(1, b"written\\n")'
     code = TALKATIVE.replace('print("reset")', prints).replace("class", "import ctypes, os\n\n\nclass", 1)
@@ -289,6 +297,7 @@ def test_that_no_thread_can_be_started_is_no_bug(
     assert "bug" not in shown
 
 
+@pytest.mark.slow
 def test_an_experiment_whose_name_is_not_utf8_leaves_no_folder(tmp_path: Path) -> None:
     (tmp_path / "übung 1.yaml").write_text("simulation: minisim\n")
     done = subprocess.run(
@@ -305,6 +314,7 @@ def test_an_experiment_whose_name_is_not_utf8_leaves_no_folder(tmp_path: Path) -
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.slow
 def test_names_that_are_not_utf8(program: Any, tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text("simulation: minisim\n")
     for arguments in (["optimize", "x.yaml", "--out", "b\udce4d"], ["broker", "--init", "b\udce4d"]):
@@ -336,6 +346,7 @@ def test_what_a_picture_shows_needs_a_picture(program: Any, tmp_path: Path) -> N
         assert "the seed of episodes is the option --seed" in program("evaluate", "run", *option).stderr
 
 
+@pytest.mark.slow
 def test_nobody_is_there_to_confirm(program: Any, tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text(
         "simulation: minisim\nmethod: {kind: nnga, population: 4, generations: 1}\n"

@@ -13,6 +13,8 @@ from swarmwright import Run, _engine
 from tests.conformance.sound import SoundServer
 from tests.python.cli.processes import children, gone
 
+pytestmark = pytest.mark.slow
+
 QUICK = """\
 simulation: minisim
 method: {kind: nnga, population: 12, generations: 4}

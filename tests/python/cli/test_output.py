@@ -23,6 +23,7 @@ values = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(value=values)
 def test_everything_finite_is_kept_and_nothing_else_reaches_json(value: object) -> None:
     text = json.dumps(finite(value), allow_nan=False)
@@ -143,6 +144,7 @@ class Loud(Simulation):
 """
 
 
+@pytest.mark.slow
 def test_what_a_simulation_prints_cannot_make_it_fail(program: Any, tmp_path: Path) -> None:
     """Neither a reader that has gone nor a full disk behind the output is a fault of the simulation."""
     (tmp_path / "loud.py").write_text(LOUD)

@@ -44,6 +44,7 @@ def test_what_is_shown_is_written_whatever_the_option_is_called(name: str) -> No
         assert context.params["file"] == Path("x.svg")
 
 
+@pytest.mark.slow
 def test_mistakes_have_the_name_that_help_has(program: Any) -> None:
     told = program("replay", ".", "--out", "no/x.gif")
     assert told.returncode == 2

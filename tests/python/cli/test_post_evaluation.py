@@ -8,6 +8,8 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, post_evaluate
 
+pytestmark = pytest.mark.slow
+
 NOISY = """\
 simulation: minisim
 parameters: {numAgents: 3, numDefenders: 3, placement: random, speedDefenders: 0.5}

@@ -13,6 +13,8 @@ from swarmwright.cli._commands import COMMANDS, SECTIONS
 from swarmwright.cli._commands import program as click_program
 from swarmwright.core.revision import revision
 
+pytestmark = pytest.mark.slow
+
 
 def every_command() -> list[tuple[str, ...]]:
     """Names of all commands, those of groups too."""

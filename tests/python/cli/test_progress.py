@@ -74,6 +74,7 @@ def test_json_has_an_object_for_each_generation(capsys: pytest.CaptureFixture[st
     assert len(capsys.readouterr().out.splitlines()) == 100
 
 
+@pytest.mark.slow
 def test_the_number_of_evaluations_is_said_once(
     program: Callable[..., "CompletedProcess[str]"], tmp_path: Path
 ) -> None:

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from subprocess import CompletedProcess
 
+import pytest
+
 from swarmwright.cli._runs import _controller
 from swarmwright.store import StoreWriter
 from swarmwright.store.rows import NOTHING_LEFT
@@ -22,6 +24,7 @@ def test_each_group_of_a_team_has_its_controller() -> None:
     assert not list(_controller(NETWORK))
 
 
+@pytest.mark.slow
 def test_sessions_say_where_evaluations_were(
     program: Callable[..., "CompletedProcess[str]"], tmp_path: Path
 ) -> None:
@@ -38,6 +41,7 @@ def test_sessions_say_where_evaluations_were(
     assert "\n  nothing was left to evaluate, on host " in program("runs", "show", "local").stdout
 
 
+@pytest.mark.slow
 def test_runs_that_are_listed_nowhere_are_hinted_at(
     program: Callable[..., "CompletedProcess[str]"], tmp_path: Path
 ) -> None:

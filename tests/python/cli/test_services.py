@@ -11,6 +11,8 @@ import pytest
 from swarmwright import Run
 from tests.python.cli.processes import alive, gone
 
+pytestmark = pytest.mark.slow
+
 
 def events(process: Any, wanted: str, number: int = 1) -> list[dict[str, Any]]:
     """The next events of a kind from the program's JSON lines."""

@@ -8,6 +8,8 @@ import pytest
 
 from swarmwright import Run
 
+pytestmark = pytest.mark.slow
+
 FILE = """\
 simulation: minisim
 method: {kind: nnga, population: 12, generations: 4}

@@ -4,8 +4,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from swarmwright import Run
 from tests.python.cli.processes import children
+
+pytestmark = pytest.mark.slow
 
 EXPERIMENT = """\
 simulation: minisim

@@ -12,6 +12,8 @@ import pytest
 
 from swarmwright import InputError, Run
 
+pytestmark = pytest.mark.slow
+
 BASE = """\
 simulation: minisim
 parameters: {maxSteps: 5}

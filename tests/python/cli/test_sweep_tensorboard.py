@@ -21,6 +21,7 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "sweep.yaml"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_each_run_has_its_curves(file: Path, jobs: str) -> None:
     logs = file.parent / "logs"

@@ -12,6 +12,8 @@ import pytest
 from swarmwright import Experiment, Run, optimize
 from tests.conftest import PROGRAM, environment
 
+pytestmark = pytest.mark.slow
+
 NOISY = Experiment.from_mapping(
     {
         "simulation": "minisim",

@@ -36,6 +36,7 @@ class Fragile(Simulation):
 """
 
 
+@pytest.mark.slow
 def test_what_fails_again_and_again_is_told_once_and_counted(program: Any, tmp_path: Path) -> None:
     (tmp_path / "fragile.py").write_text(FRAGILE)
     experiment = tmp_path / "fragile.yaml"

@@ -8,6 +8,8 @@ from PIL import Image
 
 from swarmwright import Run
 
+pytestmark = pytest.mark.slow
+
 EXPERIMENT = """\
 simulation: minisim
 parameters: {maxSteps: 6, stepSize: 20, helloMessage: Hello there}

@@ -69,6 +69,7 @@ def load(folder: Path, *settings: str) -> Experiment:
     return Experiment.load(folder / "experiment.yaml", settings)
 
 
+@pytest.mark.slow
 def test_one_record_wherever_it_runs(folder: Path, tmp_path: Path) -> None:
     experiment = load(folder)
     runs = [
@@ -79,6 +80,7 @@ def test_one_record_wherever_it_runs(folder: Path, tmp_path: Path) -> None:
     assert "simulated" in (tmp_path / "2" / "servers.log").read_text()
 
 
+@pytest.mark.slow
 def test_a_broker_with_servers_of_the_same_file(
     folder: Path, tmp_path: Path, start: Any, embedded_broker: str
 ) -> None:
@@ -122,6 +124,7 @@ def test_any_file_that_is_named_belongs_to_the_identity(folder: Path, name: str)
     assert len(titles) == 2
 
 
+@pytest.mark.slow
 def test_a_run_keeps_the_files_and_is_resumed(folder: Path, tmp_path: Path) -> None:
     experiment = load(folder)
     run = optimize(experiment, out=tmp_path / "run", servers="in-process")
@@ -147,6 +150,7 @@ def test_a_run_keeps_the_files_and_is_resumed(folder: Path, tmp_path: Path) -> N
     assert resume(there, generations=4).generations == 4
 
 
+@pytest.mark.slow
 def test_parameters_with_defaults_from_the_programs_own_file(traced: Traced) -> None:
     (traced.folder / "own.yaml").write_text("speed: 0.5\npid: {kp: 1.5, ki: 0}\nname: two words\nseed: 9\n")
     script = "cat parameters.yaml; sed -n 's/^  kp: /fitness\\n/p' parameters.yaml > log.csv"
@@ -171,6 +175,7 @@ ROS2 = """\
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("form", "text"),
     [
@@ -191,6 +196,7 @@ def test_formats_of_the_parameter_file(traced: Traced, form: str, text: str) -> 
         assert written == text
 
 
+@pytest.mark.slow
 def test_placeholders_in_commands_files_and_the_environment(traced: Traced) -> None:
     (traced.folder / "world.sdf").write_text("<world {speed} {kept}>{{x}} {seed}</world>")
     script = (
@@ -209,12 +215,14 @@ def test_placeholders_in_commands_files_and_the_environment(traced: Traced) -> N
     assert world.read_text() == "<world 0.25 {kept}>{{x}} 0</world>"
 
 
+@pytest.mark.slow
 def test_a_parameter_with_the_name_of_a_placeholder_is_in_the_file_alone(traced: Traced) -> None:
     (traced.folder / "own.yaml").write_text("port: 7\nspeed: 0.5\n")
     script = "test {port} -ge 1024 && sed -n 's/^port: /fitness\\n/p' parameters.yaml > log.csv"
     assert simulate(traced.shell(script, parameters="own.yaml")) == 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "definition"),
     [
@@ -239,6 +247,7 @@ def test_a_run_from_before_placeholders_went_first_is_refused(
     assert simulate(unused) == simulate(traced.shell(WELL))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "definition", "told"),
     [
@@ -277,6 +286,7 @@ def test_parameters_that_do_not_reach_the_program_are_told_once(
     assert told is None or re.search(told, lines[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("log", "content"),
     [
@@ -316,6 +326,7 @@ def test_formats_of_logs(traced: Traced, log: str, content: str) -> None:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "content",
     [
@@ -332,6 +343,7 @@ def test_comments_before_the_names_of_columns(traced: Traced, content: str) -> N
     assert simulate(experiment) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "metric", "result"),
     [
@@ -362,6 +374,7 @@ def test_a_metric_without_a_value_counts_where_the_fitness_uses_it(
             run("b")
 
 
+@pytest.mark.slow
 def test_a_value_that_is_no_number_is_never_a_metric(traced: Traced) -> None:
     (traced.folder / "content").write_text("a,b\n1,2\n2,lost\n3,4\n")
     metrics = {"a": "last", "b": "mean"}
@@ -369,6 +382,7 @@ def test_a_value_that_is_no_number_is_never_a_metric(traced: Traced) -> None:
         simulate(traced.shell(f"cp {traced.folder}/content log.csv", fitness="a", metrics=metrics))
 
 
+@pytest.mark.slow
 def test_nested_values_in_a_log(traced: Traced) -> None:
     experiment = traced.shell(
         'echo \'{"pose": {"x": 3}}\' > log.json', log="log.json", metrics={"x": "last(pose.x)"}, fitness="-x"
@@ -376,6 +390,7 @@ def test_nested_values_in_a_log(traced: Traced) -> None:
     assert simulate(experiment) == -3
 
 
+@pytest.mark.slow
 def test_many_logs_and_standard_output(traced: Traced) -> None:
     script = "for i in 1 2 3; do printf 'distance\\n%s\\n' $i > agent_$i.csv; done"
     experiment = traced.shell(script, log="agent_*.csv", metrics={"far": "sum(distance)"}, fitness="-far")
@@ -384,6 +399,7 @@ def test_many_logs_and_standard_output(traced: Traced) -> None:
     assert simulate(experiment) == 2.5
 
 
+@pytest.mark.slow
 def test_an_episode_that_is_shown(traced: Traced) -> None:
     script = f"printf 'fitness\\n%s\\n' {{seed}} > log.csv; echo $0 >> {traced.folder}/seen"
     experiment = traced.experiment(["sh", "-c", script, "hidden"], visual=["sh", "-c", script, "window"])

@@ -64,6 +64,7 @@ def run(traced: Traced, log: str, **definition: Any) -> float:
     return simulate(traced.shell(f"cp -r {{here}}/{log} .", log=log, **values))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "log", ["ros1.bag", "sqlite", "sqlite/sqlite.db3", "ros2", "ros2/ros2.mcap", "json.mcap"]
 )
@@ -119,6 +120,7 @@ def test_other_topics_may_have_messages_that_cannot_be_read(tmp_path: Path, want
             logs.read({"bag": tmp_path / "bag"}, "rosbag", [wanted])
 
 
+@pytest.mark.slow
 def test_a_column_that_is_not_there(traced: Traced) -> None:
     write_mcap(traced.folder / "json.mcap")
     with pytest.raises(
@@ -127,6 +129,7 @@ def test_a_column_that_is_not_there(traced: Traced) -> None:
         run(traced, "json.mcap", metrics={"x": "last(/robot.z)"}, fitness="x")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", ["ros1.bag", "json.mcap"])
 def test_half_a_log(traced: Traced, log: str) -> None:
     (write_mcap if log == "json.mcap" else write_ros1)(traced.folder / log)

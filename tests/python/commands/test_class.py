@@ -93,6 +93,7 @@ def experiment(folder: Path, **values: Any) -> Experiment:
     )
 
 
+@pytest.mark.slow
 def test_its_functions_are_called_in_their_order(folder: Path) -> None:
     one = experiment(folder, fitness="fitness + 10 * rescued")
     assert evaluate(one, [[0.25]], servers="in-process").tolist() == [40.5]
@@ -100,6 +101,7 @@ def test_its_functions_are_called_in_their_order(folder: Path) -> None:
     assert not list((folder / "work").rglob("rescue.txt"))
 
 
+@pytest.mark.journey
 def test_runs_of_it(folder: Path, tmp_path: Path) -> None:
     runs = [optimize(experiment(folder), out=tmp_path / str(one), servers=one) for one in ("in-process", 2)]
     same_record(*runs)
@@ -125,6 +127,7 @@ open("log.csv", "w").write("fitness\\n1\\n")
 """
 
 
+@pytest.mark.slow
 def test_instances_side_by_side_share_nothing(traced: Traced) -> None:
     (traced.folder / "sim.py").write_text(INSTANCES)
     one = traced.experiment(
@@ -145,6 +148,7 @@ def test_instances_side_by_side_share_nothing(traced: Traced) -> None:
     assert simulate(one) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", ["folder", "instance"])
 def test_a_program_that_replaces_its_folder_by_a_link_changes_nothing_there(
     traced: Traced, tmp_path: Path, level: str

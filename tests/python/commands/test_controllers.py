@@ -105,6 +105,7 @@ def genomes_of(one: Experiment, count: int) -> Any:
     return np.random.default_rng(3).normal(size=(count, one.genome_size)).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("form", "text"), [("json", JSON), ("python", PYTHON)])
 def test_read_by_a_script(tmp_path: Path, form: str, text: str) -> None:
     (tmp_path / "sim.py").write_text(text)
@@ -113,6 +114,7 @@ def test_read_by_a_script(tmp_path: Path, form: str, text: str) -> None:
     assert evaluate(one, genomes, servers=1).tolist() == expected(one, genomes)
 
 
+@pytest.mark.slow
 def test_read_by_a_runtime_for_models(tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime")
     (tmp_path / "sim.py").write_text(ONNX)
@@ -127,6 +129,7 @@ def test_read_by_a_runtime_for_models(tmp_path: Path) -> None:
 COMPILER = '#!/bin/sh\necho compiled >> {here}/compilations\nexec cc "$@"\n'
 
 
+@pytest.mark.slow
 def test_compiled_once_for_a_candidate(tmp_path: Path) -> None:
     (tmp_path / "sim.c").write_text(C)
     compiler = tmp_path / "compiler"
@@ -153,6 +156,7 @@ LOADED = C.replace(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "controller",
     [
@@ -201,6 +205,7 @@ def test_weights_in_a_file_need_a_compiler(tmp_path: Path, definition: Any, mess
         experiment(tmp_path, definition.pop("command", "x"), **definition)
 
 
+@pytest.mark.slow
 def test_what_does_not_compile_is_a_failed_evaluation(tmp_path: Path) -> None:
     one = experiment(
         tmp_path,

@@ -18,6 +18,7 @@ from swarmwright.commands.process import Processes, missing_script
 from tests.python.commands.processes import WELL, Traced
 
 
+@pytest.mark.slow
 def test_well(traced: Traced) -> None:
     assert simulate(traced.shell(WELL)) == 1.5
     assert traced.left() == []
@@ -38,6 +39,7 @@ def test_no_such_program(traced: Traced) -> None:
         simulate(traced.experiment("sims/run {parameters}"))
 
 
+@pytest.mark.slow
 def test_program_that_cannot_be_executed(traced: Traced) -> None:
     script = traced.folder / "sim.py"
     script.write_text("#!/no/such/interpreter\n")
@@ -50,6 +52,7 @@ def test_program_that_cannot_be_executed(traced: Traced) -> None:
         simulate(traced.experiment("./sim.py {parameters}"))
 
 
+@pytest.mark.slow
 def test_a_program_that_goes_while_it_is_used(traced: Traced) -> None:
     program = traced.folder / "sim"
     program.write_text(f"#!/bin/sh\n{WELL}\nrm {program}\n")
@@ -58,12 +61,14 @@ def test_a_program_that_goes_while_it_is_used(traced: Traced) -> None:
     assert [str(value) for value in fitness] == ["1.5", "nan"]
 
 
+@pytest.mark.slow
 def test_exit_status_with_the_end_of_the_output(traced: Traced) -> None:
     reason = traced.fails("for i in 1 2 3 4 5; do echo line $i; done; echo out of fuel >&2; exit 7")
     # Without a path: runs store it, and count failures with the same reason.
     assert reason.endswith("sh: ended with exit status 7; its last output: line 4 | line 5 | out of fuel")
 
 
+@pytest.mark.slow
 def test_the_work_folder_that_is_named_is_that_of_the_failure(
     traced: Traced, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -81,10 +86,12 @@ def test_the_work_folder_that_is_named_is_that_of_the_failure(
     assert len(list((traced.folder / "work").rglob("failed-*"))) == 2
 
 
+@pytest.mark.slow
 def test_signal(traced: Traced) -> None:
     assert "was ended by SIGSEGV" in traced.fails("kill -SEGV $$")
 
 
+@pytest.mark.slow
 def test_hang(traced: Traced) -> None:
     """It is asked to end first, as by Ctrl-C, so that it can clean up."""
     script = "trap 'echo cleaning up; exit 0' TERM; echo before; setsid sleep 1000 & sleep 1000 & wait"
@@ -93,10 +100,12 @@ def test_hang(traced: Traced) -> None:
     assert "its last output: before | cleaning up" in reason
 
 
+@pytest.mark.slow
 def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
     assert "has not ended" in traced.fails("trap '' TERM INT; while :; do sleep 0.05; done", timeout=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("log", "reason"),
     [
@@ -129,6 +138,7 @@ def test_log(traced: Traced, log: str, reason: str) -> None:
     assert traced.left() == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", ["time,fitness\\n1,2\\n# 3\\n4,5\\n", "fitness\\n2\\n# done\\n5\\n#\\n"])
 def test_lines_of_comments_are_no_rows(traced: Traced, log: str) -> None:
     assert simulate(traced.shell(f"printf '{log}' > log.csv", metrics={"fitness": "mean"})) == 3.5
@@ -181,6 +191,7 @@ def test_kinds_of_failures_are_bounded(tmp_path: Path) -> None:
         instance.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [1000, 10], ids=["short", "too long for sockets"])
 def test_temporary_files_go_with_the_work_folder(
     traced: Traced, monkeypatch: pytest.MonkeyPatch, most: int
@@ -196,6 +207,7 @@ def test_temporary_files_go_with_the_work_folder(
     made.unlink(missing_ok=True)
 
 
+@pytest.mark.slow
 def test_a_script_that_is_misspelt_is_known_before(traced: Traced) -> None:
     (traced.folder / "sim.py").touch()
     words = r"command: simm\.py: there is no such file beside the experiment file; did you mean 'sim\.py'\?"
@@ -223,18 +235,21 @@ def test_words_that_an_interpreter_does_not_take_for_files(
     assert (missing_script(command.split(), tmp_path, []) is not None) == missing
 
 
+@pytest.mark.slow
 def test_a_field_that_is_too_long(traced: Traced) -> None:
     (traced.folder / "content").write_text(f"fitness,{'a' * (1 << 18)}\n1,2\n")
     with pytest.raises(RunError, match=r"log\.csv:1: is not a table: field larger than field limit"):
         simulate(traced.shell(f"cp {traced.folder}/content log.csv"))
 
 
+@pytest.mark.slow
 def test_no_log(traced: Traced) -> None:
     reason = traced.fails("echo > result.csv; echo written")
     assert "ended without writing log.csv (simulation.log); found: parameters.yaml, result.csv" in reason
     assert "its last output: written" in reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "log", "reason"),
     [
@@ -249,12 +264,14 @@ def test_a_log_that_is_not_a_file(traced: Traced, script: str, log: str, reason:
     assert reason in traced.fails(script, log=log)
 
 
+@pytest.mark.slow
 def test_half_an_object(traced: Traced) -> None:
     reason = traced.fails('printf \'{"fitness": 1}\\n{"fitne\' > log.jsonl', log="log.jsonl")
     assert "log.jsonl:2: is not valid JSON" in reason
     assert "was the log cut off?" in reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "script",
     [
@@ -269,26 +286,31 @@ def test_children_left_behind(traced: Traced, script: str) -> None:
     assert "sleep" in reason
 
 
+@pytest.mark.slow
 def test_children_that_are_ended_without_failure(traced: Traced) -> None:
     assert simulate(traced.shell(f"setsid sleep 1000 & {WELL}", children="end")) == 1.5
     assert traced.left() == []
 
 
+@pytest.mark.slow
 def test_children_that_end_soon_after(traced: Traced) -> None:
     assert simulate(traced.shell(f"sleep 0.1 & {WELL}")) == 1.5
 
 
+@pytest.mark.slow
 def test_one_large_file(traced: Traced) -> None:
     reason = traced.fails("exec head -c 100000000 /dev/zero > large", disk=2)
     assert "was ended by SIGXFSZ: a file of more than 2 MB (simulation.disk)" in reason
     assert not any(path.stat().st_size > 2_000_000 for path in (traced.folder / "work").rglob("large"))
 
 
+@pytest.mark.slow
 def test_many_files(traced: Traced) -> None:
     script = "i=0; while :; do i=$((i+1)); head -c 900000 /dev/zero > part-$i; done"
     assert "wrote more than 5 MB into its work folder (simulation.disk)" in traced.fails(script, disk=5)
 
 
+@pytest.mark.slow
 def test_a_gigabyte_of_output(traced: Traced) -> None:
     began = time.monotonic()
     reason = traced.fails("echo begins; exec head -c 1000000000 /dev/zero", output=1)
@@ -296,6 +318,7 @@ def test_a_gigabyte_of_output(traced: Traced) -> None:
     assert time.monotonic() - began < 10
 
 
+@pytest.mark.slow
 def test_one_failure_does_not_stop_the_others(traced: Traced) -> None:
     experiment = traced.shell(
         "if grep -q 'speed: 0.0$' parameters.yaml; then exit 3; fi; " + WELL, fitness="fitness"
@@ -315,6 +338,7 @@ print(simulate(traced.shell("touch begun; (setsid sleep 1000 &) ; sleep 1000", d
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["in-process", "local"])
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT])
 def test_the_tool_ends(traced: Traced, servers: str, end: signal.Signals) -> None:
@@ -346,6 +370,7 @@ print(simulate(traced.shell(script), servers=sys.argv[3]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["in-process", "local"])
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT])
 def test_commands_are_asked_to_end(traced: Traced, servers: str, end: signal.Signals) -> None:
@@ -374,6 +399,7 @@ def _wait_for_sleepers(traced: Traced, count: int) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_the_keeper_is_killed(traced: Traced) -> None:
     """As by a system that runs out of memory: the process notices, and ends what was left."""
     processes = Processes()
@@ -386,6 +412,7 @@ def test_the_keeper_is_killed(traced: Traced) -> None:
     assert traced.left(within=5) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "words"),
     [
@@ -405,6 +432,7 @@ def test_a_command_that_kills_or_stops_the_keeper_fails_at_once(
     assert simulate(traced.shell(WELL)) == 1.5
 
 
+@pytest.mark.slow
 def test_the_keeper_ends_where_a_report_was_not_read(
     traced: Traced, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -417,6 +445,7 @@ def test_the_keeper_ends_where_a_report_was_not_read(
     assert "Traceback" not in capfd.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_interrupt_is_no_failure_of_the_episode(
     traced: Traced, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -188,6 +188,7 @@ def host(definition: dict[str, Any]) -> Host:
     return Host(Command)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [one for one in HOSTILE if "\0" not in one])
 def test_a_server_passes_hostile_text_as_data_alone(traced: Traced, value: str) -> None:
     """Over the path that a message of a peer takes, with a real process."""
@@ -217,6 +218,7 @@ def test_a_server_passes_hostile_text_as_data_alone(traced: Traced, value: str) 
     assert traced.left() == []
 
 
+@pytest.mark.slow
 def test_a_server_refuses_text_that_is_none_of_the_choices(traced: Traced) -> None:
     server = host(
         {

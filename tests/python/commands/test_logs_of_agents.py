@@ -45,6 +45,7 @@ def test_what_is_wrong_is_named(text: str, answer: str) -> None:
         read(text)
 
 
+@pytest.mark.slow
 def test_fitness_over_the_logs_of_agents(tmp_path: Path) -> None:
     (tmp_path / "swarm.py").write_text(PROGRAM)
     (tmp_path / "x.yaml").write_text(

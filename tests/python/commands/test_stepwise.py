@@ -14,6 +14,8 @@ from tests.python.cli.test_services import events
 from tests.python.commands.processes import Traced
 from tests.python.records import same_record
 
+pytestmark = pytest.mark.slow
+
 MINISIM = Path(__file__).with_name("minisim_process.py")
 DEFINITION = {
     "command": [sys.executable, str(MINISIM)],

@@ -10,6 +10,8 @@ from swarmwright.user_code import trust
 from tests.python.commands.processes import WELL, Traced
 from tests.python.records import change, seal
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def received(traced: Traced, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

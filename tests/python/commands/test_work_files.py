@@ -52,6 +52,7 @@ def experiment(files: Any) -> Experiment:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("project")
 def test_files_of_every_kind_are_copied() -> None:
     one = experiment(["map.png", "world.txt", "meshes"])

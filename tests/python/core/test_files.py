@@ -73,6 +73,7 @@ def test_a_java_object_that_is_no_file(odd: tuple[Path, str], tmp_path: Path) ->
         frevo.load(session, field=field)
 
 
+@pytest.mark.slow
 def test_a_program_says_so(odd: tuple[Path, str], program: Any) -> None:
     path, kind = odd
     for command in ("optimize", "simulate", "sweep", "import", "score"):

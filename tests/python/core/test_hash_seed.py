@@ -19,6 +19,7 @@ def test_started_processes_have_the_seed_of_the_environment_or_a_fixed_one(
     assert hash_seed.variables(given) == {"PYTHONHASHSEED": expected}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", ["0", "5", "random", None])
 def test_the_seed_of_a_process_is_known(given: str | None) -> None:
     environment = {name: value for name, value in os.environ.items() if name != hash_seed.VARIABLE}

@@ -10,6 +10,8 @@ import pytest
 import swarmwright
 from tests.conftest import environment
 
+pytestmark = pytest.mark.slow
+
 NO_ENGINE = "Swarmwright's engine is not installed: `make demo` builds it in a clone"
 
 

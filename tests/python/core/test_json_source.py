@@ -16,6 +16,7 @@ JSON = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(JSON)
 def test_it_reads_what_json_reads(value: object) -> None:
     for indent in (None, 2, "\t"):

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 import multiprocessing, warnings
 import numpy as np
@@ -28,6 +30,7 @@ print(in_a_child())
 """
 
 
+@pytest.mark.slow
 def test_a_child_of_a_process_that_used_the_engine_is_told() -> None:
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=55, check=False

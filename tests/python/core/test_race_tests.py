@@ -161,6 +161,7 @@ def test_the_clearly_worse_go_and_the_clearly_best_stays_alone(test: Test) -> No
             assert kept.tolist() == [True] + [False] * (count - 1)
 
 
+@pytest.mark.slow
 def test_equal_candidates_are_dropped_at_the_rate_of_the_level() -> None:
     """Of Friedman's test: any of them, at one test."""
     rng = np.random.default_rng(5)

@@ -21,6 +21,7 @@ def test_representations_conform(kind: str) -> None:
     check_representation(kind)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", sorted(METHODS.built_in))
 def test_methods_conform(kind: str) -> None:
     check_method(kind)
@@ -102,6 +103,7 @@ def plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
             del sys.modules[name]
 
 
+@pytest.mark.slow
 def test_a_method_of_another_package(plugins: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install(plugins, "plugin_climber", HILL_CLIMBER, "plugin_climb = plugin_climber:Climb")
     registry = fresh_registry()

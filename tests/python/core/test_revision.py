@@ -8,6 +8,8 @@ import pytest
 
 from swarmwright.core.revision import revision_of
 
+pytestmark = pytest.mark.slow
+
 
 def git(folder: Path, *arguments: str) -> str:
     """Run git as a user without settings."""

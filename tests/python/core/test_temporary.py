@@ -27,6 +27,7 @@ def mode(path: Path) -> int:
     return stat.S_IMODE(path.lstat().st_mode)
 
 
+@pytest.mark.slow
 def test_the_place_is_private_and_the_same_each_time(temporary: Path) -> None:
     place = private_place()
     assert place.parent == temporary
@@ -79,6 +80,7 @@ def test_a_folder_goes_with_its_block_and_with_its_object() -> None:
     assert not path.exists()
 
 
+@pytest.mark.slow
 def test_what_a_killed_process_has_left_goes_and_nothing_else(temporary: Path) -> None:
     code = (
         "import sys; from swarmwright.core.temporary import TemporaryFolder; "

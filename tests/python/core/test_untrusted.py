@@ -1,6 +1,7 @@
 import json
 import unicodedata
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -40,6 +41,7 @@ def test_lines_are_those_of_the_text(text: str) -> None:
     assert is_safe("".join(shown).replace("\t", ""))
 
 
+@pytest.mark.slow
 @given(value=st.recursive(text, lambda inner: st.lists(inner) | st.dictionaries(text, inner)))
 def test_json_stays_the_same_json(value: object) -> None:
     for ascii_only in (False, True):

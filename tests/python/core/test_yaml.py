@@ -28,6 +28,7 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.text("abcdefgh", min_size=1, max_size=8), VALUES, max_size=5))
 def test_what_is_written_is_read_back(values: dict[str, Any]) -> None:
     source = parse(dump(values), "x.yaml")
@@ -232,6 +233,7 @@ def test_aliases_are_copies() -> None:
     assert parse("a: &x [1]\nb: *x\n", "x.yaml").values == {"a": [1], "b": [1]}
 
 
+@pytest.mark.slow
 def test_a_bomb_of_aliases_is_refused() -> None:
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]

@@ -10,6 +10,8 @@ from swarmwright.display._look import BLUE, GREEN, RED, rgb
 from swarmwright.display.animation import LAST_FRAME_SECONDS
 from swarmwright.display.files import save
 
+pytestmark = pytest.mark.slow
+
 
 def count(image: Image.Image, color: str) -> int:
     """Number of pixels of exactly this colour."""

@@ -12,6 +12,7 @@ from swarmwright.display.files import FORMATS, save
 from tests.python.display.test_page_swarm import MODULES, NETWORK, TEAM
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", FORMATS)
 def test_many_bodies_and_odd_maps(tmp_path: Path, ending: str) -> None:
     random = np.random.default_rng(1)

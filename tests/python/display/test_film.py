@@ -34,6 +34,7 @@ def bluish(frame: np.ndarray[Any, Any]) -> float:
     return float(np.nonzero((abs(upper - rgb(BLUE)) < 25).all(axis=2))[1].mean())
 
 
+@pytest.mark.slow
 def test_a_film_shows_the_agent_on_its_way(crossing: Any, tmp_path: Path) -> None:
     path = tmp_path / "crossing.mp4"
     save(record(crossing), path, caption=Caption("a title"), speed=2.0)
@@ -57,6 +58,7 @@ def test_without_ffmpeg_it_says_how_to_get_it(
         save(record(crossing), tmp_path / "x.mp4")
 
 
+@pytest.mark.slow
 def test_what_ffmpeg_complains_of_is_said(
     crossing: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,6 +17,7 @@ def test_pace_keeps_the_duration_and_the_number_of_frames(scenes: int, seconds: 
     assert per_step * frame == pytest.approx(seconds)
 
 
+@pytest.mark.slow
 @given(scenes=st.integers(1, 3000), seconds=st.floats(0.02, 3))
 def test_frames_go_from_the_first_scene_to_the_last(scenes: int, seconds: float) -> None:
     trajectory = tuple(Scene(10, 10, step, "", ()) for step in range(scenes))

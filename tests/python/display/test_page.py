@@ -82,6 +82,7 @@ def pixels(browser: Chrome, canvas: str, color: str) -> list[int]:
     return found
 
 
+@pytest.mark.slow
 def test_the_page_says_what_it_shows_and_asks_no_network(opened: Chrome) -> None:
     assert opened.title == "minisim: <best> & {{facts}}"
     assert opened.find_element(By.TAG_NAME, "h1").text == "minisim: <best> & {{facts}}"

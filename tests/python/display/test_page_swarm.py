@@ -144,6 +144,7 @@ def place_of(browser: Chrome, agent: int) -> tuple[int, int]:
     return round(found[0]), round(found[1])
 
 
+@pytest.mark.journey
 def test_wheel_keys_and_buttons_zoom_and_drags_move(opened: Chrome) -> None:
     world = opened.find_element(By.ID, "world")
     assert camera(opened) == {"zoom": 1, "x": 1, "y": 1}
@@ -705,6 +706,7 @@ def test_several_episodes_stand_beside_each_other(browser: Chrome, tmp_path: Pat
     assert errors(browser) == []
 
 
+@pytest.mark.slow
 def test_ten_thousand_robots(browser: Chrome, tmp_path: Path) -> None:
     recording = swarm(10_000, steps=450)
     open_page(browser, tmp_path, Part(recording, "", MODULES))

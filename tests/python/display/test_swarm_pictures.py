@@ -286,6 +286,7 @@ def test_seconds_are_shown_where_a_step_is_known_to_last() -> None:
     assert "step 25 of 40, 2.5 s   fitness 25" in texts
 
 
+@pytest.mark.slow
 def test_values_are_colours_with_a_range(tmp_path: Path) -> None:
     recording = swarm(values=True)
     picture = Picture(recording, dpi=100)

@@ -295,6 +295,7 @@ print(len(rewards))
 """
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("simulation", ["minisim", "emergency_exit"])
 def test_environments_of_gymnasium_run_in_forked_processes(simulation: str) -> None:
     """Also where this process has stepped one before: the engine steps one episode without its threads."""

@@ -88,6 +88,7 @@ def check(error: SimulationError, *, in_process: bool) -> None:
         assert error.__cause__ is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["in-process", 1])
 def test_callers_get_what_the_code_raised(broken: Experiment, tmp_path: Path, servers: Any) -> None:
     with pytest.raises(SimulationError, match=r"^the episode failed: Broken") as raised:
@@ -102,6 +103,7 @@ def test_callers_get_what_the_code_raised(broken: Experiment, tmp_path: Path, se
     check(raised.value, in_process=servers != 1)
 
 
+@pytest.mark.slow
 def test_code_that_raises_nothing_has_no_stack() -> None:
     experiment = Experiment.from_mapping({"simulation": Wide, "controller": {"hidden": []}})
     for servers in ("in-process", 1):

@@ -54,6 +54,7 @@ def test_what_fits_a_type() -> None:
         assert not fits(wrong, engine_types.Report)
 
 
+@pytest.mark.slow
 def test_reports_counts_and_attempts_have_their_types(embedded_broker: str) -> None:
     told: list[Any] = []
     settings = {"simulation": "minisim", "broker": embedded_broker, "prefix": "", "step_timeout": 5.0}
@@ -88,6 +89,7 @@ def test_an_attempt_has_the_columns_of_the_store() -> None:
     assert tuple(hints[name] for name in columns) == get_args(engine_types.AttemptRow)
 
 
+@pytest.mark.slow
 def test_presences_and_news_have_their_types(any_broker: str) -> None:
     settings = {"simulation": "minisim", "broker": any_broker, "id": 3, "prefix": "", "step_timeout": 5.0}
     experiment = Experiment.from_mapping({"simulation": "minisim", "broker": any_broker})
@@ -236,6 +238,7 @@ def test_parameters_arrive_as_they_are() -> None:
     assert str(found["zero"]) == "-0.0"
 
 
+@pytest.mark.slow
 def test_what_listens_gets_dicts(tmp_path: Any) -> None:
     """From the pool to the listeners of a run, as logs and figures get them."""
     told: list[Any] = []

@@ -38,6 +38,7 @@ def genomes(count: int, experiment: Experiment = MINISIM) -> np.ndarray[Any, np.
     return np.stack([representation.initial(Stream(1, "test", 0, index)) for index in range(count)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["layered", "fully_meshed"])
 def test_fitness_does_not_depend_on_where_it_is_computed(kind: str) -> None:
     experiment = MINISIM.replace(controller={"kind": kind})
@@ -128,6 +129,7 @@ def test_episodes_and_their_metrics_are_those_of_a_run(tmp_path: Path) -> None:
     assert list(found.seeds) == run.seeds(1)
 
 
+@pytest.mark.slow
 def test_metrics_do_not_depend_on_where_they_are_measured() -> None:
     here, there = (evaluate_episodes(MINISIM, genomes(4), metrics="all", servers=one) for one in ("local", 1))
     assert set(here.names) == {"arrived", "caught", "distance", "steps"}
@@ -163,6 +165,7 @@ def test_wrong_genomes(rows: Any, words: str) -> None:
         evaluate(MINISIM, rows)
 
 
+@pytest.mark.slow
 def test_one_episode_of_one_controller() -> None:
     rows = genomes(1)
     single = MINISIM.replace(ranking={"episodes": 1})
@@ -185,6 +188,7 @@ def test_a_controller_of_another_size() -> None:
         simulate(MINISIM, controller)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("notebook", "mode", "here"), [(True, "auto", True), (True, "stepwise", False), (False, "auto", False)]
 )
@@ -236,6 +240,7 @@ class Signalling(Simulation):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("raises", [False, True])
 def test_servers_work_while_the_caller_does_something_else(tmp_path: Path, raises: bool) -> None:
     """A generation is stored while servers evaluate the next one; an error of storing it is raised."""
@@ -284,6 +289,7 @@ class Broken(Simulation):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["in-process", "local"])
 def test_it_is_told_why_candidates_fail(
     servers: str, tmp_path: Path, caplog: pytest.LogCaptureFixture

@@ -51,6 +51,7 @@ def expected(genomes: np.ndarray[Any, Any], steps: int = 4) -> list[float]:
     return results
 
 
+@pytest.mark.slow
 def test_it_evolves_controllers(any_broker: str, tmp_path: Path, foreign: Foreign) -> None:
     with foreign(any_broker, "line") as server:
         run = optimize(LINE, broker=any_broker, out=tmp_path / "run")
@@ -144,6 +145,7 @@ def test_a_server_in_trouble_does_not_spoil_what_others_do(embedded_broker: str,
     assert fitness.tolist() == pytest.approx(expected(rows), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_junk_on_the_topics_disturbs_nobody(any_broker: str, foreign: Foreign) -> None:
     junk = ["", "{", "[1,2]", "\xff" * 10, '{"simulation_hash": 3}', "x" * 1_000_000]
     with foreign(any_broker, "line", noise=junk):

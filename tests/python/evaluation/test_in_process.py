@@ -99,6 +99,7 @@ def shaky(times: int, **others: Any) -> Experiment:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "others",
     [
@@ -128,6 +129,7 @@ def test_what_fails_for_a_time_is_repeated_and_leaves_no_trace_in_the_record(
         assert np.array_equal(shaken.validation.best.episodes, still.validation.best.episodes)
 
 
+@pytest.mark.slow
 def test_attempts_and_incidents_are_counted_as_on_servers(tmp_path: Path) -> None:
     run = optimize(shaky(100), out=tmp_path / "run")
     failed = int(np.isnan(run.record.episodes).sum())
@@ -161,6 +163,7 @@ def test_two_failures_for_the_same_reason_are_enough_where_episodes_repeat_thems
     assert np.isnan(evaluate(experiment, genomes)).any()
 
 
+@pytest.mark.slow
 def test_a_resumed_run_has_the_same_record(tmp_path: Path) -> None:
     whole = optimize(shaky(1), out=tmp_path / "whole")
     Shaky.begun.clear()

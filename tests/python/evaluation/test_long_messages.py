@@ -71,6 +71,7 @@ def test_long_messages_in_this_process(number: int, tmp_path: Path) -> None:
     check(raised.value, message)
 
 
+@pytest.mark.slow
 def test_long_messages_of_servers() -> None:
     with pytest.raises(SimulationError, match=r"^the episode failed: Talkative") as raised:
         simulate(talkative(0), servers=1)

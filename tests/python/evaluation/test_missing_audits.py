@@ -34,6 +34,7 @@ def test_nothing_is_said_where_other_servers_are_used_or_nothing_is_asked_for() 
     assert MissingAudits(0.5).note(journal(1, 1000, "without the audits that faults.audit asks for")) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", [1, 2])
 @pytest.mark.parametrize("kind", ["nnga", "cma_es"])
 def test_a_run_warns_and_stores_the_warning(tmp_path: Path, servers: int, kind: str) -> None:

@@ -51,6 +51,7 @@ def expected(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return request.param, optimize(experiment(request.param), servers="local", out=folder)
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("servers", [1, 2, 8])
 @pytest.mark.parametrize("mode", MODES)
 def test_the_record_is_the_same_bytes(
@@ -66,6 +67,7 @@ def test_the_record_is_the_same_bytes(
     assert all((entry["steps"] is not None) == (mode != "offloaded") for entry in entries)
 
 
+@pytest.mark.slow
 def test_of_each_server_the_fastest_way_is_used(tmp_path: Path) -> None:
     run = optimize(experiment("minisim"), servers=2, out=tmp_path / "run")
     assert {attempt.mode for attempt in run.attempts()} == {"offloaded"}
@@ -142,6 +144,7 @@ def test_progress_and_interruption_in_this_process() -> None:
     assert 0 < seen[0][0] < seen[0][1] == 60_000
 
 
+@pytest.mark.slow
 def test_a_seed_only_server_is_stepped_and_unfit_for_any_other_mode(
     foreign: Callable[..., Any], any_broker: str, tmp_path: Path
 ) -> None:

@@ -41,6 +41,7 @@ class World(Simulation):
 """
 
 
+@pytest.mark.slow
 def test_simulations_have_the_credentials_behind_the_embedded_broker_too(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -40,6 +40,7 @@ def without_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Ahead, "of", lambda *_, **__: None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", SAMPLED, ids=lambda method: f"{method['kind']}-{method['population']}")
 def test_records_are_the_same_for_any_number_of_servers(
     method: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -74,6 +75,7 @@ def sent(made: Experiment, sampled: bool) -> int:
     return traffic[-1]
 
 
+@pytest.mark.slow
 def test_the_distribution_travels_instead_of_the_genomes() -> None:
     made = experiment({"kind": "openai_es", "population": 4000})
     genomes = 4 * 4000 * made.representation(4, 1).genome_size
@@ -111,6 +113,7 @@ def test_a_subclass_that_makes_its_own_genomes_has_no_sample() -> None:
     assert method.sample is None
 
 
+@pytest.mark.slow
 def test_a_sample_of_other_genomes_is_refused() -> None:
     made = experiment({"kind": "openai_es", "population": 40})
     representation = made.representation(4, 1)
@@ -124,6 +127,7 @@ def test_a_sample_of_other_genomes_is_refused() -> None:
         backend.evaluate(controllers, [0], lambda *_: None)
 
 
+@pytest.mark.journey
 def test_a_server_killed_in_the_middle_leaves_no_trace_in_the_record(tmp_path: Path) -> None:
     made = experiment({"kind": "openai_es", "population": 20_000, "generations": 60})
     here = optimize(made, out=tmp_path / "here", servers="in-process")

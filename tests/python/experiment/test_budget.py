@@ -130,6 +130,7 @@ def test_larger_populations_use_up_the_budget_in_fewer_generations(tmp_path: Pat
     ) in shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ahead", [True, False])
 @pytest.mark.parametrize("kind", ["cma_es", "sep_cma_es", "xnes"])
 def test_no_restart_exceeds_the_budget_of_generations(kind: str, ahead: bool, tmp_path: Path) -> None:
@@ -159,6 +160,7 @@ def test_the_nearest_limit_is_shown(tmp_path: Path) -> None:
     assert seen[-1].seconds_left < 1
 
 
+@pytest.mark.slow
 def test_a_run_can_be_prolonged_and_not_cut(tmp_path: Path) -> None:
     run = optimize(experiment(generations=5, evaluations=50), out=tmp_path / "run")
     assert resume(run, settings=["method.evaluations=80", "servers=1"]).evaluations == 80

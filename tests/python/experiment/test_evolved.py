@@ -38,6 +38,7 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return optimize(experiment(), servers="local", out=tmp_path_factory.mktemp("evolved") / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", [1, 3])
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_the_record_is_the_same_bytes(mode: str, servers: int, expected: Run, tmp_path: Path) -> None:
@@ -46,6 +47,7 @@ def test_the_record_is_the_same_bytes(mode: str, servers: int, expected: Run, tm
     assert {attempt.mode for attempt in run.attempts()} == {mode}
 
 
+@pytest.mark.slow
 def test_the_best_controller_is_its_values(expected: Run) -> None:
     best = expected.best
     values = best.controller.parameters
@@ -68,6 +70,7 @@ def test_it_learns(tmp_path: Path) -> None:
     assert run.history[-1].best_so_far > run.history[0].mean + 0.3
 
 
+@pytest.mark.slow
 def test_the_run_can_be_watched(expected: Run, program: Callable[..., Any], tmp_path: Path) -> None:
     shown = program("replay", expected.path, "--save", tmp_path / "best.gif")
     assert shown.returncode == 0, shown.stderr
@@ -176,6 +179,7 @@ PLAIN = Experiment.from_mapping(
 )
 
 
+@pytest.mark.slow
 def test_a_server_that_knows_d61_alone_runs_by_itself(
     foreign: Callable[..., Any], any_broker: str, tmp_path: Path
 ) -> None:

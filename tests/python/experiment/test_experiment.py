@@ -387,6 +387,7 @@ def test_paths_are_text(tmp_path: Path) -> None:
     assert experiment.parameters["mission"]["title"] == "Decision"
 
 
+@pytest.mark.slow
 @given(
     st.fixed_dictionaries(
         {"simulation": st.just("minisim")},
@@ -564,6 +565,7 @@ JUNK = st.recursive(
 KEYS = sorted(Experiment.json_schema()["properties"])
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.sampled_from([*KEYS, "nonsense"]) | st.integers(), JUNK), st.booleans())
 @settings(max_examples=400)
 def test_junk_is_an_input_error_and_nothing_else(values: dict[Any, Any], named: bool) -> None:

@@ -224,6 +224,7 @@ def finite(number: float) -> float:
     raise OverflowError
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300)
 @given(text=expressions, rows=st.lists(st.tuples(numbers, numbers, numbers), min_size=1, max_size=5))
 def test_arrays_give_what_python_gives_one_by_one(text: str, rows: list[tuple[float, float, float]]) -> None:
@@ -268,6 +269,7 @@ def test_it_is_part_of_the_experiment(tmp_path: Path) -> None:
     assert "fitness" not in MINISIM.to_mapping()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_the_same_in_every_mode(mode: str) -> None:
     text = "2 * arrived - caught - 0.01 * steps + fitness / (1 + distance)"
@@ -292,6 +294,7 @@ def test_the_ranking_sees_the_expression_s_values() -> None:
     assert np.array_equal(results.fitness, expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["local", 1])
 def test_an_episode_without_a_value_has_failed(servers: Any, tmp_path: Path) -> None:
     experiment = MINISIM.replace(

@@ -44,6 +44,7 @@ def validator() -> Draft202012Validator:
     return Draft202012Validator(schema)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", GOOD)
 def test_what_loads_is_valid(values: dict[str, Any], validator: Draft202012Validator) -> None:
     validator.validate(values)
@@ -78,6 +79,7 @@ def test_every_key_is_described() -> None:
     assert [name for name, one in schema["$defs"].items() if undescribed(one, name)] == []
 
 
+@pytest.mark.slow
 def test_the_schema_is_plain_json() -> None:
     schema = Experiment.json_schema()
     assert json.loads(json.dumps(schema, allow_nan=False)) == schema

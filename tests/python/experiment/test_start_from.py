@@ -144,6 +144,7 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_the_best_of_any_kind_can_be_started_from(name: str, tmp_path: Path) -> None:
     values = {

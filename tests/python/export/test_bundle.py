@@ -83,6 +83,7 @@ def write(file: Path, files: Files, *, sealed: bool) -> None:
             archive.writestr(name, data)
 
 
+@pytest.mark.slow
 def test_the_program_writes_all_forms(program: Any, rule: Run, tmp_path: Path) -> None:
     (tmp_path / "topics.yaml").write_text("heading: cmd_vel\n")
     made = program("export", rule.path, "--bundle", "rule.zip", "--mapping", "topics.yaml", "--json")
@@ -104,6 +105,7 @@ def test_the_program_writes_all_forms(program: Any, rule: Run, tmp_path: Path) -
     assert found["largest_difference"] == 0
 
 
+@pytest.mark.slow
 def test_fmus_hold_their_source_alone(network: Run, tmp_path: Path) -> None:
     """A library would be for one kind of machine; that of the receiver is compiled to verify them."""
     with pytest.MonkeyPatch.context() as patch:
@@ -135,6 +137,7 @@ def test_a_format_of_compiled_code_alone_is_left_out(network: Run, tmp_path: Pat
     }
 
 
+@pytest.mark.journey
 def test_the_program_verifies(program: Any, bundle: Path) -> None:
     result = program("verify", bundle)
     assert result.returncode == 0, result.stderr
@@ -144,6 +147,7 @@ def test_the_program_verifies(program: Any, bundle: Path) -> None:
     assert lines[-1] == "Verified: largest difference 0 (c)"
 
 
+@pytest.mark.slow
 def test_the_same_candidate_is_the_same_archive(network: Run, bundle: Path, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(EXPORTERS, "names", lambda: ["c"])
@@ -293,6 +297,7 @@ def _held_out(files: Files) -> None:
     files["evaluation.json"] = json.dumps(evaluation).encode()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -360,6 +365,7 @@ def test_all_evaluations_of_a_fitness_are_in_it(others: dict[str, Any], tmp_path
     assert len(verify_bundle(tmp_path / "sealed.zip").problems) >= 1
 
 
+@pytest.mark.slow
 def test_a_fitness_that_other_candidates_decide_on_is_not_verified(tmp_path: Path) -> None:
     others = {"ranking": {"kind": "race", "episodes": 8}, "validate": {"episodes": 0}}
     bundled(others, tmp_path / "raced.zip")
@@ -370,6 +376,7 @@ def test_a_fitness_that_other_candidates_decide_on_is_not_verified(tmp_path: Pat
     assert str(found).endswith(f"(python); its fitness was not checked: {reason}")
 
 
+@pytest.mark.slow
 def test_files_more_or_less(bundle: Path, tmp_path: Path, program: Any) -> None:
     files = read(bundle)
     del files["c/controller.h"]
@@ -404,6 +411,7 @@ def with_format(file: Path, form: str, more: Files, *, by: str | None = None) ->
     return files
 
 
+@pytest.mark.slow
 def test_a_format_that_is_not_here_is_not_checked_and_all_else_is(
     bundle: Path, tmp_path: Path, program: Any
 ) -> None:
@@ -428,6 +436,7 @@ def test_a_format_that_is_not_here_is_not_checked_and_all_else_is(
     assert program("verify", bundle, "--require-formats").returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["C", ".", "c.", "a b", "a/b"])
 def test_folders_that_no_format_has_are_a_problem(form: str, bundle: Path, tmp_path: Path) -> None:
     """Some would be unpacked to the folder of another format, or to none."""
@@ -441,6 +450,7 @@ def test_folders_that_no_format_has_are_a_problem(form: str, bundle: Path, tmp_p
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [None, "9.9.9"])
 @pytest.mark.parametrize(
     ("form", "reason"),
@@ -468,6 +478,7 @@ def test_files_that_a_format_does_not_have_are_a_problem(
     assert problem.startswith("c/install.sh: is not a file that this version exports")
 
 
+@pytest.mark.slow
 def test_a_format_whose_package_is_not_installed_is_not_checked(
     bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -494,6 +505,7 @@ def test_names_outside_the_folder_are_refused(name: str, bundle: Path, tmp_path:
         verify_bundle(tmp_path / "more.zip")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["manifest.json", "controller.json", "evaluation.json"])
 @pytest.mark.parametrize("text", [b"[" * 100_000, b"[" * 900 + b"]" * 900])
 def test_json_that_is_nested_deeply_is_refused(name: str, text: bytes, bundle: Path, tmp_path: Path) -> None:
@@ -514,6 +526,7 @@ def test_archived_links_and_devices_are_refused(kind: int, bundle: Path, tmp_pat
         verify_bundle(tmp_path / "more.zip")
 
 
+@pytest.mark.slow
 def test_a_fitness_that_was_not_checked_is_said_last(bundle: Path, tmp_path: Path, program: Any) -> None:
     """Not every simulation is built in; scripts may ask for the fitness."""
     files = read(bundle)
@@ -535,6 +548,7 @@ def test_a_fitness_that_was_not_checked_is_said_last(bundle: Path, tmp_path: Pat
     assert json.loads(checked.stdout)["fitness_checked"] is True
 
 
+@pytest.mark.slow
 def test_an_unpacked_bundle_and_one_packed_again(bundle: Path, tmp_path: Path, program: Any) -> None:
     """Other programs add entries for folders."""
     files = read(bundle)
@@ -577,6 +591,7 @@ def test_another_version_wrote_it_otherwise(bundle: Path, tmp_path: Path) -> Non
     )
 
 
+@pytest.mark.slow
 def test_the_formats_that_another_version_wrote_otherwise_are_said_last(bundle: Path, tmp_path: Path) -> None:
     files = with_format(bundle, "python", {"python/controller.py": b"", "python/controller_test.py": b""})
     manifest = json.loads(files["manifest.json"])
@@ -648,6 +663,7 @@ def test_half_a_bundle_is_damaged(bundle: Path, tmp_path: Path) -> None:
         assert "is not a bundle, or is damaged" in str(error)  # noqa: PT017 - both are right
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

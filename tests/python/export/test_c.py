@@ -120,6 +120,7 @@ def test_decimals_in_expressions_are_exact(name: str, exporter: Exporter) -> Non
             assert Fraction(literal) == Fraction(float(np.float32(literal))), f"{file}: {literal}f"
 
 
+@pytest.mark.slow
 def test_a_prefix_makes_no_type_of_the_c_library(tmp_path: Path) -> None:
     headers = ("fenv", "math", "pthread", "signal", "stdbool", "stdint", "stdio", "stdlib", "string", "time")
     source = "".join(
@@ -134,6 +135,7 @@ def test_a_prefix_makes_no_type_of_the_c_library(tmp_path: Path) -> None:
             check_type(prefix)
 
 
+@pytest.mark.slow
 def test_the_standard_that_a_compiler_is_named_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "strict.c").write_text(
         "#ifdef __STRICT_ANSI__\nint main(void) { return 0; }\n#else\n#error GNU mode\n#endif\n"
@@ -145,6 +147,7 @@ def test_the_standard_that_a_compiler_is_named_with(tmp_path: Path, monkeypatch:
         LANGUAGE.compile(tmp_path, ["strict.c"], "strict", ["-O2"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exporter", [C(), Cpp()], ids=["c", "cpp"])
 @settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(specification=networks())
@@ -152,6 +155,7 @@ def test_any_network(exporter: Exporter, specification: Specification, tmp_path:
     assert bits(exporter, specification, tmp_path) == (0.0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
@@ -210,6 +214,7 @@ int main(int count, char **words)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["layered-tanh-2", "fully_meshed-sigmoid-4", "mealy_fsm", "layered-direct"])
 def test_weights_in_a_file(name: str, tmp_path: Path) -> None:
     """One program runs every controller that differs in its weights only, with the engine's bits."""
@@ -228,6 +233,7 @@ def test_weights_in_a_file(name: str, tmp_path: Path) -> None:
         assert difference(sequences, written) == (0.0, 0)
 
 
+@pytest.mark.slow
 def test_a_file_with_other_weights_is_refused(tmp_path: Path) -> None:
     made = subject(ALL["layered-tanh-2"])
     (tmp_path / "main.c").write_text(LOADS)
@@ -250,6 +256,7 @@ def test_a_file_with_other_weights_is_refused(tmp_path: Path) -> None:
         run(["./robot", "missing"], tmp_path, "robot")
 
 
+@pytest.mark.slow
 def test_two_units_and_both_languages_in_one_program(tmp_path: Path) -> None:
     """Headers may be included anywhere, in C and in C++, and two controllers beside each other."""
     for prefix, name in (("left", "layered-tanh-0"), ("right", "fully_meshed-clamp-0")):
@@ -276,6 +283,7 @@ def test_two_units_and_both_languages_in_one_program(tmp_path: Path) -> None:
     run(["./both"], tmp_path, "both")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["layered-tanh-0", "neat", "hebbian"])
 def test_clang_may_be_told_to_reorder_a_class(name: str, tmp_path: Path) -> None:
     """Code behind the header is as the option says; the controller has the bits of the engine."""
@@ -305,6 +313,7 @@ def test_old_gcc_may_be_told_to_reorder(compiler: str, name: str, tmp_path: Path
     assert run(["./self_test"], tmp_path, name) == b"ok\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["mealy_fsm", "layered-relu-6", "modules"])
 @pytest.mark.parametrize("option", ["-fno-honor-nans", "-fno-honor-infinities"])
 def test_sensors_are_refused_whatever_clang_assumes(name: str, option: str, tmp_path: Path) -> None:
@@ -316,6 +325,7 @@ def test_sensors_are_refused_whatever_clang_assumes(name: str, option: str, tmp_
     assert run(["./self_test"], tmp_path, name) == b"ok\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["layered-tanh-0", "mealy_fsm", "neat"])
 @pytest.mark.parametrize("option", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
 def test_options_that_change_results_are_refused(option: str, name: str, tmp_path: Path) -> None:
@@ -327,6 +337,7 @@ def test_options_that_change_results_are_refused(option: str, name: str, tmp_pat
     assert "robot.c: compile without -f" in done.stderr
 
 
+@pytest.mark.slow
 def test_compilers_would_fuse_without_protection(tmp_path: Path) -> None:
     """The comparison notices a fused multiply-add: where `volatile` is left out, bits differ."""
     if " fma " not in Path("/proc/cpuinfo").read_text():
@@ -340,6 +351,7 @@ def test_compilers_would_fuse_without_protection(tmp_path: Path) -> None:
     assert differing > 0
 
 
+@pytest.mark.slow
 def test_memory_errors_and_undefined_behaviour(tmp_path: Path) -> None:
     """The self-tests of all kinds run clean with sanitizers, and one of each kind under valgrind."""
     names = [
@@ -366,6 +378,7 @@ def test_memory_errors_and_undefined_behaviour(tmp_path: Path) -> None:
         assert run(words, tmp_path, name) == b"ok\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hebbian", "neat"])
 def test_what_has_64_bits_is_refused_where_doubles_are_others(name: str, tmp_path: Path) -> None:
     write(C().files(subject(ALL[name]), "robot"), tmp_path)
@@ -375,6 +388,7 @@ def test_what_has_64_bits_is_refused_where_doubles_are_others(name: str, tmp_pat
     assert "on x86 compile with -msse2 -mfpmath=sse" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_wrong_table_is_noticed(tmp_path: Path) -> None:
     """Neither self-test nor comparison pass when a weight is off by one unit in the last place."""
     specification = ALL["fully_meshed-clamp-0"]
@@ -392,6 +406,7 @@ def test_a_wrong_table_is_noticed(tmp_path: Path) -> None:
     assert "are not those of the simulation" in done.stdout
 
 
+@pytest.mark.slow
 def test_state_is_kept_and_forgotten(tmp_path: Path) -> None:
     """A controller that forgot its state, or kept it over a reset, would differ."""
     specification = ALL["fully_meshed-tanh-6"]
@@ -406,6 +421,7 @@ def test_state_is_kept_and_forgotten(tmp_path: Path) -> None:
     assert difference(sequences, C().run(tmp_path, "robot", sequences))[1] > 0
 
 
+@pytest.mark.slow
 def test_every_form_is_deterministic() -> None:
     for form in EXPORTERS.names():
         exporter = EXPORTERS.get(form)()
@@ -452,6 +468,7 @@ def test_the_sketch_stops_scaled_actuators_at_0() -> None:
     assert "actuators[ROBOT_ACTUATOR_WHEEL] = 0.0f; /* wheel */" in sketch
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [0, 7, 20])
 def test_a_self_test_takes_as_many_recorded_steps_as_is_said(steps: int, tmp_path: Path) -> None:
     write(C().files(subject(ALL["mealy_fsm"]), "robot"), tmp_path)
@@ -494,6 +511,7 @@ def once(specification: Specification, folder: Path, change: str = "", byte: int
     return run(["./once"], folder, "once").decode()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["layered-direct", "layered-deep", "fully_meshed-bare", "hebbian", "neat", "mealy_fsm", "modules"]
 )
@@ -502,11 +520,13 @@ def test_a_step_without_a_reset_is_refused(name: str, byte: int, tmp_path: Path)
     assert once(ALL[name], tmp_path, byte=byte) == "0111"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["mealy_fsm", "modules"])
 def test_a_state_outside_of_the_tables_is_refused(name: str, tmp_path: Path) -> None:
     assert once(ALL[name], tmp_path, "robot.state = 250;") == "0001"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["fully_meshed-tanh-6", "hebbian"])
 def test_an_overflow_is_refused_until_a_reset(name: str, tmp_path: Path) -> None:
     """In the engine all nodes are NaN from there on, and the actuators 0."""
@@ -519,6 +539,7 @@ def test_an_overflow_is_refused_until_a_reset(name: str, tmp_path: Path) -> None
     assert bits(C(), large, tmp_path / "bits") == (0.0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("value", "accepted"), [(0, "1"), (1, "1"), (0.5, "1"), (-0.001, "0"), (12345, "0")])
 def test_a_random_number_is_from_0_to_1(value: float, accepted: str, tmp_path: Path) -> None:
     assert once(ALL["modules"], tmp_path, f"sensors[8] = (float){value};") == f"0{accepted}11"
@@ -553,6 +574,7 @@ def test_names_of_headers_and_macros_are_no_namespaces(prefix: str) -> None:
     assert f"{prefix}.h" in C().files(subject(ALL["mealy_fsm"]), prefix)
 
 
+@pytest.mark.slow
 def test_a_compiler_for_another_processor_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its programs cannot be linked or run here; an emulator may run them."""
     compiler = tmp_path / "cross"
@@ -577,6 +599,7 @@ def test_a_compiler_for_another_processor_is_named(tmp_path: Path, monkeypatch: 
         bits(C(), specification, tmp_path / "refused")
 
 
+@pytest.mark.slow
 def test_cmake_builds_and_tests_all_of_a_folder(tmp_path: Path) -> None:
     if not shutil.which("cmake"):
         pytest.skip("cmake is not installed")
@@ -590,6 +613,7 @@ def test_cmake_builds_and_tests_all_of_a_folder(tmp_path: Path) -> None:
     assert b"100% tests passed, 0 tests failed out of 4" in said
 
 
+@pytest.mark.slow
 def test_names_cannot_leave_comments(tmp_path: Path) -> None:
     write({**C().files(nasty(), "robot"), **Cpp().files(nasty(), "robot")}, tmp_path)
     run(["gcc", "-std=c99", *STRICT, "robot.c", "robot_test.c", "-o", "c"], tmp_path, "C")
@@ -631,6 +655,7 @@ def test_what_a_sender_writes_cannot_leave_a_comment() -> None:
         assert not re.search(r"\*/ int [xyz]", str(text)), name
 
 
+@pytest.mark.slow
 def test_literals_are_the_bytes_of_the_text(tmp_path: Path) -> None:
     texts = [*NASTY, "gr\u00f6\u00dfe1", "what??/??!??", "\U0001f600"]
     (tmp_path / "texts.c").write_text(

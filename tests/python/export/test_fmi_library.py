@@ -42,6 +42,7 @@ def test_what_fails_is_said(checkout: Path, recipe: str, words: str) -> None:
     assert words in str(failed.value)
 
 
+@pytest.mark.slow
 def test_without_make(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(checkout))
     with pytest.raises(RunError, match="there is no program `make`"):

@@ -27,6 +27,7 @@ from tests.python.export.fmus import FORMS, KEEPS_STATE, begin, exporter, got, i
 from tests.python.export.specifications import ALL, hebbian, subject
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", ALL)
 def test_every_kind_has_the_same_bits(name: str, form: str, tmp_path: Path) -> None:
@@ -36,6 +37,7 @@ def test_every_kind_has_the_same_bits(name: str, form: str, tmp_path: Path) -> N
     assert validate_fmu(str(file)) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_a_large_controller_needs_no_large_stack(form: str, tmp_path: Path) -> None:
     """A master may step it in a thread of its own; Hebbian controllers remember all their weights."""
@@ -54,6 +56,7 @@ def test_a_large_controller_needs_no_large_stack(form: str, tmp_path: Path) -> N
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_a_forgetful_or_wrong_one_is_found_out(form: str, tmp_path: Path) -> None:
     written(KEEPS_STATE, form, tmp_path)
@@ -71,6 +74,7 @@ def test_a_forgetful_or_wrong_one_is_found_out(form: str, tmp_path: Path) -> Non
         exporter(form).run(tmp_path, "robot", everything)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_the_self_test(form: str, tmp_path: Path) -> None:
     for name in (KEEPS_STATE, "mealy_fsm", "modules"):
@@ -85,6 +89,7 @@ def test_the_self_test(form: str, tmp_path: Path) -> None:
     assert "the actuators are not those of the simulation" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("share", [0.25, 1.0, 3.0])
 def test_it_samples_once_in_a_period_whatever_the_master_steps(
@@ -109,6 +114,7 @@ def test_it_samples_once_in_a_period_whatever_the_master_steps(
     fmu.freeInstance()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_states_are_kept_set_and_serialized(form: str, tmp_path: Path) -> None:
     fmu = instance(written(KEEPS_STATE, form, tmp_path), tmp_path / "x")
@@ -141,6 +147,7 @@ def test_states_are_kept_set_and_serialized(form: str, tmp_path: Path) -> None:
     fmu.freeInstance()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_instances_are_apart(form: str, tmp_path: Path) -> None:
     """One for each agent of a swarm, of one library."""
@@ -165,6 +172,7 @@ def test_instances_are_apart(form: str, tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_mistakes_of_masters_are_errors(form: str, tmp_path: Path) -> None:
     file = written(KEEPS_STATE, form, tmp_path)
@@ -220,6 +228,7 @@ def test_mistakes_of_masters_are_errors(form: str, tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_steps_that_do_not_begin_where_the_last_one_ended_are_errors(form: str, tmp_path: Path) -> None:
     """A gap of hours would take samples for hours; a step that is repeated or goes back would take none."""
@@ -244,6 +253,7 @@ def test_steps_that_do_not_begin_where_the_last_one_ended_are_errors(form: str, 
         refused(1.0, 1.0, "1 s, the last one ended at 2.0005")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_a_start_in_unix_time_leaves_room_for_rounding(form: str, tmp_path: Path) -> None:
     fmu = instance(written(KEEPS_STATE, form, tmp_path), tmp_path / "x")
@@ -259,6 +269,7 @@ def test_a_start_in_unix_time_leaves_room_for_rounding(form: str, tmp_path: Path
     fmu.freeInstance()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_a_discarded_step_over_several_periods_changes_nothing(form: str, tmp_path: Path) -> None:
     """A node overflows in the third sample."""
@@ -288,6 +299,7 @@ def test_a_discarded_step_over_several_periods_changes_nothing(form: str, tmp_pa
         assert any(got(fmu, [5, 6]))
 
 
+@pytest.mark.slow
 def test_event_mode_that_is_not_announced_is_refused(tmp_path: Path) -> None:
     file = written(KEEPS_STATE, "fmu3", tmp_path)
     description = read_model_description(str(file))
@@ -304,6 +316,7 @@ def test_event_mode_that_is_not_announced_is_refused(tmp_path: Path) -> None:
     assert said == [b"this FMU has no event mode: instantiate it without"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_calls_that_do_not_belong_to_a_phase_are_errors(form: str, tmp_path: Path) -> None:
     """FMI 2.0.4, section 4.2.4; FMI 3.0.1, section 2.3."""
@@ -355,6 +368,7 @@ def test_calls_that_do_not_belong_to_a_phase_are_errors(form: str, tmp_path: Pat
             step(float(time))
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # FMPy's temporary folder
 @pytest.mark.parametrize("form", FORMS)
@@ -372,6 +386,7 @@ def test_the_sources_in_it_are_built_by_others(form: str, tmp_path: Path) -> Non
     assert difference(sequences, exporter(form).run(tmp_path, "robot", sequences)) == (0.0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_another_master(form: str, tmp_path: Path) -> None:
     """FMPy's simulation with a table of inputs, by the names of the variables."""
@@ -393,6 +408,7 @@ def test_another_master(form: str, tmp_path: Path) -> None:
     assert found[1:].tobytes() == expected[: len(found) - 1].tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_a_step_of_very_many_periods_is_an_error(form: str, tmp_path: Path) -> None:
     """It would compute for hours, and no master can interrupt it."""
@@ -412,6 +428,7 @@ def test_a_step_of_very_many_periods_is_an_error(form: str, tmp_path: Path) -> N
         fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=1e6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_a_master_that_takes_such_steps_ends(form: str, tmp_path: Path) -> None:
     """FMPy repeats a step of FMI 2.0 that is discarded."""
@@ -422,6 +439,7 @@ def test_a_master_that_takes_such_steps_ends(form: str, tmp_path: Path) -> None:
     assert "FMICallException" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_one_without_a_library_is_the_same_for_every_machine(
     form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -443,6 +461,7 @@ def test_one_without_a_library_is_the_same_for_every_machine(
     assert whole == zipped(tmp_path / "robot.fmu")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_what_the_description_says(form: str, tmp_path: Path) -> None:
     file = written("mealy_fsm", form, tmp_path)
@@ -459,6 +478,7 @@ def test_what_the_description_says(form: str, tmp_path: Path) -> None:
     assert all(name in page for name in variables if "." in name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_names_and_units_are_those_of_the_simulation(form: str, tmp_path: Path) -> None:
     names = ["gr\u00f6\u00dfe", 'a\\ "<&>" */', "bell \x07"]
@@ -476,6 +496,7 @@ def test_names_and_units_are_those_of_the_simulation(form: str, tmp_path: Path) 
     assert (degrees.baseUnit.rad, float(degrees.baseUnit.factor)) == (1, np.deg2rad(1.0))
 
 
+@pytest.mark.slow
 def test_units_are_defined_however_they_are_written(tmp_path: Path) -> None:
     units = {
         "m/s²": ({"m": 1, "s": -2}, 1.0),
@@ -507,6 +528,7 @@ def test_units_are_defined_however_they_are_written(tmp_path: Path) -> None:
                 assert getattr(found[name], base) == exponents.get(base, 0)
 
 
+@pytest.mark.slow
 def test_the_same_bytes_and_not_over_the_files_of_others(tmp_path: Path) -> None:
     made = [exporter("fmu").files(subject(ALL["mealy_fsm"]), "robot") for _ in range(2)]
     assert made[0] == made[1]
@@ -520,6 +542,7 @@ def test_the_same_bytes_and_not_over_the_files_of_others(tmp_path: Path) -> None
         write(made[0], tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_the_library_is_in_the_folder_of_the_machine_it_is_for(
     form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -14,6 +14,8 @@ from swarmwright.export.writing import write
 from tests.python.export.fmus import FORMS, begin, exporter, got, instance, parameter, put, written
 from tests.python.export.specifications import ALL, subject
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("form", FORMS)
 def test_a_random_number_is_drawn_with_a_seed(form: str, tmp_path: Path) -> None:

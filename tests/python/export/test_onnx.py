@@ -79,6 +79,7 @@ def test_state_matters(tmp_path: Path) -> None:
     assert difference(sequences, Onnx().run(tmp_path, "robot", forgetful))[0] > 0.1
 
 
+@pytest.mark.slow
 def test_the_self_test(tmp_path: Path) -> None:
     for name in ("fully_meshed-clamp-0", "mealy_fsm", "layered-deep"):
         write(Onnx().files(subject(ALL[name]), "robot"), tmp_path)

@@ -44,6 +44,7 @@ def test_networks_overflow_while_actuators_move_and_while_they_are_0() -> None:
     assert moving == {False, True}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [1, 2, 50])
 def test_the_self_test_has_the_steps_before(after: int, tmp_path: Path) -> None:
     """Wherever the episode ends, and whether actuators move in its last step."""
@@ -58,6 +59,7 @@ def test_the_self_test_has_the_steps_before(after: int, tmp_path: Path) -> None:
         assert Python().self_test(folder, "robot") == "robot_test.py"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exporter", [C(), Cpp(), Python()], ids=lambda one: one.form)
 def test_a_network_that_overflows_at_once_has_a_self_test_without_steps(
     exporter: Exporter, tmp_path: Path
@@ -73,6 +75,7 @@ def test_a_network_that_overflows_at_once_has_a_self_test_without_steps(
     assert exporter.self_test(tmp_path, "robot")
 
 
+@pytest.mark.slow
 def test_the_pseudo_random_steps_end_before_an_overflow(tmp_path: Path) -> None:
     made = subject(OVERFLOWING[0])
     walk = walk_of(made)

@@ -129,6 +129,7 @@ def controller(seed: int, **options: Any) -> dict[str, Any]:
 EXPORTERS = [C(), Cpp(), Python(), Ros1(), Ros2(), Fmu(), Fmu3()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exporter", EXPORTERS, ids=lambda exporter: exporter.form)
 @pytest.mark.parametrize("form", ["machine", "tree"])
 @pytest.mark.usefixtures("file")
@@ -144,6 +145,7 @@ def test_it_has_the_bits_of_the_simulation(exporter: Exporter, form: str, tmp_pa
     assert moved > 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
@@ -169,6 +171,7 @@ def test_it_compiles_without_warnings(options: dict[str, Any], tmp_path: Path) -
     assert run(["./self_test"], tmp_path / "cpp", "g++") == b"ok\n"
 
 
+@pytest.mark.slow
 def test_python_copies_the_files(file: Path, tmp_path: Path) -> None:
     made = subject(controller(1))
     write(Python().files(made, "robot"), tmp_path / "robot")
@@ -229,6 +232,7 @@ print("ok")
 """
 
 
+@pytest.mark.slow
 def test_the_code_finds_its_neighbours_and_others_find_theirs(file: Path, tmp_path: Path) -> None:
     write(Python().files(subject(with_helper(file.parent)), "robot"), tmp_path / "robot")
     for name in ("helper.py", "other.py", "woven.py"):
@@ -334,6 +338,7 @@ def test_what_cannot_be_exported_is_said(file: Path, old: str, new: str, message
             exporter.files(made, "robot")
 
 
+@pytest.mark.slow
 def test_code_that_does_not_compile_is_shown(file: Path, tmp_path: Path) -> None:
     file.write_text(CODE.replace("left = away;", "left = nonsense;"))
     specification = controller(1)

@@ -51,6 +51,7 @@ FORMS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exporter", FORMS, ids=lambda exporter: exporter.form)
 def test_every_kind(exporter: Exporter, tmp_path: Path) -> None:
     names = [name for name in ALL if exporter.form == "python" or name[-1] in "0147ydm"]
@@ -60,6 +61,7 @@ def test_every_kind(exporter: Exporter, tmp_path: Path) -> None:
         assert difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exporter", FORMS, ids=lambda exporter: exporter.form)
 @settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(specification=networks())
@@ -69,6 +71,7 @@ def test_any_network(exporter: Exporter, specification: Specification, tmp_path:
     assert difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exporter", FORMS, ids=lambda exporter: exporter.form)
 @pytest.mark.parametrize("name", ["layered-tanh-0", "fully_meshed-tanh-6", "mealy_fsm", "layered-wide"])
 def test_self_tests(exporter: Exporter, name: str, tmp_path: Path) -> None:
@@ -111,6 +114,7 @@ def test_the_duration_of_a_step_is_in_the_module(tmp_path: Path) -> None:
     assert loaded(replace(subject(ALL["mealy_fsm"]), step_size=0.1), tmp_path).STEP_SECONDS == 0.1
 
 
+@pytest.mark.slow
 def test_micropython_on_python(tmp_path: Path) -> None:
     """The module for MicroPython is one for Python, too: with floats of 64 bits."""
     for name in ("fully_meshed-sigmoid-5", "mealy_fsm", "layered-deep"):
@@ -122,6 +126,7 @@ def test_micropython_on_python(tmp_path: Path) -> None:
         assert Python().self_test(tmp_path, "robot") == "robot_test.py"
 
 
+@pytest.mark.slow
 def test_a_self_test_finds_a_wrong_weight(tmp_path: Path) -> None:
     specification = ALL["fully_meshed-tanh-6"]
     write(Python().files(subject(specification), "robot"), tmp_path)
@@ -181,6 +186,7 @@ def test_no_micropython(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
         MicroPython().run(tmp_path, "robot", sequences)
 
 
+@pytest.mark.slow
 def test_names_cannot_leave_strings(tmp_path: Path) -> None:
     for exporter in (Python(), MicroPython()):
         folder = tmp_path / exporter.form
@@ -253,6 +259,7 @@ class Drift(Simulation):
         return -float(np.abs(self.x).sum())
 
 
+@pytest.mark.slow
 def test_exported_controllers_behave_as_in_the_run(tmp_path: Path) -> None:
     """In the loop with the simulation, 20 exported networks reach the fitness of the record, none another."""
     experiment = Experiment.from_mapping(

@@ -74,6 +74,7 @@ def test_state_machines_say_it(tmp_path: Path) -> None:
     assert read(tmp_path / "robot.scxml").specification()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["fmu", "fmu3"])
 def test_fmus_say_it_and_scaled_variables_have_no_unit(form: str, tmp_path: Path) -> None:
     write(EXPORTERS.get(form)().files(scaled(), "robot"), tmp_path)
@@ -137,6 +138,7 @@ def test_what_a_sender_writes_cannot_leave_a_comment() -> None:
             texts("c", scaled(actuator_ranges=wrong))
 
 
+@pytest.mark.slow
 def test_the_controller_is_the_same() -> None:
     made = scaled()
     exporter = EXPORTERS.get("c")()

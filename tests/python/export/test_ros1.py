@@ -50,6 +50,7 @@ def test_the_package_has_the_controller_and_its_names() -> None:
     assert not [name for name, content in files.items() if "@" in content and name != "package.xml"]
 
 
+@pytest.mark.slow
 def test_the_controller_in_the_package_has_the_same_bits() -> None:
     found = verify(Ros1(), SUBJECT, "rover", Ros1().files(SUBJECT, "rover"))
     assert found.ok

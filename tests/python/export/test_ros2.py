@@ -259,6 +259,7 @@ _LINES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 def test_words_without_quotes_are_the_same_in_cpp(reader: Path, tmp_path: Path) -> None:
     files = []
@@ -279,6 +280,7 @@ def test_words_without_quotes_are_the_same_in_cpp(reader: Path, tmp_path: Path) 
     assert in_python(deep) == f"mapping: {deep}: is nested more than 10 levels deep"
 
 
+@pytest.mark.slow
 def test_the_standalone_node_says_what_it_needs(tmp_path: Path) -> None:
     write(Ros2().files(SUBJECT, "rover"), tmp_path)
     (tmp_path / "cyclonedds.py").write_text(

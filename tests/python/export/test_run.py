@@ -98,6 +98,7 @@ def test_golden_vectors_are_whole_episodes(minisim: Run) -> None:
     assert len(first) == int(np.flatnonzero(episodes.first)[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["c", "cpp", "fmu", "fmu3", "python", "onnx"])
 def test_the_program_exports_and_verifies(program: Any, minisim: Run, tmp_path: Path, form: str) -> None:
     result = program("export", minisim.path, "--to", form, "--output", "out", "--verify", "--prefix", "robot")
@@ -129,6 +130,7 @@ def test_the_header_says_what_it_is(minisim: Run, tmp_path: Path) -> None:
         assert part in text
 
 
+@pytest.mark.slow
 def test_any_candidate_and_the_same_bytes(program: Any, minisim: Run, tmp_path: Path) -> None:
     for folder, options in (
         ("a", ["--candidate", "0:5"]),
@@ -147,12 +149,14 @@ def test_any_candidate_and_the_same_bytes(program: Any, minisim: Run, tmp_path: 
     assert all(f"{weight!s}f".encode() in texts[0] for weight in weights)
 
 
+@pytest.mark.slow
 def test_the_folder_may_be_given_as_for_optimize(program: Any, minisim: Run, tmp_path: Path) -> None:
     result = program("export", minisim.path, "--to", "python", "--out", "exported")
     assert result.returncode == 0, result.stderr
     assert (tmp_path / "exported" / "controller.py").is_file()
 
 
+@pytest.mark.slow
 def test_json(program: Any, minisim: Run) -> None:
     result = program("export", minisim.path, "--to", "c", "--verify", "--json")
     (line,) = result.stdout.splitlines()
@@ -163,6 +167,7 @@ def test_json(program: Any, minisim: Run) -> None:
     assert "controller/controller.c" in said["files"]
 
 
+@pytest.mark.slow
 def test_parameters(program: Any, rule: Run, tmp_path: Path) -> None:
     values = rule.best.controller.parameters
     for form in ("c", "cpp", "python"):
@@ -178,6 +183,7 @@ def test_parameters(program: Any, rule: Run, tmp_path: Path) -> None:
     assert f'"{values["evasion"]}"' in source
 
 
+@pytest.mark.slow
 def test_verification_fails_where_bits_differ(
     program: Any, minisim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -193,6 +199,7 @@ def test_verification_fails_where_bits_differ(
     assert "the actuators are not those of the simulation" in result.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -230,6 +237,7 @@ def test_mistakes(program: Any, minisim: Run, tmp_path: Path, options: list[str]
     assert len(list((tmp_path / "full").iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_what_was_exported_is_written_over(program: Any, minisim: Run, tmp_path: Path) -> None:
     (tmp_path / "controller").mkdir()
     (tmp_path / "controller" / "controller.h").write_text("mine")
@@ -238,6 +246,7 @@ def test_what_was_exported_is_written_over(program: Any, minisim: Run, tmp_path:
     assert "0 of generation 0" in (tmp_path / "controller" / "controller.h").read_text()
 
 
+@pytest.mark.slow
 def test_prefixes_that_differ_in_case_only_are_refused(program: Any, minisim: Run, tmp_path: Path) -> None:
     """Guards and enumerations are in capitals: a program could not have both headers."""
     export = ("export", str(minisim.path), "--output", str(tmp_path / "robot"), "--to")
@@ -254,6 +263,7 @@ def test_prefixes_that_differ_in_case_only_are_refused(program: Any, minisim: Ru
     assert program(*export, "c", "--prefix", "Follower").returncode == 0
 
 
+@pytest.mark.slow
 def test_both_dialects_of_python_need_names_of_their_own(program: Any, minisim: Run, tmp_path: Path) -> None:
     export = ("export", str(minisim.path), "--output", str(tmp_path / "robot"), "--to")
     assert program(*export, "python").returncode == 0
@@ -267,6 +277,7 @@ def test_both_dialects_of_python_need_names_of_their_own(program: Any, minisim: 
     assert program(*export, "micropython", "--prefix", "other").returncode == 0
 
 
+@pytest.mark.slow
 def test_no_compiler(program: Any, minisim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "nocc -O2")
     result = program("export", minisim.path, "--to", "c", "--verify")
@@ -279,6 +290,7 @@ def test_no_compiler(program: Any, minisim: Run, tmp_path: Path, monkeypatch: py
         swarmwright.export_controller(minisim, to="c", output=tmp_path / "out", verify=True)
 
 
+@pytest.mark.slow
 def test_a_failed_candidate(tmp_path: Path) -> None:
     source = tmp_path / "half.py"
     source.write_text(
@@ -383,6 +395,7 @@ def test_a_description_that_cannot_be_had_is_no_reason_to_go_without(
         subject_of(minisim)
 
 
+@pytest.mark.slow
 def test_a_simulation_that_only_servers_have(
     minisim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -417,6 +430,7 @@ def test_a_name_that_is_an_identifier_keeps_it() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_names_of_many_sensors_are_made_different_in_time() -> None:
     """Simulations have up to 1,000,000 sensors: comparing each name with each takes minutes."""
     count = 200_000

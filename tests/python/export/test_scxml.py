@@ -71,6 +71,7 @@ def test_reserved_words_are_no_names(tmp_path: Path) -> None:
     assert Scxml().run(tmp_path, "walker", sequences).tobytes() == sequences.actuators.tobytes()
 
 
+@pytest.mark.slow
 def test_no_reserved_word_of_ecmascript_is_left() -> None:
     from swarmwright.scxml import _write
 

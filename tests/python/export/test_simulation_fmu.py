@@ -53,6 +53,7 @@ def driven(folder: Path, title: str, parameters: dict[str, Any], fmi: str) -> It
         yield world
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 @pytest.mark.parametrize(("title", "parameters"), [*CASES.items(), ("minisim", GROUPS)])
 def test_every_step_is_that_of_the_engine(
@@ -107,6 +108,7 @@ def test_every_step_is_that_of_the_engine(
             world.fmu.reset()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_attached_back_it_gives_the_same_record(fmi: str, tmp_path: Path) -> None:
     """Three agents that start at random; parameters are set at the export and by the experiment."""
@@ -131,6 +133,7 @@ def test_attached_back_it_gives_the_same_record(fmi: str, tmp_path: Path) -> Non
     assert records[0][1].shape[1:] == (2, 3)
 
 
+@pytest.mark.slow
 def test_coupled_with_controllers_it_gives_the_fitness_of_the_run(tmp_path: Path) -> None:
     """A system of the world and an exported controller for each agent needs no further program."""
     parameters = {"numAgents": 2, "speedDefenders": 0.4}
@@ -190,6 +193,7 @@ def test_steps_that_do_not_begin_where_the_last_one_ended_are_errors(fmi: str, t
         world.fmu.freeFMUState(kept)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_damaged_states_and_those_of_other_exports_are_refused(fmi: str, tmp_path: Path) -> None:
     with driven(tmp_path, "minisim", {}, fmi) as world:
@@ -213,6 +217,7 @@ def test_damaged_states_and_those_of_other_exports_are_refused(fmi: str, tmp_pat
         assert "not a state of this FMU" in world.said[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_parameters_have_units_and_limits(fmi: str, tmp_path: Path) -> None:
     """Of the numbers, those that the descriptions of the simulations state."""
@@ -282,6 +287,7 @@ def test_the_stop_time_is_when_every_episode_has_ended(
         assert result["done"][-1]
 
 
+@pytest.mark.slow
 def test_attached_back_an_episode_may_be_longer_than_at_the_export(tmp_path: Path) -> None:
     file = tmp_path / "world.fmu"
     file.write_bytes(simulation_fmu("minisim", {}, fmi="2.0", name="world"))
@@ -399,8 +405,7 @@ def test_a_parameter_by_which_there_are_other_sensors(tmp_path: Path) -> None:
     assert file.is_file()
 
 
-@pytest.mark.parametrize("name", ["LIBRARY", "LICENSES"])
-def test_a_missing_library_is_named(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, name, tmp_path / "missing")
+def test_missing_licences_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LICENSES", tmp_path / "missing")
     with pytest.raises(InputError, match=r"is missing, .* `make \.venv/\.engine`"):
         simulation_fmu("minisim", {}, fmi="2.0", name="world")

@@ -38,6 +38,7 @@ def test_a_random_number_is_checked_unless_a_recorded_one_is_outside(name: str) 
         assert ("expected 0 to 1" in str(files["robot.py"])) == checks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("form", ["c", "cpp", "python", "machine"])
 def test_another_sensor_in_the_place_of_the_random_one(form: str, name: str, tmp_path: Path) -> None:

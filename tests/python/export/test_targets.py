@@ -63,6 +63,7 @@ def test_arm(target: tuple[str, str, str], options: list[str], tmp_path: Path) -
         assert difference(sequences, written) == (0.0, 0), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", [ARM64, ARMHF], ids=["arm64", "armhf"])
 def test_arm_fuses_without_protection(target: tuple[str, str, str], tmp_path: Path) -> None:
     """What `volatile` is for: without it, these compilers fuse, and the comparison notices."""
@@ -82,6 +83,7 @@ def test_arm_fuses_without_protection(target: tuple[str, str, str], tmp_path: Pa
     assert b"the actuators are not those of the simulation" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["layered-tanh-2", "fully_meshed-sigmoid-5", "hebbian", "neat", "modules"])
 @pytest.mark.parametrize("options", [["-O2", *STRICT], ["-O3", "-funsafe-math-optimizations"]])
 def test_clang_for_arm_may_be_told_to_reorder(options: list[str], name: str, tmp_path: Path) -> None:

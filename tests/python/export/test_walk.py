@@ -35,6 +35,7 @@ def test_a_sign_that_changes_twice_changes_the_checksum() -> None:
     assert checksum(actuators) != checksum(other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("table_name", "count"), [("outputs", 36), ("next", 18)])
 def test_the_self_test_notices_each_wrong_number_of_a_state_machine(
     table_name: str, count: int, tmp_path: Path

@@ -18,6 +18,7 @@ from tests.python.analysis.runs import KnownRun
 NAN = math.nan
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "values",
     [
@@ -162,6 +163,7 @@ class Big(Simulation):
 """
 
 
+@pytest.mark.slow
 def test_huge_fitness_is_drawn(tmp_path: Path) -> None:
     (tmp_path / "big.py").write_text(BIG)
     values = {"simulation": f"{tmp_path}/big.py:Big", "controller": {"kind": "layered", "hidden": []}}

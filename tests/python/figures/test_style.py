@@ -25,6 +25,7 @@ def test_a_title_without_blanks_is_not_left_out() -> None:
     assert text.get_window_extent().x1 <= figure.bbox.x1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", ["save", "savefig"])
 def test_fonts_are_embedded_as_publishers_take_them(tmp_path: Path, by: str) -> None:
     """Not as Type 3, which the submission systems of IEEE and others refuse."""
@@ -44,6 +45,7 @@ def test_fonts_are_embedded_as_publishers_take_them(tmp_path: Path, by: str) -> 
     assert b"/FontType 42" in eps.read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", STYLES)
 @pytest.mark.parametrize("width", ["column", "page"])
 def test_figures_fit_the_columns_of_publishers(tmp_path: Path, style: str, width: str) -> None:

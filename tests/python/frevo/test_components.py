@@ -217,6 +217,7 @@ def test_templates_have_the_defaults_where_something_is_to_be_filled_in(session:
     assert "method.populationsize = -POPSIZE-: to be filled in; FREVO's default is taken" in imported.notes
 
 
+@pytest.mark.slow
 def test_everything_without_a_counterpart_is_named_at_once(session: Session, program: Any) -> None:
     path = session(
         problem="cam.Cam",
@@ -251,6 +252,7 @@ def test_entries_of_all_sections_are_complained_about_at_once(session: Session) 
     ]
 
 
+@pytest.mark.slow
 def test_another_simulation_is_taken_in_the_place_of_the_problem(
     session: Session, program: Any, tmp_path: Path
 ) -> None:

@@ -218,6 +218,7 @@ def test_an_imported_experiment_evolves(edited: Edited, tmp_path: Path) -> None:
     assert run.best.fitness > -400
 
 
+@pytest.mark.slow
 def test_import_command_writes_an_experiment_that_loads(program: Any, data: Path, tmp_path: Path) -> None:
     (tmp_path / "deep").mkdir()
     target = tmp_path / "deep" / "stadium.yaml"
@@ -236,6 +237,7 @@ def test_import_command_writes_an_experiment_that_loads(program: Any, data: Path
     assert printed.stdout.startswith("# Made of FREVO's session emergency_exit_random.zse")
 
 
+@pytest.mark.slow
 def test_commands_take_sessions_as_import_makes_them(program: Any, data: Path, tmp_path: Path) -> None:
     session = data / "emergency_exit_stadium.zse"
     few = ("--set", "method.generations=3", "--servers", "local", "--seed", "7")
@@ -249,6 +251,7 @@ def test_commands_take_sessions_as_import_makes_them(program: Any, data: Path, t
     assert program("simulate", session, "--seed", "7").returncode == 0
 
 
+@pytest.mark.slow
 def test_a_session_that_is_taken_for_an_experiment(edited: Edited, program: Any, tmp_path: Path) -> None:
     other = edited("emergency_exit_random.zse", ('class="emergencyexit.EmergencyExit"', 'class="XOR.XOR"'))
     refused = program("optimize", other)
@@ -336,6 +339,7 @@ def test_a_malformed_session_is_refused(edited: Edited, change: tuple[str, str],
     assert str(caught.value).startswith(f"{path}:")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["import", "score"])
 def test_mistakes_on_the_command_line(program: Any, data: Path, tmp_path: Path, command: str) -> None:
     (tmp_path / "page.html").write_text("<html><body/></html>")

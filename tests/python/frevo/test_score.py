@@ -92,6 +92,7 @@ def test_a_larger_number_of_evaluations_adds_up(edited: Edited) -> None:
     assert total(3) + total(7, first=3) == pytest.approx(total(10), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_score_command(program: Any, data: Path) -> None:
     shown = program("score", data / "emergency_exit_stadium.zre", "--json")
     assert (shown.returncode, shown.stderr) == (0, "")
@@ -161,6 +162,7 @@ def test_a_session_has_nothing_to_score(data: Path) -> None:
         frevo.score(data / "emergency_exit_stadium.zse")
 
 
+@pytest.mark.slow
 def test_a_candidate_is_saved_as_a_controller(data: Path, program: Any, tmp_path: Path) -> None:
     file, scores = data / "hebbian.zre", frevo.score(data / "hebbian.zre")
     for options, index in (((), scores.best.index), (("--candidate", "7"), 7)):
@@ -183,6 +185,7 @@ def test_a_candidate_is_saved_as_a_controller(data: Path, program: Any, tmp_path
         assert answer in refused.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("episodes", ["100001", "10000000000000", "1" + "0" * 25])
 def test_too_many_evaluations_are_refused_before_memory_is_taken(edited: Edited, episodes: str) -> None:
     path = edited(

@@ -19,6 +19,7 @@ def reference(path: Path) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.float
     return np.array(weights, dtype=np.float32), [network.fitness for network in found]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 @pytest.mark.parametrize("name", NAMES)
 def test_fitness_is_frevos_through_the_broker(data: Path, name: str, mode: str) -> None:
@@ -45,6 +46,7 @@ def test_fitness_is_frevos_with_every_instruction_set(data: Path, name: str, lev
     assert fitness.sum(axis=1).tolist() == pytest.approx(expected, rel=0, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("update", ["sequential", "simultaneous"])
 def test_both_kinds_of_update_are_the_same_with_and_without_broker(data: Path, update: str) -> None:
     field = str(data / "stadium.json")

@@ -37,10 +37,12 @@ def experiment(**servers: Any) -> Experiment:
     )
 
 
+@pytest.mark.slow
 def test_the_conformance_check() -> None:
     check_launcher("process")
 
 
+@pytest.mark.slow
 def test_the_record_is_that_of_other_servers_with_tls_and_accounts_too(tmp_path: Path) -> None:
     here = optimize(experiment(), out=tmp_path / "here", servers="in-process", progress=False)
     started = optimize(experiment(), out=tmp_path / "started", progress=False)
@@ -52,6 +54,7 @@ def test_the_record_is_that_of_other_servers_with_tls_and_accounts_too(tmp_path:
     assert dict(os.environ) == before
 
 
+@pytest.mark.slow
 def test_a_killed_server_is_started_again() -> None:
     with open_backend(experiment()) as backend:
         assert isinstance(backend, BrokerBackend)
@@ -67,6 +70,7 @@ def test_a_killed_server_is_started_again() -> None:
     assert not any(Path(f"/proc/{pid}").exists() for pid in first)
 
 
+@pytest.mark.journey
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize(("mode", "recycle"), [("auto", 20), ("stepwise", 20), ("batched", 1)])
 def test_processes_are_replaced_after_some_evaluations(
@@ -105,6 +109,7 @@ def test_processes_are_replaced_after_some_evaluations(
     assert sum(error.endswith((" left", " was faster")) for error in errors) >= len(errors) / 2, errors
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("mode", ["auto", "stepwise"])
 def test_a_preempted_server_finishes_what_it_computes(mode: str, tmp_path: Path) -> None:
@@ -161,6 +166,7 @@ def test_states_of_servers_that_are_not_watched_any_more_are_not_known(
     assert "in fail" in caplog.text  # where it was raised
 
 
+@pytest.mark.slow
 def test_servers_that_do_not_start_are_given_up_with_what_they_printed(tmp_path: Path) -> None:
     file = tmp_path / "gather.py"
     file.write_text(

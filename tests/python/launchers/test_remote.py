@@ -15,6 +15,8 @@ from swarmwright.launchers._remote import RemoteOptions, prepared, unpacked
 from swarmwright.launchers.kubernetes import KubernetesOptions
 from swarmwright.launchers.slurm import Slurm, SlurmOptions
 
+pytestmark = pytest.mark.slow
+
 CODE = Code.of({"gather.py": b"class Gather: pass\n", "maps/a.json": b"{}"})
 
 

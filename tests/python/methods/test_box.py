@@ -55,6 +55,7 @@ def of_pymoo(kind: str, function: Function, target: float, seed: int, **options:
     return 10**9
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize(
     ("kind", "function", "target", "options", "theirs"),

@@ -122,6 +122,7 @@ class Reference:
         return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("separable", [False, True])
 @pytest.mark.parametrize(("genes", "population"), [(2, 3), (5, 8), (10, 10), (10, 256), (90, 17)])
 def test_each_generation_is_that_of_the_formulas(genes: int, population: int, separable: bool) -> None:
@@ -207,6 +208,7 @@ def test_an_optimum_at_the_bounds_is_found(kind: str) -> None:
     assert method.population_fitness.max() == pytest.approx(9 - 2 - 2, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_start_is_given_up_when_going_on_makes_no_sense(kind: str) -> None:
     noise = np.random.default_rng(1)

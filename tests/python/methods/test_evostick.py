@@ -38,6 +38,7 @@ def mutant(best: NDArray[np.float32], generation: int, index: int, step: float, 
     return genes
 
 
+@pytest.mark.slow
 def test_it_is_a_method() -> None:
     check_method("evostick")
 

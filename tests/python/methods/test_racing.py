@@ -44,6 +44,7 @@ def raced(race: Race, score: Any, left: int = 10**9) -> list[tuple[int, list[int
     return seen
 
 
+@pytest.mark.slow
 def test_it_is_a_method() -> None:
     check_method("racing")
 

@@ -13,6 +13,7 @@ from swarmwright.methods import METHODS
 from tests.python.methods.needed import method_of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", sorted(METHODS.built_in))
 def test_a_run_with_every_method(kind: str, tmp_path: Path) -> None:
     experiment = Experiment.from_mapping(
@@ -38,6 +39,7 @@ def test_a_run_with_every_method(kind: str, tmp_path: Path) -> None:
     assert last.best_so_far == one.fitness.max()
 
 
+@pytest.mark.slow
 def test_the_record_names_the_libraries_of_a_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(METHODS.get("random_search"), "libraries", ("pymoo",))
     values = {"simulation": "minisim", "method": {"kind": "random_search", "generations": 1}}
@@ -53,6 +55,7 @@ def test_a_method_whose_library_is_missing(monkeypatch: pytest.MonkeyPatch) -> N
         Experiment.from_mapping({"simulation": "minisim", "method": {"kind": "random_search"}})
 
 
+@pytest.mark.slow
 def test_methods_need_no_other_libraries() -> None:
     code = """if True:
         import sys

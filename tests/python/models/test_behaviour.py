@@ -80,6 +80,7 @@ def test_a_simulation_that_is_not_built_in_has_the_sensors_of_the_file(
     assert (experiment.sensors, experiment.actuators) == (1, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("walk")
 def test_the_command_line(program: Any, edited: Edited, tmp_path: Path) -> None:
     edited("problem.xml")
@@ -126,6 +127,7 @@ class Lab(Simulation):
 """
 
 
+@pytest.mark.slow
 def test_an_exported_behaviour_is_imported_with_the_same_sensors(tmp_path: Path) -> None:
     (tmp_path / "lab.py").write_text(SIMULATION, encoding="utf-8")
     experiment = Experiment.from_mapping(

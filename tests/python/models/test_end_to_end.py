@@ -12,6 +12,7 @@ from tests.python.models.test_behaviour import WALK
 SMALL = ("--set", "method.population=10", "--set", "method.generations=3", "--servers", "local")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("evolved", ["parameter_set", "mealy_fsm"])
 def test_five_files_to_a_result_and_back(
     program: Any, drawn: list[Path], tmp_path: Path, evolved: str

@@ -193,6 +193,7 @@ def test_without_a_simulation_or_with_one_that_cannot_steer_itself(edited: Edite
         models.load([edited("parameters.json")], simulation="emergency_exit")
 
 
+@pytest.mark.slow
 def test_the_command_line(program: Any, drawn: list[Path], tmp_path: Path) -> None:
     done = program("import", *drawn, "--output", "drawn.yaml")
     assert done.returncode == 0, done.stderr

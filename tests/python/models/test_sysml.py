@@ -269,6 +269,7 @@ def test_an_open_comment(tmp_path: Path) -> None:
         models.load([path])
 
 
+@pytest.mark.slow
 def test_the_command_line(program: Any, tmp_path: Path) -> None:
     written(tmp_path)
     done = program("import", "escape.sysml", "-o", "escape.yaml")

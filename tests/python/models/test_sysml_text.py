@@ -147,6 +147,7 @@ def test_values_and_chains_without_end_are_refused(text: str, words: str, tmp_pa
     assert len(str(caught.value)) < 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [

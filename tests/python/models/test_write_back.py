@@ -74,6 +74,7 @@ def test_files_of_which_nothing_was_evolved_are_refused(drawn: list[Path], tmp_p
         models.write_back(run, drawn[1:2], output=tmp_path / "back")
 
 
+@pytest.mark.slow
 def test_the_command_line(program: Any, drawn: list[Path], tmp_path: Path) -> None:
     evolved(drawn, tmp_path)
     done = program("export", "run", "--model", drawn[1], "--output", "back", "--candidate", "0:2")

@@ -33,6 +33,7 @@ METHODS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("form", "method"), [("machine", "racing"), ("tree", "nnga"), ("machine", "nnga")])
 def test_a_design_is_a_run_like_others(form: str, method: str, own: Path, tmp_path: Path) -> None:  # noqa: ARG001
     file = tmp_path / "wander.yaml"
@@ -79,6 +80,7 @@ def test_evaluations_do_not_depend_on_each_other(own: Path, tmp_path: Path) -> N
     assert together.tobytes() == alone.tobytes()
 
 
+@pytest.mark.slow
 def test_edited_modules_are_noticed(own: Path, tmp_path: Path, install: Callable[..., Path]) -> None:  # noqa: ARG001
     file = tmp_path / "wander.yaml"
     file.write_text(TEXT.format(form="machine", method=METHODS["nnga"]))
@@ -91,6 +93,7 @@ def test_edited_modules_are_noticed(own: Path, tmp_path: Path, install: Callable
     assert (run.path / "code/2/behaviour-wander/own_modules.py").is_file()
 
 
+@pytest.mark.slow
 def test_the_program_shows_runs_with_own_modules(own: Path, tmp_path: Path) -> None:  # noqa: ARG001
     file = tmp_path / "wander.yaml"
     file.write_text(TEXT.format(form="machine", method=METHODS["nnga"]))

@@ -67,6 +67,7 @@ def test_verification_imports_nothing(file: Path, tmp_path: Path, capsys: pytest
     assert "its genome is not that of" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_run_has_the_code_with_it(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     experiment = Experiment.load(file)
     assert has_python_modules(experiment)

@@ -36,6 +36,7 @@ def in_python(specification: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 @given(seed=st.integers(0, 2**40))
 def test_the_engines_modules_have_the_engines_bits(form: str, seed: int) -> None:
@@ -75,6 +76,7 @@ def evaluated(controllers: Controllers, seeds: list[int]) -> tuple[NDArray[np.fl
     return results.fitness, results.metrics
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_whole_episodes_have_the_engines_fitness(form: str, monkeypatch: pytest.MonkeyPatch) -> None:
     subject = machines(form=form)

@@ -60,6 +60,7 @@ def genomes(experiment: Experiment, count: int = 12) -> Any:
     return np.random.default_rng(3).uniform(lower, upper, (count, len(lower))).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", [1, 2, "process:2"])
 def test_the_record_is_that_of_this_process(
     servers: int | str, experiment: Experiment, here: Run, tmp_path: Path
@@ -69,6 +70,7 @@ def test_the_record_is_that_of_this_process(
     assert {attempt.mode for attempt in run.attempts()} == {"offloaded"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["machine", "tree"])
 def test_any_number_of_servers_gives_the_same_bits(form: str, experiment: Experiment) -> None:
     changes = {"form": "tree", "transitions": 1} if form == "tree" else {}
@@ -79,12 +81,14 @@ def test_any_number_of_servers_gives_the_same_bits(form: str, experiment: Experi
         assert evaluate(one, genomes(one), servers=servers).tobytes() == expected.tobytes()
 
 
+@pytest.mark.slow
 def test_metrics_and_fitness_expressions_are_those_of_this_process(experiment: Experiment) -> None:
     one = experiment.replace(fitness="on_black - order / 2")
     expected = evaluate(one, genomes(one))
     assert evaluate(one, genomes(one), servers=2).tobytes() == expected.tobytes()
 
 
+@pytest.mark.slow
 def test_servers_that_were_started_by_hand_evaluate(
     start: Any, any_broker: str, experiment: Experiment, here: Run, tmp_path: Path
 ) -> None:
@@ -114,11 +118,13 @@ def test_servers_that_were_started_by_hand_evaluate(
     assert (serving.returncode, err) == (0, "")
 
 
+@pytest.mark.slow
 def test_a_server_says_what_it_offers(start: Any, embedded_broker: str, experiment: Experiment) -> None:  # noqa: ARG001
     serving = start("serve", "arena", "--modules", MODULES, "--broker", embedded_broker)
     assert "is ready: arena with Wander, Timer on" in serving.stdout.readline()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("modules", "words"),
     [
@@ -142,6 +148,7 @@ def test_modules_that_are_not_there_are_named_before_a_server_starts(
     assert words in result.stderr
 
 
+@pytest.mark.slow
 def test_a_server_without_the_modules_is_not_used(
     start: Any, embedded_broker: str, experiment: Experiment
 ) -> None:
@@ -155,6 +162,7 @@ def test_a_server_without_the_modules_is_not_used(
     )
 
 
+@pytest.mark.slow
 def test_a_server_with_other_code_is_not_used(
     start: Any, embedded_broker: str, experiment: Experiment, tmp_path: Path
 ) -> None:
@@ -182,6 +190,7 @@ def test_a_server_with_other_code_is_not_used(
     assert evaluate(experiment, genomes(experiment), broker=embedded_broker).tobytes() == expected.tobytes()
 
 
+@pytest.mark.slow
 def test_a_killed_server_does_not_change_the_record(
     experiment: Experiment, here: Run, tmp_path: Path
 ) -> None:
@@ -207,6 +216,7 @@ def failing(condition: str) -> str:
     return CODE.replace(line, f"        if {condition}:\n            raise ValueError('no wheels')\n{line}")
 
 
+@pytest.mark.slow
 def test_a_module_that_fails_is_reported_with_file_and_line(
     start: Any, embedded_broker: str, tmp_path: Path
 ) -> None:
@@ -236,6 +246,7 @@ def test_a_module_that_fails_is_reported_with_file_and_line(
     assert np.isfinite(evaluate(one, rows, broker=embedded_broker)).all()
 
 
+@pytest.mark.slow
 def test_only_episodes_whose_module_fails_fail(experiment: Experiment, tmp_path: Path) -> None:
     rows = genomes(experiment, 40)
     expected = evaluate(experiment, rows)
@@ -250,6 +261,7 @@ def test_only_episodes_whose_module_fails_fail(experiment: Experiment, tmp_path:
     assert found[~fails].tobytes() == expected[~fails].tobytes()
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_and_is_repeated_on_servers(experiment: Experiment, here: Run, tmp_path: Path) -> None:
     short = optimize(
         experiment.replace(method={"generations": 2}), out=tmp_path / "there", servers=1, progress=False
@@ -263,6 +275,7 @@ def test_a_run_goes_on_and_is_repeated_on_servers(experiment: Experiment, here: 
     assert repeat(Run.open(short.path), generation=1, candidate=2, servers=1).same
 
 
+@pytest.mark.slow
 def test_servers_elsewhere_get_the_code(experiment: Experiment, embedded_broker: str) -> None:
     """As workers of a cluster do: the code is unpacked in a folder of its own."""
     expected = evaluate(experiment, genomes(experiment))
@@ -281,6 +294,7 @@ def test_servers_elsewhere_get_the_code(experiment: Experiment, embedded_broker:
     assert not beside.is_alive()
 
 
+@pytest.mark.slow
 def test_installed_modules_are_offered_by_their_names(own: Path, experiment: Experiment) -> None:
     one = experiment.replace(
         controller={"behaviours": ["wander", "stop"], "conditions": ["timer", "black_floor"]}
@@ -297,6 +311,7 @@ def test_installed_modules_are_offered_by_their_names(own: Path, experiment: Exp
     assert set(offered(["wander", "timer"])) == {("behaviour", "wander"), ("condition", "timer")}
 
 
+@pytest.mark.slow
 def test_simulations_in_python_have_machines_too(tmp_path: Path) -> None:
     """An episode that fails once, the second one of a process, is repeated everywhere."""
     written(tmp_path / "parts")
@@ -364,6 +379,7 @@ def test_what_servers_cannot_do_is_refused(experiment: Experiment) -> None:
         simulate(experiment, visual=True, servers=1)
 
 
+@pytest.mark.slow
 def test_pieces_are_large_enough_for_numpy(experiment: Experiment) -> None:
     one = experiment.replace(parameters={"duration": 2})
     with open_backend(one, servers=1) as backend:

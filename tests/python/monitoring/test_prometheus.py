@@ -48,6 +48,7 @@ def url_of(process: Any) -> str:
     raise AssertionError(process.stderr.read())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "offloaded"])
 def test_a_run_is_scraped(start: Any, tmp_path: Path, mode: str) -> None:
     (tmp_path / "e.yaml").write_text(LONG.format(mode))
@@ -76,6 +77,7 @@ def test_a_run_is_scraped(start: Any, tmp_path: Path, mode: str) -> None:
     assert second["swarmwright_best_fitness"][nothing] <= 0
 
 
+@pytest.mark.slow
 def test_a_run_in_this_process_has_figures_too(start: Any, tmp_path: Path) -> None:
     (tmp_path / "e.yaml").write_text(LONG.format("auto"))
     process = start("optimize", "e.yaml", "--servers", "local", "--out", "r", "--metrics", "127.0.0.1:0")
@@ -85,6 +87,7 @@ def test_a_run_in_this_process_has_figures_too(start: Any, tmp_path: Path) -> No
     assert scraped(url)["swarmwright_candidates_total"][()] >= 12
 
 
+@pytest.mark.slow
 def test_servers_are_scraped(start: Any, embedded_broker: str) -> None:
     options = ("--broker", embedded_broker, "--count", "2", "--metrics", "0")
     process = start("serve", "minisim", *options)
@@ -155,6 +158,7 @@ def test_an_address_that_is_taken_is_named() -> None:
             pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", ["", "x", "127.0.0.1:", "127.0.0.1:99999", "1.5"])
 def test_what_is_no_address_is_refused(program: Any, tmp_path: Path, value: str) -> None:
     (tmp_path / "e.yaml").write_text(LONG.format("auto"))
@@ -163,6 +167,7 @@ def test_what_is_no_address_is_refused(program: Any, tmp_path: Path, value: str)
     assert "--metrics" in refused.stderr
 
 
+@pytest.mark.slow
 def test_json_is_not_disturbed(start: Any, embedded_broker: str) -> None:
     process = start("serve", "minisim", "--broker", embedded_broker, "--metrics", "0", "--json")
     (ready,) = events(process, "ready")

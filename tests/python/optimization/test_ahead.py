@@ -108,6 +108,7 @@ def test_members_that_stay_are_the_same(
         same_record(in_two_parts(made, tmp_path / f"at-{at}", at), whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_servers_give_the_same_record(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, used: list[Ahead]
@@ -126,6 +127,7 @@ def test_servers_give_the_same_record(
         assert done >= row.evaluations - before > 0
 
 
+@pytest.mark.journey
 def test_a_run_on_servers_ends_and_goes_on_as_one_without(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, used: list[Ahead]
 ) -> None:
@@ -148,6 +150,7 @@ def test_a_run_on_servers_ends_and_goes_on_as_one_without(
     assert StoreReader(run.path).ended() == StoreReader(whole.path).ended()
 
 
+@pytest.mark.slow
 def test_what_follows_a_run_has_the_same_servers(tmp_path: Path, used: list[Ahead]) -> None:
     made = experiment(
         {"kind": "snes", "population": 10, "generations": 5},
@@ -161,6 +164,7 @@ def test_what_follows_a_run_has_the_same_servers(tmp_path: Path, used: list[Ahea
     assert len(run.unseen.episodes) == 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", RESTARTS, ids=str)
 def test_new_starts_are_the_same(
     method: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -319,6 +323,7 @@ def test_a_method_changed_by_a_subclass_is_asked_and_told_in_python(
     assert np.allclose(genomes.sum(axis=2), 0, atol=1e-6), "a plateau moves nothing"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "other",
     [

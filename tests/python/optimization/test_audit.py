@@ -119,6 +119,7 @@ def test_both_checks_of_a_batch_are_named(tmp_path: Path, caplog: pytest.LogCapt
     assert "servers" not in text, "there are none"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [BudgetSpent(), InputError("no"), RunError("no"), KeyboardInterrupt()])
 def test_a_run_whose_episodes_cannot_be_repeated_is_finished(
     error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -165,6 +166,7 @@ class Forgetful(Settled):
         return self.sum + self.left_behind
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Rare, Forgetful])
 def test_faults_that_show_rarely_are_found(
     kind: type, tmp_path: Path, caplog: pytest.LogCaptureFixture
@@ -187,6 +189,7 @@ def test_the_chance_to_find_a_fault_is_what_the_documentation_says() -> None:
     assert 0.97 < 1 - 0.88**audit.LEAST < 0.98
 
 
+@pytest.mark.slow
 def test_the_record_does_not_depend_on_the_audit(tmp_path: Path) -> None:
     digests = []
     for share in (0, "auto", 0.5):
@@ -199,6 +202,7 @@ def test_the_record_does_not_depend_on_the_audit(tmp_path: Path) -> None:
     assert len(set(digests)) == 1
 
 
+@pytest.mark.slow
 def test_other_servers_repeat_what_one_has_evaluated(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -246,6 +250,7 @@ def test_the_server_that_all_differences_share_is_named(servers: list[set[int]],
     assert audit._of_servers(servers) == words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Settled, Declared, Tolerant])
 def test_others_are_not(kind: type, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     run(kind, tmp_path)
@@ -266,6 +271,7 @@ def drawing(folder: Path, seed: str, **definition: Any) -> dict[str, Any]:
 SPEED = {"kind": "parameter_set", "parameters": {"speed": {"type": "real", "range": [0, 1]}}}
 
 
+@pytest.mark.slow
 def test_a_command_that_ignores_its_seed_is_reported(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -275,6 +281,7 @@ def test_a_command_that_ignores_its_seed_is_reported(
     assert "simulation.determinism: none" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "definition"),
     [("sys.argv[1]", {}), ("None", {"determinism": "none"}), ("None", {"determinism": "statistical"})],
@@ -286,6 +293,7 @@ def test_other_commands_are_not(
     assert not warnings(caplog)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["in-process", 1])
 def test_an_environment_that_ignores_its_seed_is_reported(
     servers: str | int, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch

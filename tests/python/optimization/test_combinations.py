@@ -117,6 +117,7 @@ def refused(why: str, controller: str, method: str, operation: str, ranking: int
     assert any(reasons), why
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("operation", ["generational", "steady_state"])
 @pytest.mark.parametrize("controller", REGISTRIES["controller"].names())
 def test_servers_give_what_this_process_gives(controller: str, operation: str, tmp_path: Path) -> None:
@@ -131,6 +132,7 @@ def test_servers_give_what_this_process_gives(controller: str, operation: str, t
         assert {attempt.mode for attempt in there.attempts()} == {mode}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["nnga", "pso"])
 def test_machines_of_modules_become_better(method: str, tmp_path: Path) -> None:
     run = optimize(robots(method, generations=8, population=20), out=tmp_path / "run")

@@ -150,6 +150,7 @@ def test_candidates_that_are_counted_over_the_run(caplog: pytest.LogCaptureFixtu
     assert "--candidate 27; " in caplog.text
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_on_in_steady_state_counts_its_candidates_on(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

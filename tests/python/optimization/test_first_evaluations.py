@@ -117,6 +117,7 @@ def broken(folder: Path, works_from: int = 10**9, **values: Any) -> Experiment:
     return Experiment.load(file).replace(**{**changes, **values})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["in-process", 2])
 @pytest.mark.parametrize("failed", ["last", -3.0])
 def test_a_broken_simulation_ends_a_run(tmp_path: Path, servers: int | str, failed: str | float) -> None:

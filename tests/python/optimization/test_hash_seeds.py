@@ -7,6 +7,8 @@ import pytest
 
 from swarmwright import Experiment, Run, optimize
 
+pytestmark = pytest.mark.slow
+
 CODE = """
 from swarmwright import Simulation
 

@@ -49,6 +49,7 @@ def test_it_is_said_how_much_is_needed(
     assert record.getMessage().startswith("200,000 candidates with 19 genes each: ")
 
 
+@pytest.mark.slow
 def test_limits_of_the_process_count() -> None:
     code = "from swarmwright.optimization.memory import available; print(available())"
     command = f'ulimit -v 4000000; exec "{sys.executable}" -c "{code}"'

@@ -31,6 +31,7 @@ experiment""",
 )
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_progress_and_what_came_out(tmp_path: Path) -> None:
     import nbformat
     from nbclient import NotebookClient

@@ -71,6 +71,7 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return optimize(small(), servers="local", out=tmp_path_factory.mktemp("local") / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", [1, 2, 8])
 def test_the_record_is_the_same_bytes_on_any_number_of_servers(
     servers: int, any_broker: str, expected: Run, tmp_path: Path
@@ -82,6 +83,7 @@ def test_the_record_is_the_same_bytes_on_any_number_of_servers(
     assert 1 <= len({entry["server"] for entry in episodes}) <= servers
 
 
+@pytest.mark.slow
 def test_without_a_broker_one_is_started(expected: Run, tmp_path: Path) -> None:
     run = optimize(small(), servers=2, out=tmp_path / "run")
     assert run.digest == expected.digest
@@ -93,6 +95,7 @@ def test_another_seed_is_another_run(expected: Run, tmp_path: Path) -> None:
     assert run.experiment.seed == 2
 
 
+@pytest.mark.slow
 def test_callbacks_tell_how_far_it_is(tmp_path: Path) -> None:
     generations: list[Generation] = []
     progress: list[tuple[int, int, str]] = []
@@ -136,6 +139,7 @@ def test_an_experiment_may_be_a_mapping(tmp_path: Path) -> None:
         optimize({"simulation": "minisim", "method": {"populaton": 3}})
 
 
+@pytest.mark.slow
 def test_an_interrupt_is_told_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     def interrupt(generation: Generation) -> None:
         if generation.generation == 1:
@@ -234,6 +238,7 @@ def gone(pids: list[int], seconds: float = 8) -> bool:
     return not any(map(alive, pids))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("plots")
 def test_ctrl_c_keeps_the_results_so_far(tmp_path: Path) -> None:
     process = start_script(tmp_path)
@@ -255,6 +260,7 @@ def test_ctrl_c_keeps_the_results_so_far(tmp_path: Path) -> None:
     assert gone(servers)
 
 
+@pytest.mark.slow
 def test_a_killed_run_leaves_its_results_and_no_servers(tmp_path: Path) -> None:
     process = start_script(tmp_path)
     servers = children(process.pid)
@@ -271,6 +277,7 @@ def test_a_killed_run_leaves_its_results_and_no_servers(tmp_path: Path) -> None:
     assert gone(servers)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("plots")
 def test_a_server_that_dies_is_started_again(tmp_path: Path) -> None:
     def kill_one(generation: Generation) -> None:
@@ -293,6 +300,7 @@ def test_a_server_that_dies_is_started_again(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("plots")
 def test_when_all_servers_die_they_are_started_again(tmp_path: Path) -> None:
     def kill_all(_: Generation) -> None:
@@ -314,6 +322,7 @@ def test_no_broker_there(unused_port: int, tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_a_broker_that_refuses_the_password(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from swarmwright import _engine
 
@@ -334,6 +343,7 @@ def test_a_broker_that_refuses_the_password(tmp_path: Path, monkeypatch: pytest.
         assert b"s3cret" not in file.read_bytes(), file
 
 
+@pytest.mark.slow
 def test_requirements_that_no_server_fulfils(embedded_broker: str, start: Any) -> None:
     process = start("serve", "minisim", "--broker", embedded_broker, "--count", "1", "--json")
     assert json.loads(process.stdout.readline())["event"] == "ready"
@@ -348,6 +358,7 @@ def test_requirements_that_what_is_started_here_cannot_fulfil(embedded_broker: s
         simulate(experiment, broker=embedded_broker, servers=1)
 
 
+@pytest.mark.slow
 def test_no_server_fits(any_broker: str, tmp_path: Path) -> None:
     experiment = small(timeouts={"discovery": 0.5})
     with pytest.raises(RunError, match="minisim"):

@@ -81,11 +81,13 @@ def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return optimize(experiment(values), out=tmp_path_factory.mktemp("whole") / "run")
 
 
+@pytest.mark.slow
 def test_the_record_does_not_depend_on_servers(whole: Run, tmp_path: Path) -> None:
     for servers in (1, 3):
         same_record(optimize(whole.experiment, servers=servers, out=tmp_path / str(servers)), whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0])
 def test_it_goes_on_in_the_middle_of_a_race(share: float, whole: Run, tmp_path: Path) -> None:
     at = max(1, int(share * (whole.generations - 1)))
@@ -99,6 +101,7 @@ def test_it_goes_on_in_the_middle_of_a_race(share: float, whole: Run, tmp_path: 
     assert run.ended == whole.ended
 
 
+@pytest.mark.slow
 def test_it_goes_on_after_being_killed(whole: Run, tmp_path: Path) -> None:
     code = f"""if True:
         import os, signal
@@ -155,6 +158,7 @@ def test_each_instance_has_its_own_seeds_and_no_candidate_sees_them_twice(racing
     assert seeds == set(range(len(seeds)))
 
 
+@pytest.mark.slow
 def test_those_validated_are_the_elites(racing: Run) -> None:
     validation = racing.validation
     assert validation is not None
@@ -211,6 +215,7 @@ def broken(tmp_path: Path, start: int, above: float, **changes: Any) -> Experime
 METHOD = {"kind": "racing", "evaluations": 300, "survivors": 3}
 
 
+@pytest.mark.slow
 def test_a_run_ends_when_all_that_are_left_fail(tmp_path: Path) -> None:
     failing = broken(tmp_path, 3, -2, method=METHOD)
     with pytest.raises(RunError, match=r"every candidate of generation 3 failed; the last reason: .*too hot"):
@@ -218,6 +223,7 @@ def test_a_run_ends_when_all_that_are_left_fail(tmp_path: Path) -> None:
     assert Run.open(tmp_path / "run").generations == 3
 
 
+@pytest.mark.slow
 def test_those_that_fail_are_dropped_and_the_others_race_on(tmp_path: Path) -> None:
     run = optimize(broken(tmp_path, 2, 0.2, method=METHOD), out=tmp_path / "run")
     record = run.record
@@ -231,6 +237,7 @@ def test_those_that_fail_are_dropped_and_the_others_race_on(tmp_path: Path) -> N
     assert run.evaluation().genome.tobytes() not in failed
 
 
+@pytest.mark.slow
 def test_a_race_saves_episodes_and_says_how_many(tmp_path: Path) -> None:
     run = optimize(experiment(RACE), out=tmp_path / "run")
     record = run.record
@@ -264,6 +271,7 @@ def test_a_race_finds_the_same_survivors_as_all_episodes_would(tmp_path: Path) -
     assert fitness.tobytes() == run.record.fitness.tobytes()
 
 
+@pytest.mark.slow
 def test_failures_in_a_race_have_their_episode(tmp_path: Path) -> None:
     values = {"kind": "random_search", "population": 12, "generations": 1}
     race = {"kind": "race", "episodes": 10}
@@ -347,6 +355,7 @@ def test_candidates_that_were_dropped_do_not_hide_that_the_ranking_failed() -> N
     assert evaluator.why_failed(Results(episodes, metrics, Journal())) == ""
 
 
+@pytest.mark.slow
 def test_huge_fitness_does_not_end_a_race(tmp_path: Path) -> None:
     file = tmp_path / "fails.py"
     huge = "return 1.7e308 * (1 if self.result > 1 else -1)\n"

@@ -42,6 +42,7 @@ def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return optimize(experiment, out=tmp_path_factory.mktemp("whole") / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [1, 6, 11])
 def test_it_goes_on_as_if_nothing_had_happened(at: int, whole: Run, tmp_path: Path) -> None:
     part = optimize(whole.experiment, until(at), out=tmp_path / "run")
@@ -169,6 +170,7 @@ def test_a_run_that_was_returned_stays_as_long_as_it_was(whole: Run, tmp_path: P
     assert part.history == whole.history[:4]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [1, 6])
 @pytest.mark.parametrize("kind", ["nnga", "cea2d", "random_search"])
 def test_steady_state_goes_on_as_if_nothing_had_happened(kind: str, at: int, tmp_path: Path) -> None:
@@ -230,6 +232,7 @@ def test_killed_many_times(operation: str, kills: int, generations: int, tmp_pat
     same_record(resume(folder), whole)
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_elsewhere(whole: Run, tmp_path: Path) -> None:
     """The folder can be moved, and other servers can finish the work."""
     part = optimize(whole.experiment, until(4), servers=2, out=tmp_path / "run")

@@ -136,6 +136,7 @@ def test_disparities_are_learned(tmp_path: Path) -> None:
     assert run.best.fitness == record.fitness.max()
 
 
+@pytest.mark.slow
 def test_the_descriptor_may_be_metrics_that_the_fitness_needs(tmp_path: Path) -> None:
     few = {**TRANSFERABILITY, "descriptor": ["steps", "arrived"]}
     run = made("nnga", tmp_path, ranking=few, fitness="arrived - 0.01 * distance")
@@ -144,6 +145,7 @@ def test_the_descriptor_may_be_metrics_that_the_fitness_needs(tmp_path: Path) ->
     same_record(resume(part, servers=2), run)
 
 
+@pytest.mark.slow
 def test_a_simulation_without_metrics_is_described_by_its_fitness(tmp_path: Path) -> None:
     (tmp_path / "fragile.py").write_text(f"ABOVE = 2\n{FRAGILE}")
     simulation = f"{tmp_path}/fragile.py:Fragile"
@@ -153,11 +155,13 @@ def test_a_simulation_without_metrics_is_described_by_its_fitness(tmp_path: Path
     same_record(resume(optimize(run.experiment, lambda _: False, out=tmp_path / "part")), run)
 
 
+@pytest.mark.slow
 def test_the_record_does_not_depend_on_servers(whole: Run, tmp_path: Path) -> None:
     for servers in (1, 2):
         same_record(optimize(whole.experiment, servers=servers, out=tmp_path / str(servers)), whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [1, 3, 6])
 def test_it_goes_on_after_an_interruption(at: int, whole: Run, tmp_path: Path) -> None:
     part = optimize(whole.experiment, lambda now: now.generation + 1 < at, out=tmp_path / "run")
@@ -165,6 +169,7 @@ def test_it_goes_on_after_an_interruption(at: int, whole: Run, tmp_path: Path) -
     same_record(resume(part, servers=2), whole)
 
 
+@pytest.mark.slow
 def test_it_goes_on_after_being_killed(whole: Run, tmp_path: Path) -> None:
     whole.experiment.save(tmp_path / "again.yaml")
     code = f"""if True:
@@ -190,6 +195,7 @@ def children() -> set[int]:
     return found
 
 
+@pytest.mark.slow
 def test_servers_of_the_slow_simulation_that_are_killed_change_nothing(tmp_path: Path) -> None:
     values = experiment(ranking=ranking(slow={**SLOW, "servers": 2}))
     expected = optimize(values, out=tmp_path / "expected")
@@ -208,6 +214,7 @@ def test_servers_of_the_slow_simulation_that_are_killed_change_nothing(tmp_path:
     assert run.best == expected.best
 
 
+@pytest.mark.slow
 def test_the_best_are_validated_in_the_slow_simulation(whole: Run) -> None:
     validation = whole.validation
     assert validation is not None
@@ -235,6 +242,7 @@ def fragile(tmp_path: Path, above: float, **changes: Any) -> Experiment:
     return Experiment.load(path)
 
 
+@pytest.mark.slow
 def test_candidates_that_fail_in_a_class_in_python_have_failed(tmp_path: Path) -> None:
     run = optimize(fragile(tmp_path, 0.2, share=0.5), out=tmp_path / "run")
     failed = np.isnan(run.record.fitness)
@@ -245,11 +253,13 @@ def test_candidates_that_fail_in_a_class_in_python_have_failed(tmp_path: Path) -
     same_record(resume(optimize(run.experiment, lambda now: now.generation < 2, out=tmp_path / "part")), run)
 
 
+@pytest.mark.slow
 def test_a_run_whose_slow_simulation_fails_always_ends(tmp_path: Path) -> None:
     with pytest.raises(RunError, match=r"every candidate of generation 0 failed; the last reason: .*too hot"):
         optimize(fragile(tmp_path, -2), out=tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_a_changed_class_is_not_used_silently(tmp_path: Path) -> None:
     part = optimize(fragile(tmp_path, 0.9), lambda now: now.generation < 2, out=tmp_path / "run")
     (tmp_path / "fragile.py").write_text(f"ABOVE = 0.1\n{FRAGILE}")
@@ -304,11 +314,13 @@ def test_a_simulation_that_is_nowhere_is_found_before_the_run(tmp_path: Path) ->
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_both_cannot_have_the_same_servers(any_broker: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="harder is the same simulation on the same broker"):
         optimize(experiment(servers="auto", broker=any_broker), out=tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_two_simulators_on_a_broker(any_broker: str, foreign: Callable[..., Any], tmp_path: Path) -> None:
     """Both are servers that only know D6.1; the slow one is found on the broker of the fast one."""
     values = Experiment.from_mapping(

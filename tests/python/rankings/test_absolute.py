@@ -31,6 +31,7 @@ def test_the_order_of_episodes_does_not_matter(values: list[float], random: obje
         assert one.tobytes() == other.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aggregate", ["mean", "sum", "median", "worst", "quantile", "cvar"])
 @given(st.data())
 def test_arrays_and_single_candidates_have_the_same_fitness(aggregate: str, data: st.DataObject) -> None:

@@ -98,6 +98,7 @@ def test_with_new_seeds_only_the_own_generation_corrects(seeds: str) -> None:
     assert one.options.memory is None
 
 
+@pytest.mark.slow
 @given(st.data(), st.integers(1, 12), st.integers(1, 3), st.floats(0.01, 1))
 def test_the_best_was_always_evaluated_there(
     data: st.DataObject, count: int, episodes: int, share: float

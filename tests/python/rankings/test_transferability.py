@@ -124,6 +124,7 @@ def test_where_all_fail_in_the_slow_simulation_others_are_evaluated() -> None:
     assert np.isnan(ranked.fitness).all()
 
 
+@pytest.mark.slow
 @given(
     st.data(), st.integers(1, 8), st.integers(1, 2), st.integers(0, 2), st.integers(1, 3), st.integers(1, 3)
 )

@@ -25,6 +25,7 @@ def test_it_is_a_representation() -> None:
     check_representation("modules", {"states": 1, "transitions": 1})
 
 
+@pytest.mark.slow
 def test_random_machines_have_every_module_and_every_target() -> None:
     subject = machines()
     assert subject.genome_size == 97

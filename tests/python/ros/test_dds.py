@@ -82,6 +82,7 @@ def spun(node: Dds, seconds: float = 10) -> Any:
         yield
 
 
+@pytest.mark.slow
 def test_topics(node: Dds) -> None:
     heard: list[Any] = []
     echo = node.subscribe("echo", "std_msgs/String", heard.append, depth=100)
@@ -111,6 +112,7 @@ def test_topics(node: Dds) -> None:
     assert len(heard) == 50
 
 
+@pytest.mark.slow
 def test_the_latest_message_is_read(node: Dds) -> None:
     heard: list[Any] = []
     pose = node.subscribe("pose", "geometry_msgs/PoseStamped", heard.append)
@@ -123,6 +125,7 @@ def test_the_latest_message_is_read(node: Dds) -> None:
     assert (heard[0].pose.position.x, heard[0].pose.orientation.w) == (1.5, 1.0)
 
 
+@pytest.mark.slow
 def test_services(node: Dds) -> None:
     client = node.client("other/set", "std_srvs/SetBool")
     for value in [True, False] * 20:
@@ -145,6 +148,7 @@ def test_services(node: Dds) -> None:
     assert time.monotonic() - began < 2
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_is_said(node: Dds) -> None:
     with pytest.raises(MiddlewareError, match="the type 'sensor_msgs/Imu' of messages is not known here"):
         node.subscribe("imu", "sensor_msgs/Imu", print)
@@ -179,6 +183,7 @@ def test_a_node_can_be_closed_and_made_again(around: dict[str, str]) -> None:
         second.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -193,6 +198,7 @@ def test_the_environment_of_ros_2(changes: dict[str, str]) -> None:
     assert _found(changes, changes) == ("OFF" not in changes.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "uri", ["", "<General><Interfaces><NetworkInterface name='lo'/></Interfaces></General>"]
 )

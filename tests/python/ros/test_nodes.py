@@ -55,6 +55,7 @@ def assert_same(steps: Any, controller: Any) -> None:
     )
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("reliable", [True, False], ids=["reliable", "best-effort"])
 def test_the_node_computes_what_the_engine_computes(
     kind: str, reliable: bool, robot: Robot, tmp_path: Path
@@ -90,6 +91,7 @@ def test_the_node_computes_what_the_engine_computes(
         assert running.process.poll() is None
 
 
+@pytest.mark.slow
 def test_wheels_are_a_command_and_a_sensor_may_be_random(kind: str, robot: Robot, tmp_path: Path) -> None:
     with node(kind, robot, changed(on_wheels), tmp_path):
         robot.record_all()
@@ -103,6 +105,7 @@ def test_wheels_are_a_command_and_a_sensor_may_be_random(kind: str, robot: Robot
         assert_on_wheels(steps, driven)
 
 
+@pytest.mark.slow
 def test_messages_without_a_value_are_told_from_silence(kind: str, robot: Robot, tmp_path: Path) -> None:
     with node(kind, robot, MAPPING, tmp_path) as running:
         blind = row(1)
@@ -112,6 +115,7 @@ def test_messages_without_a_value_are_told_from_silence(kind: str, robot: Robot,
         until(lambda: said in running.said())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_the_last_command_stops_the_robot(kind: str, number: int, robot: Robot, tmp_path: Path) -> None:
     with node(kind, robot, MAPPING, tmp_path) as running:
@@ -123,6 +127,7 @@ def test_the_last_command_stops_the_robot(kind: str, number: int, robot: Robot, 
         until(lambda: robot.driven()[-1] == (0.0, 0.0), 5)
 
 
+@pytest.mark.slow
 def test_the_rate_is_that_of_the_mapping(kind: str, robot: Robot, tmp_path: Path) -> None:
     with node(kind, robot, {**MAPPING, "rate": 20}, tmp_path):
         robot.record_all()
@@ -134,6 +139,7 @@ def test_the_rate_is_that_of_the_mapping(kind: str, robot: Robot, tmp_path: Path
         assert rate == pytest.approx(20, rel=0.15)
 
 
+@pytest.mark.slow
 def test_silence_stops_the_robot_until_it_ends(kind: str, robot: Robot, tmp_path: Path) -> None:
     controller = engine()
     with node(kind, robot, {**MAPPING, "timeout": 2.0}, tmp_path) as running:
@@ -193,6 +199,7 @@ def test_silence_stops_the_robot_until_it_ends(kind: str, robot: Robot, tmp_path
         assert_same(robot.steps()[before:], controller)
 
 
+@pytest.mark.slow
 def test_a_controller_that_begins_anew_after_silence(kind: str, robot: Robot, tmp_path: Path) -> None:
     with node(kind, robot, {**MAPPING, "timeout": 2.0, "reset_after_silence": True}, tmp_path) as running:
         robot.record_all()
@@ -211,6 +218,7 @@ def test_a_controller_that_begins_anew_after_silence(kind: str, robot: Robot, tm
         assert_same(robot.steps()[before:], engine())
 
 
+@pytest.mark.slow
 def test_a_stamped_command_has_the_time(kind: str, robot: Robot, tmp_path: Path) -> None:
     def stamped(mapping: dict[str, Any]) -> None:
         for entry in mapping["actuators"][:2]:
@@ -228,6 +236,7 @@ def test_a_stamped_command_has_the_time(kind: str, robot: Robot, tmp_path: Path)
         assert (twist["linear"]["x"], twist["angular"]["z"]) in commands(robot.steps()[:, 7:])
 
 
+@pytest.mark.slow
 def test_simulated_time_is_that_of_the_clock(kind: str, robot: Robot, tmp_path: Path) -> None:
     with node(kind, robot, {**MAPPING, "rate": 10}, tmp_path, "--use-sim-time") as running:
         robot.record_all()
@@ -272,6 +281,7 @@ def test_simulated_time_is_that_of_the_clock(kind: str, robot: Robot, tmp_path: 
         assert len(robot.steps()) - begun == pytest.approx(15, abs=3)
 
 
+@pytest.mark.slow
 def test_two_robots_in_one_domain(kind: str, package: Package, tmp_path: Path) -> None:
     folders = [tmp_path / "one", tmp_path / "two"]
     for folder in folders:
@@ -307,6 +317,7 @@ def test_the_launch_file_starts_a_node_for_a_robot(kind: str, robot: Robot, tmp_
         until(lambda: robot.driven()[-1] == (0.0, 0.0), 5)
 
 
+@pytest.mark.slow
 def test_domains_are_apart(package: Package, tmp_path: Path) -> None:
     domain = int(package.environment["ROS_DOMAIN_ID"])
     other = environment((domain + 1) % 102)
@@ -323,6 +334,7 @@ def test_domains_are_apart(package: Package, tmp_path: Path) -> None:
         until(lambda: "all sensors are there" in running.said())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", IN_THE_FILE | IN_THE_TOPICS)
 def test_a_wrong_mapping_is_refused(kind: str, name: str, package: Package, tmp_path: Path) -> None:
     change, message = (IN_THE_FILE | IN_THE_TOPICS)[name]
@@ -334,6 +346,7 @@ def test_a_wrong_mapping_is_refused(kind: str, name: str, package: Package, tmp_
     assert "Traceback" not in running.said()
 
 
+@pytest.mark.slow
 def test_others_use_a_topic_with_another_type(kind: str, robot: Robot, tmp_path: Path) -> None:
     robot("publish", topic=f"{robot.name}/laser", kind=SCAN.replace("/", "/msg/"), message={})
     with node(kind, robot, changed(lambda m: m["sensors"][2].update(topic="laser")), tmp_path) as running:
@@ -341,6 +354,7 @@ def test_others_use_a_topic_with_another_type(kind: str, robot: Robot, tmp_path:
     assert f"{robot.name}/laser has the type {SCAN}, but the mapping says {RANGE}" in running.said()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -360,6 +374,7 @@ def test_a_file_that_is_no_mapping(
     assert "Traceback" not in running.said()
 
 
+@pytest.mark.slow
 def test_without_a_file(kind: str, package: Package, tmp_path: Path) -> None:
     with node(kind, Robot(package), None, tmp_path) as running:
         assert running.process.wait(20) == 2
@@ -376,6 +391,7 @@ def test_without_a_file(kind: str, package: Package, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -17,6 +17,7 @@ def refused(*_: object) -> None:
     pytest.fail("the records were compared")
 
 
+@pytest.mark.slow
 def test_runs_with_the_same_digests_are_compared_by_these(
     finished: Run, copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

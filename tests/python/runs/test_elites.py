@@ -97,6 +97,7 @@ def test_each_elite_can_be_evaluated_again(run: Run) -> None:
         assert mean(again.repeated.tolist()) == one.fitness
 
 
+@pytest.mark.slow
 def test_records_are_the_same_on_servers_and_after_a_break(run: Run, tmp_path: Path) -> None:
     def stops(generation: Any) -> bool:
         return bool(generation.generation < 3)
@@ -235,6 +236,7 @@ def unsteady_run(sometimes: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     return optimize(Experiment.from_mapping(values), out=tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_infinite_episodes_make_no_elite_and_missing_ones_are_counted(unsteady: Run, program: Any) -> None:
     infinite = int(
         np.isinf(np.column_stack([unsteady.record[f"cost_{one}"] for one in range(3)])).any(1).sum()
@@ -299,6 +301,7 @@ def test_in_stores_of_earlier_versions_the_best_stays_the_first(
     assert not earlier.validation_is_due
 
 
+@pytest.mark.slow
 def test_an_archive_without_elites_has_its_notes_before_the_error(partial: Any, program: Any) -> None:
     partial(kind="map_elites", population=1, measures={"never": {"range": [0, 1]}})
     result = program("runs", "elites", "run", "--plot", "x.png")
@@ -351,6 +354,7 @@ def partial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return run
 
 
+@pytest.mark.slow
 def test_candidates_without_an_objective_are_counted(partial: Any, program: Any) -> None:
     run = partial(kind="nsga2", objectives={"there": "minimize", "sometimes": "minimize"})
     without = int(np.isnan(run.record["sometimes_0"]).sum())
@@ -365,6 +369,7 @@ def test_candidates_without_an_objective_are_counted(partial: Any, program: Any)
     assert "--offset is for the QD score of an archive" in refused.stderr
 
 
+@pytest.mark.slow
 def test_measures_outside_of_their_range_are_counted(partial: Any, program: Any) -> None:
     run = partial(kind="map_elites", measures={"there": {"range": [0.2, 0.3]}})
     values = run.record["there_0"]
@@ -460,6 +465,7 @@ def test_reevaluation_is_refused() -> None:
         Experiment.from_mapping({**ARCHIVE, "ranking": {"episodes": 2, "reevaluate": True}})
 
 
+@pytest.mark.journey
 def test_the_command(program: Any, tmp_path: Path) -> None:
     optimize(Experiment.from_mapping(ARCHIVE), out=tmp_path / "archive")
     found = Run.open(tmp_path / "archive").elites

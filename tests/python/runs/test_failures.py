@@ -196,6 +196,7 @@ def test_methods_that_compare_metrics_refuse_a_number() -> None:
         Experiment.from_mapping(values)
 
 
+@pytest.mark.slow
 def test_short_runs_say_that_they_are_not_validated(tmp_path: Path) -> None:
     file = tmp_path / "short.yaml"
     file.write_text(

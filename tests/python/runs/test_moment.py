@@ -98,6 +98,7 @@ def _all(run: Run) -> list[object]:
     ]
 
 
+@pytest.mark.slow
 def test_attempts_and_events_are_of_the_moment_too(tmp_path: Path) -> None:
     run = optimize(EXPERIMENT, out=tmp_path / "run", servers=1)
     attempts = list(run.attempts())
@@ -113,6 +114,7 @@ def test_attempts_and_events_are_of_the_moment_too(tmp_path: Path) -> None:
     assert len(list(Run(run.path).events())) == 1
 
 
+@pytest.mark.slow
 def test_iterators_that_are_not_used_up_keep_no_process_from_going_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,6 +15,7 @@ from tests.python.records import EXPERIMENT
 pytestmark = pytest.mark.usefixtures("plots")
 
 
+@pytest.mark.slow
 def test_plots_of_many_runs_are_drawn_before_the_process_ends(tmp_path: Path) -> None:
     program = (
         "import sys; from swarmwright import Experiment, optimize\n"
@@ -38,6 +39,7 @@ def test_no_plot_where_none_is_wanted(tmp_path: Path, monkeypatch: pytest.Monkey
     assert sorted(file.name for file in run.path.iterdir()) == ["best.json", "experiment.yaml", "run.sqlite"]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_deleted_meanwhile_is_no_error(
     finished: Run, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -53,6 +55,7 @@ def test_a_run_that_is_deleted_meanwhile_is_no_error(
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_what_cannot_be_drawn_is_said(
     finished: Run, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -51,6 +51,7 @@ def test_any_candidate_is_evaluated_in_other_episodes(tmp_path: Path) -> None:
         post_evaluate(run, seed=-1)
 
 
+@pytest.mark.slow
 def test_a_controller_from_elsewhere_has_the_statistics_of_a_candidate(tmp_path: Path) -> None:
     run = run_of(tmp_path, validate=False)
     expected = post_evaluate(run, episodes=12, metrics=["steps"])

@@ -73,6 +73,7 @@ def test_other_bits_of_equal_numbers_are_not_the_same(run: Any, tmp_path: Path) 
     assert not found.same
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["in-process", 1])
 def test_what_failed_is_the_same_if_it_fails_for_the_same_reason(
     run: Any, tmp_path: Path, servers: Any
@@ -86,6 +87,7 @@ def test_what_failed_is_the_same_if_it_fails_for_the_same_reason(
     assert "a library is missing" in other.errors[0]
 
 
+@pytest.mark.slow
 def test_another_reason_is_told(run: Any, program: Any, tmp_path: Path) -> None:
     same = program("evaluate", run.path, "--candidate", f"0:{FAILED}")
     assert same.returncode == 0, same.stderr

@@ -22,6 +22,7 @@ from swarmwright.runs.folders import default_folder
 from tests.python.records import EXPERIMENT, change_numbers, seal
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("plots")
 def test_all_files_are_there(tmp_path: Path) -> None:
     run = optimize(EXPERIMENT, out=tmp_path / "run")
@@ -207,6 +208,7 @@ def test_an_evaluation_is_found_by_both_its_numbers(finished: Run) -> None:
         finished.evaluation(4000)
 
 
+@pytest.mark.slow
 def test_any_evaluation_can_be_repeated(finished: Run, copy: Path) -> None:
     assert repeat(finished).same
     for number in (0, 17):

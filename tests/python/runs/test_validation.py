@@ -118,6 +118,7 @@ def test_genomes_of_the_same_controller_count_once(tmp_path: Path) -> None:
     assert len(run.validation.candidates) == 2, "left and right"
 
 
+@pytest.mark.slow
 def test_it_changes_nothing_of_the_record_and_does_not_depend_on_servers(tmp_path: Path) -> None:
     run, without, plain = (run_of(tmp_path, validate=one) for one in (ASKED, False, None))
     servers = run_of(tmp_path, servers=2, validate=ASKED)
@@ -220,6 +221,7 @@ class Slips(Simulation):
         return float(self.at > 0.5 and not self.slips)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_all_episodes_that_are_asked_for_are_evaluated(seed: int, tmp_path: Path) -> None:
     values = {
@@ -460,6 +462,7 @@ def test_what_is_switched_off_survives_the_file(tmp_path: Path) -> None:
         assert Experiment.load(tmp_path / "file.yaml") == experiment
 
 
+@pytest.mark.slow
 def test_the_leading_ones_are_read_without_all_genomes(tmp_path: Path) -> None:
     run = run_of(tmp_path)
     reader = StoreReader(run.path)
@@ -514,6 +517,7 @@ def test_it_is_exported_as_a_table(tmp_path: Path) -> None:
         run.validation.export(tmp_path / "table.parquet")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("block", "joined"), [(64, 1), (64, 200), (64, 1 << 18), (1 << 22, 1 << 18)])
 def test_the_best_are_found_whatever_the_blocks_and_equals(
     block: int, joined: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -575,6 +579,7 @@ PEAK: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_controller_that_a_search_started_from_is_compared_with_the_best(tmp_path: Path) -> None:
     run = optimize(Experiment.from_mapping(PEAK), out=tmp_path / "run")
     validation = run.validation
@@ -626,6 +631,7 @@ def test_a_comparison_with_the_start_in_few_episodes(
     assert all(one in " ".join(said) for one in words)
 
 
+@pytest.mark.slow
 def test_a_controller_among_the_candidates_is_not_evaluated_again(tmp_path: Path) -> None:
     experiment = Experiment.from_mapping(
         PEAK | {"method": {"kind": "nnga", "population": 8, "generations": 2}}

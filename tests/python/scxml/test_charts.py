@@ -285,6 +285,7 @@ def test_random_charts_do_what_another_interpreter_does(tmp_path: Path, seed: in
         assert controller(values).tolist() == [outputs[name] for name in ACTUATORS]
 
 
+@pytest.mark.slow
 def test_a_chart_with_too_many_states_is_refused_with_their_number(tmp_path: Path) -> None:
     region = (
         '<state id="r{0}">'

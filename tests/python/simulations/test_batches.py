@@ -28,6 +28,7 @@ from tests.python.simulations.test_ways import experiment
 CONTROLLER = {"kind": "layered", "hidden": [2]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("metrics", [False, True])
 @pytest.mark.parametrize(
     ("mode", "servers"),
@@ -118,6 +119,7 @@ def test_mistakes(trouble: str, words: str) -> None:
         run()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mode", "servers"), [("auto", "in-process"), ("offloaded", 1), ("batched", 1)])
 @pytest.mark.parametrize("trouble", ["raise", "late", "nan", "reset", "no fitness"])
 def test_one_episode_fails_and_the_others_are_sound(trouble: str, mode: str, servers: Any) -> None:
@@ -173,6 +175,7 @@ class Resting(BatchSimulation):
         return {"beside": np.full(len(self.x), float(len(self.x)))}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_episodes_that_go_on_by_themselves_for_a_while(mode: str) -> None:
     one = Experiment.from_mapping(
@@ -184,6 +187,7 @@ def test_episodes_that_go_on_by_themselves_for_a_while(mode: str) -> None:
     assert evaluate(one, genomes, servers=1).tobytes() == here.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mode", "least"), [("stepwise", 1), ("batched", 10), ("offloaded", 20)])
 def test_episodes_are_stepped_together(mode: str, least: int) -> None:
     one = Experiment.from_mapping(
@@ -194,6 +198,7 @@ def test_episodes_are_stepped_together(mode: str, least: int) -> None:
     assert mode != "stepwise" or beside.max() == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["batched", "offloaded"])
 def test_parameter_sets(mode: str) -> None:
     tuned = {"kind": "parameter_set", "parameters": {"drift": {"type": "real", "range": [-1, 1]}}}

@@ -47,6 +47,7 @@ def write(folder: Path, value: float, more: float) -> str:
     return f"{folder / 'one.py'}:One"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["local", 1])
 def test_files_with_helpers_of_one_name(
     servers: str | int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

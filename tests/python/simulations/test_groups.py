@@ -70,6 +70,7 @@ def test_the_genome_is_that_of_all_groups(run: Run) -> None:
     assert vars(run.experiment.controller)["groups"]["prey"].agents == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_the_record_is_the_same_on_servers(mode: str, run: Run, built_in: Run, tmp_path: Path) -> None:
     found = optimize(experiment(mode=mode), servers=1, out=tmp_path / "run")
@@ -78,6 +79,7 @@ def test_the_record_is_the_same_on_servers(mode: str, run: Run, built_in: Run, t
     same_record(optimize(minisim(mode=mode), servers=2, out=tmp_path / "minisim"), built_in)
 
 
+@pytest.mark.slow
 def test_agents_have_the_controllers_of_their_groups() -> None:
     wanted = experiment(parameters={"hunters": 3})
     controller = Controller(wanted.representation().specification(_genome(wanted)))
@@ -111,6 +113,7 @@ def test_numbers_of_agents_follow_the_parameters(run: Run) -> None:
     assert np.isfinite(evaluate(changed, _genome(changed)[np.newaxis], servers="in-process")).all()
 
 
+@pytest.mark.slow
 def test_a_group_is_exported_by_itself(run: Run, built_in: Run, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="name one of hunters, prey"):
         export_controller(run, to="python", output=tmp_path / "none")
@@ -128,6 +131,7 @@ def test_a_group_is_exported_by_itself(run: Run, built_in: Run, tmp_path: Path) 
     assert [one.name for one in named.subject.sensors] == ["agent x", "agent y", "goal x", "goal y"]
 
 
+@pytest.mark.journey
 def test_a_run_is_drawn_replayed_and_evaluated(run: Run) -> None:
     assert len(figure(run.best.controller.specification).axes) == 2
     found = post_evaluate(run, episodes=3)

@@ -91,6 +91,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return optimize(experiment(), servers="in-process", out=tmp_path_factory.mktemp("team") / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_the_record_of_a_team_is_the_same_on_servers(mode: str, run: Run, tmp_path: Path) -> None:
     found = optimize(experiment(mode=mode), servers=1, out=tmp_path / "run")
@@ -98,6 +99,7 @@ def test_the_record_of_a_team_is_the_same_on_servers(mode: str, run: Run, tmp_pa
     assert {attempt.mode for attempt in found.attempts()} == {mode}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "offloaded"])
 def test_the_record_of_one_controller_for_all_is_the_same_on_servers(mode: str, tmp_path: Path) -> None:
     # In this process, episodes are computed in lanes.
@@ -105,6 +107,7 @@ def test_the_record_of_one_controller_for_all_is_the_same_on_servers(mode: str, 
     same_record(optimize(experiment(**SHARED, mode=mode), servers=2, out=tmp_path / "there"), here)
 
 
+@pytest.mark.slow
 def test_another_simulator_moves_the_robots(tmp_path: Path) -> None:
     wanted = experiment(simulation=FLOATING)
     here = optimize(wanted, servers="local", out=tmp_path / "here")
@@ -112,6 +115,7 @@ def test_another_simulator_moves_the_robots(tmp_path: Path) -> None:
     same_record(optimize(wanted.replace(mode="stepwise"), servers=1, out=tmp_path / "there"), here)
 
 
+@pytest.mark.slow
 def test_groups_have_the_sensors_and_actuators_of_all_kinds(run: Run) -> None:
     assert (run.experiment.sensors, run.experiment.actuators) == (4 + 3 + 2, 10)
     groups = catalogue.groups("arena", run.experiment.parameters)
@@ -124,6 +128,7 @@ def test_groups_have_the_sensors_and_actuators_of_all_kinds(run: Run) -> None:
     assert len(post_evaluate(run, episodes=2, experiment=changed).measured) == 2
 
 
+@pytest.mark.slow
 def test_exports_name_the_kinds(run: Run, tmp_path: Path) -> None:
     found = export_controller(run, to="python", group="cars", verify=True, output=tmp_path / "cars")
     assert found.verification is not None

@@ -27,6 +27,7 @@ def experiment(kind: str = "Floating", **more: Any) -> Experiment:
     )
 
 
+@pytest.mark.journey
 def test_the_record_is_the_same_here_and_on_servers(tmp_path: Path) -> None:
     here = optimize(experiment(), out=tmp_path / "here", servers="local")
     for mode in ("offloaded", "stepwise", "batched"):
@@ -34,6 +35,7 @@ def test_the_record_is_the_same_here_and_on_servers(tmp_path: Path) -> None:
         assert there.digest == here.digest, mode
 
 
+@pytest.mark.slow
 def test_sensors_and_metrics_are_those_of_the_mission_and_the_robot() -> None:
     name = f"{FILE}:Floating"
     parameters = {"mission": "homing", "robot": "e-puck-rm1.2"}
@@ -78,6 +80,7 @@ def test_mistakes_are_told_before_anything_runs(kind: str, more: dict[str, Any],
         optimize(experiment(kind, **more), servers="local")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
@@ -99,6 +102,7 @@ def test_what_fails_says_why(kind: str, message: str, servers: Any) -> None:
         optimize(experiment(kind, ranking={"failed": "stop"}), servers=servers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["local", 1])
 def test_the_simulator_may_refuse_parameters(servers: Any) -> None:
     many = experiment(parameters={"mission": "aggregation", "robots": 51, "duration": 1})
@@ -123,6 +127,7 @@ def test_rays_of_the_simulator_count() -> None:
     assert not np.array_equal(seen, sensed("Floating", 1))
 
 
+@pytest.mark.slow
 def test_a_controller_is_simulated(tmp_path: Path) -> None:
     run = optimize(experiment(), out=tmp_path / "run")
     assert np.isfinite(simulate(run.experiment, run.best.controller))

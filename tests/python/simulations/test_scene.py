@@ -60,6 +60,7 @@ def replay(scene: str, folder: Path) -> Replay:
     return Replay.of(optimize(experiment, servers="in-process", out=folder))
 
 
+@pytest.mark.slow
 def test_it_is_replayed(tmp_path: Path) -> None:
     played = replay("good", tmp_path / "run")
     recording = record(played.episode())

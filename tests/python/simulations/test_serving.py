@@ -17,6 +17,8 @@ from tests.python.cli.test_services import events
 from tests.python.simulations import troubled
 from tests.python.simulations.troubled import Walk
 
+pytestmark = pytest.mark.slow
+
 FILE = Path(troubled.__file__)
 SOURCE = FILE.read_text()
 
@@ -29,6 +31,7 @@ def genomes(count: int = 3) -> Any:
     return np.random.default_rng(1).normal(size=(count, experiment().genome_size)).astype(np.float32)
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize("name", [f"{FILE}:Walk", "walks:Walk"], ids=["file", "module"])
 def test_a_class_is_served_by_its_title(name: str, start: Any, any_broker: str, tmp_path: Path) -> None:
     (tmp_path / "walks.py").write_text(SOURCE)

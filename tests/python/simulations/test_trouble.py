@@ -75,6 +75,7 @@ def test_the_reason_names_method_and_line(trouble: str, words: str) -> None:
         simulate(experiment(trouble), servers="in-process")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("trouble", "words"), MEASURE, ids=[name for name, _ in MEASURE])
 @pytest.mark.parametrize("servers", ["in-process", 1])
 def test_metrics_are_checked_where_they_are_wanted(trouble: str, words: str, servers: Any) -> None:
@@ -83,6 +84,7 @@ def test_metrics_are_checked_where_they_are_wanted(trouble: str, words: str, ser
         simulate(experiment(trouble, fitness="steps"), servers=servers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("servers", "mode"),
     [("in-process", "auto"), (1, "batched"), (2, "offloaded")],
@@ -106,6 +108,7 @@ def test_one_evaluation_fails_and_the_others_are_sound(servers: Any, mode: str, 
     assert {reason.split(":")[0] for reason in reasons} == {f"Walk.{method}"}
 
 
+@pytest.mark.slow
 def test_metrics_that_fail_are_told_where_all_are_sent() -> None:
     """Stepwise, where a server does not know which of them are wanted."""
     genomes = np.zeros((2, experiment("").genome_size), np.float32)
@@ -117,6 +120,7 @@ def test_metrics_that_fail_are_told_where_all_are_sent() -> None:
     assert reasons == {"Walk.measure: {'left': 0} returned, which lacks 'steps'"}
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
 @pytest.mark.parametrize("servers", ["in-process", 1])
 @pytest.mark.parametrize("trouble", ["fork", "fork and raise", "fork and exit"])
@@ -126,6 +130,7 @@ def test_a_process_that_the_code_forks_does_not_serve(trouble: str, servers: Any
     assert found.tolist() == evaluate(experiment(""), genomes, servers="in-process").tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["in-process", 1])
 def test_parameters_that_the_code_refuses(servers: Any) -> None:
     with pytest.raises((RunError, InputError), match="trouble: refused found, expected none"):
@@ -199,6 +204,7 @@ class EndlessTogether(BatchSimulation):
         return np.ones(len(self.seeds))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Endless, Waiting, EndlessTogether])
 @pytest.mark.parametrize("mode", ["offloaded", "batched"])
 def test_an_episode_without_an_end_fails(kind: Any, mode: str) -> None:

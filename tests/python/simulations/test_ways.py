@@ -42,6 +42,7 @@ def test_the_sines_are_those_of_decision_002() -> None:
     assert abs(minisim.cos_pi(a) - np.cos(np.pi * a.astype(float))).max() <= 2e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 @pytest.mark.parametrize("servers", [1, 2])
 def test_the_record_is_that_of_the_engine(mode: str, servers: int, built_in: Run, tmp_path: Path) -> None:
@@ -56,6 +57,7 @@ def test_in_this_process(built_in: Run, tmp_path: Path) -> None:
     assert list(run.attempts()) == []
 
 
+@pytest.mark.slow
 def test_a_run_is_read_without_its_simulation_and_resumed_with_it(
     built_in: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -80,6 +82,7 @@ def test_a_run_is_read_without_its_simulation_and_resumed_with_it(
     same_record(resume(folder, generations=2, servers=1), built_in)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_fitness_from_metrics(mode: str, tmp_path: Path) -> None:
     fitness = "arrived - caught - 0.01 * steps + 0.001 * distance"
@@ -90,6 +93,7 @@ def test_fitness_from_metrics(mode: str, tmp_path: Path) -> None:
         same_record(optimize(one, servers=servers, out=tmp_path / f"{servers}"), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_agents_that_steer_themselves(mode: str) -> None:
     tuned = {"kind": "parameter_set", "parameters": {"drift": {"type": "real", "range": [-1, 1]}}}
@@ -105,6 +109,7 @@ def test_agents_that_steer_themselves(mode: str) -> None:
         experiment(Walk, parameters={}, controller=walk)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_episodes_that_end_at_their_start(mode: str) -> None:
     tuned = {"kind": "parameter_set", "parameters": {"x": {"type": "real", "range": [-5, 5]}}}
@@ -115,6 +120,7 @@ def test_episodes_that_end_at_their_start(mode: str) -> None:
     assert evaluate(one, genomes, servers=1).tobytes() == here.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_simulations_without_sensors_and_actuators(mode: str, tmp_path: Path) -> None:
     tuned = {"kind": "parameter_set", "parameters": {"x": {"type": "real", "range": [-5, 5]}}}
@@ -133,6 +139,7 @@ def test_simulations_without_sensors_and_actuators(mode: str, tmp_path: Path) ->
         experiment(Rule, parameters={})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_agents_in_turn(mode: str) -> None:
     one = experiment(InTurn, parameters={"seed": 3}, mode=mode)
@@ -142,6 +149,7 @@ def test_agents_in_turn(mode: str) -> None:
     assert evaluate(one, genomes, servers=1).tobytes() == here.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["batched", "offloaded"])
 def test_one_object_is_enough_where_there_can_be_no_other(mode: str) -> None:
     one = experiment(Alone, parameters={}, mode=mode)

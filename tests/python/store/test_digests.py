@@ -44,6 +44,7 @@ def longer(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return optimize(experiment, out=tmp_path_factory.mktemp("longer") / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize("which", ["finished", "longer"])
 def test_a_flipped_bit_changes_nothing_or_is_told_of(

@@ -57,6 +57,7 @@ def disk(place: Path, size: str = "8m") -> Iterator[Path]:
         subprocess.run(["umount", "--lazy", str(place)], check=True)
 
 
+@pytest.mark.slow
 def test_a_read_only_folder_can_be_read(copy: Path, tmp_path: Path) -> None:
     with disk(tmp_path / "disk") as place:
         shutil.copytree(copy, place / "run")
@@ -70,6 +71,7 @@ def test_a_read_only_folder_can_be_read(copy: Path, tmp_path: Path) -> None:
             optimize(EXPERIMENT, out=place / "another")
 
 
+@pytest.mark.slow
 def test_resuming_what_is_read_only_is_refused_before_anything_is_printed(
     copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -84,6 +86,7 @@ def test_resuming_what_is_read_only_is_refused_before_anything_is_printed(
     assert f"{place / 'run'}: may not be written by this user" in printed.err
 
 
+@pytest.mark.slow
 def test_a_store_that_cannot_be_read_while_the_disk_is_full(finished: Run, tmp_path: Path) -> None:
     with disk(tmp_path / "disk", "1m") as place:
         with StoreWriter.create(tmp_path / "run", finished.experiment, finished.metrics) as store:
@@ -142,6 +145,7 @@ def test_the_longest_path_holds_a_run(finished: Run, tmp_path: Path) -> None:
     assert Run.open(folder).generations == 1
 
 
+@pytest.mark.slow
 def test_pictures_for_a_read_only_folder_are_refused_in_the_same_words(
     copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -157,6 +161,7 @@ def test_pictures_for_a_read_only_folder_are_refused_in_the_same_words(
             assert f"{file}: cannot be written: Read-only file system" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_full_disk_keeps_what_was_written(tmp_path: Path) -> None:
     experiment = EXPERIMENT.replace(
         controller={"kind": "layered", "hidden": [64]}, method={"generations": 1000}
@@ -174,6 +179,7 @@ def test_a_full_disk_keeps_what_was_written(tmp_path: Path) -> None:
     assert longer.digest == undisturbed.digest
 
 
+@pytest.mark.slow
 def test_a_limit_on_the_size_of_files_is_named(tmp_path: Path) -> None:
     """SQLite calls it an error of the disk."""
     folder = tmp_path / "run"
@@ -189,6 +195,7 @@ def test_a_limit_on_the_size_of_files_is_named(tmp_path: Path) -> None:
     assert Run.open(folder).generations
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [0, signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("at", [3, 1])
 def test_a_disk_that_is_full_at_the_end_is_told_of(

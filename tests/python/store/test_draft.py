@@ -136,6 +136,7 @@ def test_an_opened_reader_has_one_connection_until_it_is_left(
     assert len(opened) == 5
 
 
+@pytest.mark.slow
 def test_the_end_of_the_process_waits_for_the_disk(tmp_path: Path) -> None:
     """A run is on the disk when its process has ended, also where that is slow."""
     mark = tmp_path / "flushed"
@@ -176,6 +177,7 @@ def test_a_file_is_flushed_where_no_thread_can_be_started(
     assert not open_store._unfinished
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_wait_for_the_disk(number: signal.Signals) -> None:
     """The program ignores both while it ends, and exits with the status that it has."""
@@ -230,6 +232,7 @@ def test_killed_after_its_first_second(after: float, tmp_path: Path) -> None:
     same_record(gone_on, optimize(steady, lambda now: now.generation + 1 < until, out=tmp_path / "whole"))
 
 
+@pytest.mark.slow
 def test_killed_in_a_first_generation_that_takes_long(tmp_path: Path) -> None:
     """Nothing was computed to the end, but the run is there, and goes on."""
     (tmp_path / "slow.py").write_text(SLOW)
@@ -241,6 +244,7 @@ def test_killed_in_a_first_generation_that_takes_long(tmp_path: Path) -> None:
     assert (run.state, run.generations) == ("killed", 0)
 
 
+@pytest.mark.journey
 def test_killed_in_its_first_second(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with running(folder, ENDLESS, NEW):

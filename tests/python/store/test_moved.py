@@ -41,6 +41,7 @@ def after(generation: int, act: Callable[[], object]) -> Callable[[Generation], 
     return callback
 
 
+@pytest.mark.slow
 def test_a_run_that_takes_the_name_of_a_moved_one_is_left_alone(finished: Run, tmp_path: Path) -> None:
     folder, moved = tmp_path / "run", tmp_path / "moved"
     file = tmp_path / "x.yaml"

@@ -81,6 +81,7 @@ READERS: dict[str, Callable[[Run], int]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 def test_the_log_of_a_killed_process_is_read_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str

@@ -26,6 +26,7 @@ def alive(pid: int) -> bool:
     return Path(f"/proc/{pid}").exists()
 
 
+@pytest.mark.slow
 def test_servers_are_there_for_the_time_of_the_block(any_broker: str) -> None:
     with LocalServers([settings(any_broker, index) for index in (5, 6, 7)]) as servers:
         assert listed(any_broker) == {5: "ready", 6: "ready", 7: "ready"}
@@ -39,6 +40,7 @@ def test_servers_are_there_for_the_time_of_the_block(any_broker: str) -> None:
     assert "ready" not in listed(any_broker).values()
 
 
+@pytest.mark.slow
 def test_no_broker(unused_port: int) -> None:
     with (
         pytest.raises(
@@ -49,6 +51,7 @@ def test_no_broker(unused_port: int) -> None:
         pytest.fail("started without a broker")
 
 
+@pytest.mark.slow
 def test_a_server_that_takes_longer_to_start_than_it_may(embedded_broker: str) -> None:
     with (
         pytest.raises(RunError, match=r"did not start within 0.001 s; timeouts.discovery of the experiment"),
@@ -57,6 +60,7 @@ def test_a_server_that_takes_longer_to_start_than_it_may(embedded_broker: str) -
         pytest.fail(f"started: {servers.pids}")
 
 
+@pytest.mark.slow
 def test_two_servers_with_one_id(embedded_broker: str) -> None:
     with (
         LocalServers([settings(embedded_broker, 9)]) as first,
@@ -67,6 +71,7 @@ def test_two_servers_with_one_id(embedded_broker: str) -> None:
     assert first.pids == []
 
 
+@pytest.mark.slow
 def test_an_error_in_the_block_leaves_nobody_behind(embedded_broker: str) -> None:
     pids: list[int] = []
 
@@ -81,6 +86,7 @@ def test_an_error_in_the_block_leaves_nobody_behind(embedded_broker: str) -> Non
     assert not any(map(alive, pids))
 
 
+@pytest.mark.slow
 def test_an_error_while_servers_are_watched_is_raised(
     embedded_broker: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -95,6 +101,7 @@ def test_an_error_while_servers_are_watched_is_raised(
             servers.check()
 
 
+@pytest.mark.slow
 def test_servers_draw_on_our_output_when_asked(tmp_path: Path) -> None:
     script = tmp_path / "visual.py"
     script.write_text(
@@ -146,6 +153,7 @@ class Measured(Simulation):
 """
 
 
+@pytest.mark.slow
 def test_more_metrics_than_a_last_will_holds(tmp_path: Path) -> None:
     """A will of MQTT has 64 KiB; the names of these metrics have more."""
     (tmp_path / "measured.py").write_text(MANY_METRICS)

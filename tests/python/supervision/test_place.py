@@ -41,6 +41,7 @@ def test_whether_what_was_computed_goes_on(before: Sample, now: Sample, goes_on:
     assert now.goes_on_with(before) is goes_on
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_server_that_the_system_kills_meanwhile_has_not_had_its_evaluations(number: signal.Signals) -> None:
     said: list[str] = []

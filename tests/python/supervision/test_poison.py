@@ -45,6 +45,7 @@ def as_sound_otherwise(run: Run, sound: Run) -> None:
     assert run.record.genomes.tobytes() == sound.record.genomes.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize(("mode", "servers"), [("stepwise", 1), ("batched", 1), ("batched", 2)])
 def test_crashes_of_episodes_that_are_stepped(mode: str, servers: int, sound: Run, tmp_path: Path) -> None:
@@ -53,6 +54,7 @@ def test_crashes_of_episodes_that_are_stepped(mode: str, servers: int, sound: Ru
     as_sound_otherwise(run, sound)
 
 
+@pytest.mark.journey
 @pytest.mark.timeout(120)
 def test_a_crash_costs_the_candidate_and_nothing_else(
     sound: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture
@@ -88,6 +90,7 @@ def test_a_crash_costs_the_candidate_and_nothing_else(
     assert not [one for one in caplog.messages if "given up" in one]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_a_hang_costs_the_candidate_and_nothing_else(sound: Run, tmp_path: Path) -> None:
     one = experiment("Hang", timeouts={"step": 1}, faults={"quarantine": 2})
@@ -99,6 +102,7 @@ def test_a_hang_costs_the_candidate_and_nothing_else(sound: Run, tmp_path: Path)
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched"])
 @pytest.mark.timeout(120)
 def test_other_modes(mode: str, sound: Run, tmp_path: Path) -> None:
@@ -108,6 +112,7 @@ def test_other_modes(mode: str, sound: Run, tmp_path: Path) -> None:
     as_sound_otherwise(optimize(one, servers=2, out=tmp_path / "crash"), sound)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_the_exit_status_is_told(sound: Run, tmp_path: Path) -> None:
     run = optimize(experiment("Leave"), servers="local", out=tmp_path / "run")
@@ -125,6 +130,7 @@ def test_sys_exit_ends_an_episode_not_the_server(sound: Run, tmp_path: Path) -> 
     assert f"retries: {2 * failed}, failed: {failed}" in texts, "said as servers say it"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_servers_that_others_kill_are_no_candidates_failure(tmp_path: Path) -> None:
     one = experiment("Slow", method={"kind": "random_search", "population": 12, "generations": 2})
@@ -146,6 +152,7 @@ def test_servers_that_others_kill_are_no_candidates_failure(tmp_path: Path) -> N
     assert run.record.fitness.tobytes() == expected.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_a_server_that_cannot_be_started_again_ends_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -155,6 +162,7 @@ def test_a_server_that_cannot_be_started_again_ends_the_run(
         optimize(experiment("Unstartable"), servers=1, out=tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_what_is_printed_is_in_the_log_with_its_candidate(tmp_path: Path, program: Any) -> None:
     (tmp_path / "talk.yaml").write_text(
         f"simulation: {FILE}:Talk\ncontroller: {{hidden: []}}\nseed: 1\n"
@@ -173,6 +181,7 @@ def test_what_is_printed_is_in_the_log_with_its_candidate(tmp_path: Path, progra
     assert "servers.log" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("operation", ["generational", "steady_state"])
 def test_what_is_printed_in_the_post_evaluation_is_no_generation_s(tmp_path: Path, operation: str) -> None:
     method = {"kind": "random_search", "population": 4, "generations": 3, "operation": operation}

@@ -14,6 +14,7 @@ from tests.conftest import free_port
 from tests.python.supervision import poison
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("simulation", ["minisim", f"{poison.__file__}:Sound"])
 def test_it_ends_quietly_when_its_parent_is_gone_before_it_serves(simulation: str) -> None:
     settings = {"simulation": simulation, "broker": f"mqtt://127.0.0.1:{free_port()}", "id": 1, "wait": 30.0}
@@ -49,6 +50,7 @@ class Reading(Simulation):
 """
 
 
+@pytest.mark.slow
 def test_standard_input_is_empty_for_simulations(tmp_path: Path) -> None:
     """It does not wait for the end of the process that has started the server."""
     (tmp_path / "reading.py").write_text(READING)

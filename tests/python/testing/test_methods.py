@@ -89,6 +89,7 @@ def by_sums(method: Any, _: Any, fitness: Any) -> None:
     method._mean = float(np.mean(fitness**2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "broken", "words"),
     [
@@ -130,6 +131,7 @@ def test_a_refusal_that_does_not_refuse_is_found(monkeypatch: pytest.MonkeyPatch
         check_method("random_search")
 
 
+@pytest.mark.slow
 def test_state_that_a_new_process_does_not_have_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def of_this_process(method: Method) -> Any:
         return sample(method)[::-1]
@@ -144,6 +146,7 @@ def test_state_that_a_new_process_does_not_have_is_found(monkeypatch: pytest.Mon
         check_method("random_search")
 
 
+@pytest.mark.slow
 def test_a_window_that_learns_too_early_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def eager(method: Any, fitness: float) -> None:
         method._told(method.evaluations, method._untold.popleft(), fitness)
@@ -171,6 +174,7 @@ def test_options_without_a_description_are_found(monkeypatch: pytest.MonkeyPatch
         check_method("random_search")
 
 
+@pytest.mark.slow
 def test_a_method_that_needs_metrics_is_given_some(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(METHODS._loaded, "measured", Measured)
     check_method("measured")

@@ -125,6 +125,7 @@ class WithoutMetric(Steps):
         return {"collision": 1.0}
 
 
+@pytest.mark.slow
 def test_what_follows_from_the_seed_passes() -> None:
     check_simulation(Steps)
     check_simulation(Steps, {"agents": 1}, seed=7, steps=3)
@@ -134,6 +135,7 @@ def test_what_follows_from_the_seed_passes() -> None:
     check_simulation(Tolerant)
 
 
+@pytest.mark.journey
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
@@ -153,6 +155,7 @@ def test_what_does_not_is_found(kind: type[Simulation], message: str) -> None:
         check_simulation(kind)
 
 
+@pytest.mark.slow
 def test_what_other_processes_do_not_find_is_not_checked_there(caplog: pytest.LogCaptureFixture) -> None:
     class Local(Steps):
         pass
@@ -165,6 +168,7 @@ def test_what_other_processes_do_not_find_is_not_checked_there(caplog: pytest.Lo
     assert "not defined at the top level of a module" in text
 
 
+@pytest.mark.slow
 def test_other_processes_import_nothing_from_the_working_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -175,6 +179,7 @@ def test_other_processes_import_nothing_from_the_working_folder(
     assert not (tmp_path / "imported").exists()
 
 
+@pytest.mark.slow
 def test_a_script_that_checks_its_own_class_is_run_once_more_in_each_process(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
@@ -203,6 +208,7 @@ def test_what_runs_refuse_is_refused() -> None:
         check_simulation(Steps, steps=0)
 
 
+@pytest.mark.slow
 def test_classes_are_named_or_given(tmp_path: Path) -> None:
     (tmp_path / "twos.py").write_text(
         "from swarmwright import BatchSimulation, Simulation\nimport numpy as np\n\n"

@@ -240,6 +240,7 @@ def test_what_is_wrong_is_told_with_its_place(
         load(folder, setting)
 
 
+@pytest.mark.slow
 def test_how_they_are_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder / "code")
     one = load(folder)
@@ -268,6 +269,7 @@ def test_it_passes_the_checks_of_methods(folder: Path, monkeypatch: pytest.Monke
     check_method("search.py:Hill")
 
 
+@pytest.mark.slow
 def test_sweeps_and_comparisons(folder: Path, tmp_path: Path) -> None:
     (folder / "code" / "sweep.yaml").write_text(
         "experiment: ../experiments/e.yaml\nseeds: [1]\n"

@@ -106,6 +106,7 @@ def test_a_run_keeps_the_files(run: Run, project: Path) -> None:
     assert "a.json: was edited" in problem.what
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("is_there", [True, False])
 def test_a_launcher_goes_on_with_a_run(run: Run, project: Path, is_there: bool) -> None:
@@ -137,6 +138,7 @@ def test_a_module_is_called_as_before(project: Path, monkeypatch: pytest.MonkeyP
     assert packed(run.experiment.simulation, [], AwayOptions(files=["maps/*.json"])) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -157,6 +159,7 @@ def test_a_run_does_not_go_on_with_other_files(run: Run, project: Path, change: 
         assert any(words in event.text for event in accepted.events() if event.kind == "changed")
 
 
+@pytest.mark.slow
 def test_files_that_other_entries_name_change_nothing(run: Run) -> None:
     longer = resume(run, generations=4, settings=["servers=2"], progress=False)
     assert [one.code for one in longer.sessions] == [1, 1]

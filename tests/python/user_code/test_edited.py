@@ -63,6 +63,7 @@ def test_the_file_of_a_run_that_was_prolonged_is_no_edit(run: Run, caplog: pytes
     assert remarks(run)[0].endswith("was edited: seed is 12 in the file, 1 in the run")
 
 
+@pytest.mark.slow
 def test_where_it_is_computed_is_taken_over(run: Run, caplog: pytest.LogCaptureFixture) -> None:
     file = run.path / "experiment.yaml"
     edit(file, "servers: local", "servers: 1")
@@ -93,6 +94,7 @@ def test_a_file_that_is_no_experiment_any_more(run: Run, caplog: pytest.LogCaptu
     assert "was edited and cannot be read any more" in caplog.text
 
 
+@pytest.mark.slow
 def test_the_program_says_so(run: Run, program: Program) -> None:
     edit(run.path / "experiment.yaml", "population: 6", "population: 60")
     refused = program("resume", run.path, "--generations", "5")

@@ -110,6 +110,7 @@ def forget() -> None:
     gymnasium.registry.pop("Maze-v0", None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_an_edited_environment_is_not_used(name: str, folder: Path, caplog: pytest.LogCaptureFixture) -> None:
     run = optimize(experiment(name), servers="in-process", out=folder / "run")
@@ -127,6 +128,7 @@ def test_an_edited_environment_is_not_used(name: str, folder: Path, caplog: pyte
     assert simulate(experiment(name, parameters={"seed": 3}), servers="in-process") == now
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["in-process", 1])
 @pytest.mark.parametrize("name", NAMES)
 def test_a_moved_run_goes_on_with_its_copy(
@@ -148,6 +150,7 @@ def test_a_moved_run_goes_on_with_its_copy(
     assert f'simulation: "{name}"' in (tmp_path / "moved/run/experiment.yaml").read_text()
 
 
+@pytest.mark.slow
 def test_the_copy_of_another_user_is_not_executed_unasked(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

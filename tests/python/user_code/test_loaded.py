@@ -95,6 +95,7 @@ def test_modules_of_the_working_folder_come_before_those_beside_files_loaded_ear
     assert sys.modules[load("namesake:Walk").__module__].__file__ == str(tmp_path / "two" / "namesake.py")
 
 
+@pytest.mark.slow
 def test_compiled_code_of_the_same_second_is_not_used(project: Path) -> None:
     helper = project / "helper.py"
     command = [sys.executable, "-m", "py_compile", str(helper)]

@@ -10,6 +10,8 @@ from swarmwright.supervision.local_servers import LocalServers
 from swarmwright.user_code.changes import files_of
 from tests.python.user_code.conftest import edit
 
+pytestmark = pytest.mark.slow
+
 
 def test_a_sweep_is_of_one_code(project: Path) -> None:
     (project / "sweep.yaml").write_text(

@@ -29,6 +29,7 @@ def run(project: Path) -> Run:
     return optimize("gather.yaml", out=project / "run")
 
 
+@pytest.mark.slow
 def test_a_copy_of_the_source_is_kept(run: Run, project: Path) -> None:
     for name in ("gather.py", "helper.py"):
         assert (run.path / COPY / name).read_bytes() == (project / name).read_bytes()
@@ -38,6 +39,7 @@ def test_a_copy_of_the_source_is_kept(run: Run, project: Path) -> None:
     assert remarks(run) == []
 
 
+@pytest.mark.slow
 def test_runs_verify_finds_an_edited_copy(run: Run) -> None:
     assert verify(run.path).problems == []
     edit(run.path / COPY / "gather.py", *FACTOR)
@@ -47,6 +49,7 @@ def test_runs_verify_finds_an_edited_copy(run: Run) -> None:
     assert verify(run.path).problems == [], "the store is whole without it"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gather.py", "helper.py"])
 def test_a_run_does_not_go_on_with_edited_code(name: str, run: Run, project: Path) -> None:
     files = {path: path.read_bytes() for path in (run.path / "experiment.yaml", run.path / "best.json")}
@@ -75,6 +78,7 @@ def killed_at_its_end(run: Run) -> Run:
     return killed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", [True, False])
 def test_an_end_that_is_missing_needs_no_code(missing: bool, run: Run, project: Path) -> None:
     killed = killed_at_its_end(run)
@@ -90,6 +94,7 @@ def test_an_end_that_is_missing_needs_no_code(missing: bool, run: Run, project: 
     same_record(ended, run)
 
 
+@pytest.mark.slow
 def test_a_change_that_is_accepted_is_recorded(
     run: Run, project: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -111,6 +116,7 @@ def test_a_change_that_is_accepted_is_recorded(
     assert resume(longer, generations=6).generations == 6
 
 
+@pytest.mark.slow
 def test_what_repeats_an_evaluation_says_so_and_uses_the_copy(
     run: Run, project: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -127,6 +133,7 @@ def test_what_repeats_an_evaluation_says_so_and_uses_the_copy(
     assert repeat(run, servers=1).same
 
 
+@pytest.mark.slow
 def test_an_episode_that_is_shown_is_of_the_copy(
     run: Run, project: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -137,6 +144,7 @@ def test_an_episode_that_is_shown_is_of_the_copy(
     assert named.experiment.simulation == f"{project}/gather.py:Gather"
 
 
+@pytest.mark.slow
 def test_a_run_that_moved_uses_its_copy(run: Run, project: Path, caplog: pytest.LogCaptureFixture) -> None:
     whole = resume(run, generations=5)
     expected = whole.digest
@@ -157,6 +165,7 @@ def test_a_run_that_moved_uses_its_copy(run: Run, project: Path, caplog: pytest.
     assert not caplog.messages
 
 
+@pytest.mark.slow
 def test_a_file_beside_a_run_that_was_copied_is_not_ignored(
     run: Run, project: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -194,6 +203,7 @@ def test_a_copy_and_the_file_have_each_their_own_modules(
     assert not list(run.path.rglob("__pycache__"))
 
 
+@pytest.mark.slow
 def test_what_a_deleted_copy_was_is_known(run: Run, project: Path, caplog: pytest.LogCaptureFixture) -> None:
     shutil.rmtree(run.path / "code")
     assert repeat(Run.open(run.path)).same
@@ -215,6 +225,7 @@ def test_what_a_deleted_copy_was_is_known(run: Run, project: Path, caplog: pytes
     assert resume(run.path, generations=5, accept_changed_code=True).sessions[-1].code == 2
 
 
+@pytest.mark.slow
 def test_a_copy_is_never_edited(run: Run, project: Path) -> None:
     edit(run.path / COPY / "helper.py", "0.1", "0.25")
     assert repeat(run).same  # what it was copied from is still the same
@@ -228,6 +239,7 @@ def test_a_copy_is_never_edited(run: Run, project: Path) -> None:
     assert repeat(run, simulation="gone.py:Gather").same
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["../../../../secret.py", "/etc/passwd"])
 def test_a_manifest_leads_nowhere_else(place: str, run: Run, project: Path) -> None:
     (project.parent / "secret.py").write_text("")
@@ -243,6 +255,7 @@ def test_a_manifest_leads_nowhere_else(place: str, run: Run, project: Path) -> N
     assert (project.parent / "secret.py").exists()
 
 
+@pytest.mark.slow
 def test_a_deleted_run_leaves_what_is_not_its_own(run: Run) -> None:
     from swarmwright.runs.folders import remove_run
 
@@ -251,12 +264,14 @@ def test_a_deleted_run_leaves_what_is_not_its_own(run: Run) -> None:
     assert [path.name for path in run.path.rglob("*") if path.is_file()] == ["notes.txt"]
 
 
+@pytest.mark.slow
 def test_code_that_does_not_fit_the_run_is_not_accepted(run: Run, project: Path) -> None:
     edit(project / "gather.py", '"gather", 2, 2', '"gather", 3, 2  # more')
     with pytest.raises(InputError, match=r"has 3 sensors, but the run's controllers are made for 2"):
         resume(run, generations=5, accept_changed_code=True)
 
 
+@pytest.mark.slow
 def test_another_class_is_another_code(run: Run, project: Path) -> None:
     with (project / "gather.py").open("a") as file:
         file.write("\n\nclass Other(Gather):\n    pass\n")
@@ -285,6 +300,7 @@ def without_copy(run: Run, project: Path) -> Path:
     return run.path
 
 
+@pytest.mark.slow
 def test_a_run_without_a_copy_of_its_code_is_read_and_resumed(
     run: Run, project: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -305,6 +321,7 @@ def test_a_run_without_a_copy_of_its_code_is_read_and_resumed(
     assert "generation 0 was evaluated before the run had a copy of its code" in caplog.messages[0]
 
 
+@pytest.mark.slow
 def test_a_run_of_an_earlier_version_whose_file_is_gone(
     run: Run, project: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -328,6 +345,7 @@ def test_a_run_of_an_earlier_version_whose_file_is_gone(
     assert f"{there}/gather.py:Gather is used as it is now" in caplog.text
 
 
+@pytest.mark.slow
 def test_a_package_with_modules_of_its_own(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = project / "swarm_package"
     package.mkdir()
@@ -350,6 +368,7 @@ def test_a_package_with_modules_of_its_own(project: Path, monkeypatch: pytest.Mo
     assert repeat(run, servers=1).same
 
 
+@pytest.mark.slow
 def test_an_edited_file_is_imported_anew(project: Path) -> None:
     experiment = Experiment.load("gather.yaml")
     genomes = [[0.1] * experiment.genome_size]

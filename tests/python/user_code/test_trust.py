@@ -62,6 +62,7 @@ USES: dict[str, Callable[[Path], object]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("use", USES)
 def test_nothing_of_it_is_executed_before_it_is_trusted(use: str, received: Path, tmp_path: Path) -> None:
     words = r"simulation/gather\.py \(SHA-256 [0-9a-f]{16}\.\.\) is code that a run folder names, with 1 more"
@@ -74,6 +75,7 @@ def test_nothing_of_it_is_executed_before_it_is_trusted(use: str, received: Path
     assert (tmp_path / "executed").exists()
 
 
+@pytest.mark.slow
 def test_what_is_trusted_is_remembered_for_this_code(
     received: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -87,6 +89,7 @@ def test_what_is_trusted_is_remembered_for_this_code(
         repeat(Run.open(tmp_path / "moved"))
 
 
+@pytest.mark.slow
 def test_a_state_that_cannot_be_written_holds_for_the_process(
     received: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -137,6 +140,7 @@ def test_a_relative_state_is_ignored(relative: str, tmp_path: Path, monkeypatch:
     assert trust.folder() == tmp_path / ".local" / "state" / "swarmwright" / "trusted-code"
 
 
+@pytest.mark.journey
 def test_the_program_asks_or_refuses(received: Path, tmp_path: Path, program: Program) -> None:
     for command in ("replay", "evaluate", "resume"):
         refused = program(command, received)
@@ -152,6 +156,7 @@ def test_the_program_asks_or_refuses(received: Path, tmp_path: Path, program: Pr
     assert program("evaluate", received).returncode == 0
 
 
+@pytest.mark.slow
 def test_the_option_of_the_program(received: Path, program: Program) -> None:
     assert program("evaluate", received, "--servers", "1", "--trust").returncode == 0
     assert program("replay", received, "--json").returncode == 2, "it has nothing to show"
@@ -172,6 +177,7 @@ def on_terminal(*arguments: str, answer: str) -> str:
     return said.decode().replace("\r", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("disguise", ["", "x.dist-info", "site-packages"])
 @pytest.mark.parametrize("simulation", ["lib.gather:Gather", "lib/gather.py:Gather"])
 def test_modules_and_files_beside_it(
@@ -207,6 +213,7 @@ def test_modules_and_files_beside_it(
     assert repeat(Run.open("run", trust=True)).same
 
 
+@pytest.mark.slow
 def test_environments_of_other_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     another_user(tmp_path / "state", monkeypatch)
@@ -223,6 +230,7 @@ def test_environments_of_other_libraries(tmp_path: Path, monkeypatch: pytest.Mon
         require_named(name)
 
 
+@pytest.mark.slow
 def test_another_class_is_the_users_own_order(received: Path, tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(GATHER.replace("from helper import GAIN", "GAIN = 0.1"))
     assert repeat(Run.open(received), simulation="own.py:Gather").same
@@ -244,6 +252,7 @@ BESIDE: dict[str, str] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", BESIDE)
 def test_nor_is_what_a_run_names_beside_its_own(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

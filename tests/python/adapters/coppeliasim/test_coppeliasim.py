@@ -49,6 +49,7 @@ def episodes(text: str, folder: Path) -> Iterator[Episodes]:
         simulator.close()
 
 
+@pytest.mark.slow
 def test_robots_drive_sense_and_start_again(tmp_path: Path) -> None:
     with episodes(ROBOTS, tmp_path) as robots:
         first = robots.reset(1)
@@ -72,6 +73,7 @@ def test_robots_drive_sense_and_start_again(tmp_path: Path) -> None:
         assert again["sensors"][0] == pytest.approx([0, 1])
 
 
+@pytest.mark.slow
 def test_robots_start_where_the_seed_says(tmp_path: Path) -> None:
     text = ROBOTS + "area: {x: [-1, 1], y: [-1, 1]}\napart: 0.5\n"
     simulator = started(text, tmp_path)
@@ -100,6 +102,7 @@ def experiment(folder: Path, text: str = ROBOTS, start: bool = True, **options: 
     return Experiment.load(folder / "coppelia.yaml", [f"{key}={value}" for key, value in options.items()])
 
 
+@pytest.mark.slow
 def test_one_record_on_one_server_and_on_two(tmp_path: Path) -> None:
     text = ROBOTS + "area: {x: [-1, 1], y: [-1, 1]}\n"
     one = optimize(experiment(tmp_path, text), servers=1, out=tmp_path / "one")
@@ -107,6 +110,7 @@ def test_one_record_on_one_server_and_on_two(tmp_path: Path) -> None:
     assert one.best.fitness > one.history[0].median
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -142,6 +146,7 @@ def test_where_no_simulator_answers(tmp_path: Path) -> None:
             coppeliasim.CoppeliaSim(Attachment.read(tmp_path / "robots.yaml"))
 
 
+@pytest.mark.slow
 def test_nothing_is_left_running(tmp_path: Path) -> None:
     optimize(experiment(tmp_path), servers=1, out=tmp_path / "run")
     processes = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True, check=True).stdout

@@ -38,6 +38,7 @@ def total(instance: Instance, file: Path, mode: int = CALM) -> float:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", [None, "CVode", "Euler"])
 def test_memory_of_the_importer(file: Path, tmp_path: Path, solver: str | None) -> None:
     """Zeroed and checked for overflows, for co-simulation and model exchange.
@@ -95,6 +96,7 @@ def test_memory_in_a_coupled_system(file: Path, tmp_path: Path) -> None:
     system.end()
 
 
+@pytest.mark.slow
 def test_the_process_of_fmus_that_it_can_have_once_ends_where_a_second_one_fails(tmp_path: Path) -> None:
     """Without an answer: the episode begins again in a new process."""
     once = MEMORY.replace('guid="memory"', 'guid="once"').replace('PerProcess="false"', 'PerProcess="true"')

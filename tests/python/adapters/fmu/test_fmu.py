@@ -68,6 +68,7 @@ def test_text_of_a_peer_is_no_number(fmus: Path, text: str) -> None:
         host.reset({"mass": text})
 
 
+@pytest.mark.slow
 def test_every_step_is_that_of_fmpy(fmus: Path, tmp_path: Path) -> None:
     """The distance after all steps, with the same controller in a loop of FMPy's own."""
     experiment = vehicle(fmus)
@@ -98,6 +99,7 @@ def test_every_step_is_that_of_fmpy(fmus: Path, tmp_path: Path) -> None:
         fmu.terminate()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["fmu", "fmu3"])
 def test_fmus_of_this_project_in_both_versions(form: str, tmp_path: Path) -> None:
     """An exported controller as the world: its actuators are sensors, and three instances are agents."""
@@ -141,6 +143,7 @@ def test_fmus_of_this_project_in_both_versions(form: str, tmp_path: Path) -> Non
     fmu.freeInstance()
 
 
+@pytest.mark.journey
 def test_one_record_here_and_on_servers_in_every_mode(fmus: Path, tmp_path: Path) -> None:
     places: tuple[tuple[str, Servers], ...] = (("auto", "local"), ("auto", 2), ("stepwise", 1))
     digests = {
@@ -150,6 +153,7 @@ def test_one_record_here_and_on_servers_in_every_mode(fmus: Path, tmp_path: Path
     assert len(digests) == 1
 
 
+@pytest.mark.slow
 def test_agents_in_one_instance(fmus: Path) -> None:
     numbered = {"sensors": ["x{agent}"], "actuators": ["v{agent}"], "agents": 2}
     experiment = Experiment.from_mapping(
@@ -173,6 +177,7 @@ def test_agents_in_one_instance(fmus: Path) -> None:
     assert -found == places[1] - places[0]
 
 
+@pytest.mark.slow
 def test_parameters_seeds_and_ends(fmus: Path) -> None:
     one = vehicle(fmus)
     assert score(one, 1) == score(one, 1) != score(one, 2)
@@ -193,6 +198,7 @@ def test_parameters_seeds_and_ends(fmus: Path) -> None:
     assert score(vehicle(fmus, simulation=fast, fitness="steps")) == 40.0
 
 
+@pytest.mark.slow
 def test_steps_that_do_not_end_at_the_stop_time(
     fmus: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -207,6 +213,7 @@ def test_steps_that_do_not_end_at_the_stop_time(
         assert bool(words) == ("does not divide" in caplog.text)
 
 
+@pytest.mark.slow
 def test_parameters_are_evolved_without_a_controller(fmus: Path, tmp_path: Path) -> None:
     parameters = {"mass": {"type": "real", "range": [0.5, 3]}}
     experiment = Experiment.from_mapping(
@@ -221,6 +228,7 @@ def test_parameters_are_evolved_without_a_controller(fmus: Path, tmp_path: Path)
     assert len({run.evaluation(index, 0).fitness for index in range(6)}) > 3
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_what_fails_is_said_and_the_next_episode_works(fmus: Path) -> None:
     for trouble, said in (
@@ -239,6 +247,7 @@ def test_what_fails_is_said_and_the_next_episode_works(fmus: Path) -> None:
         assert np.isfinite(score(vehicle(fmus, simulation=simulation)))
 
 
+@pytest.mark.slow
 def test_the_process_is_recycled(fmus: Path) -> None:
     simulation = {
         "fmu": str(fmus / "Vehicle.fmu"), "sensors": ["goal_x"], "steps": 1, "metrics": {"process": "last"},
@@ -253,6 +262,7 @@ def test_the_process_is_recycled(fmus: Path) -> None:
     assert counts == [1, 3]
 
 
+@pytest.mark.slow
 def test_the_run_keeps_the_fmu(fmus: Path, tmp_path: Path) -> None:
     folder = tmp_path / "moved"
     folder.mkdir()
@@ -317,6 +327,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "said"),
     [
@@ -357,6 +368,7 @@ def test_mistakes(fmus: Path, tmp_path: Path, text: str, said: str) -> None:
     assert "e.yaml:" in told
 
 
+@pytest.mark.slow
 def test_no_library_for_this_machine(tmp_path: Path) -> None:
     write(EXPORTERS.get("fmu")().files(subject(ALL["mealy_fsm"]), "robot"), tmp_path)
     with (
@@ -371,6 +383,7 @@ def test_no_library_for_this_machine(tmp_path: Path) -> None:
         Experiment.from_mapping({"simulation": str(tmp_path / "other.fmu"), "fitness": "0"})
 
 
+@pytest.mark.slow
 def test_thousands_of_variables(tmp_path: Path) -> None:
     """They are read; those that matter have to be named."""
     write(EXPORTERS.get("fmu")().files(subject(ALL["mealy_fsm"]), "robot"), tmp_path)
@@ -402,6 +415,7 @@ def test_fmpy_is_missing(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         Experiment.from_mapping({"simulation": str(fmus / "Unread.fmu"), "fitness": "0"})
 
 
+@pytest.mark.slow
 def test_the_best_are_transferred_to_an_fmu_beside_the_experiment(fmus: Path, tmp_path: Path) -> None:
     for name in ("own.fmu", "other.fmu"):
         shutil.copy(fmus / "Vehicle.fmu", tmp_path / name)

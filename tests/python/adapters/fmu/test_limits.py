@@ -86,6 +86,7 @@ def test_entities_are_refused(tmp_path: Path) -> None:
         described(file)
 
 
+@pytest.mark.slow
 def test_many_units_and_items_take_little_memory(tmp_path: Path) -> None:
     """Neither the square of the units, nor all items of a type for each variable of it."""
     units = "".join(f'<Unit name="u{one}"><BaseUnit m="1" factor="{one + 1}"/></Unit>' for one in range(1000))

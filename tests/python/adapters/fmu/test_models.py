@@ -39,6 +39,7 @@ def experiment(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["Ball2", "Ball3"])
 @pytest.mark.parametrize("solver", ["CVode", "Euler"])
 def test_model_exchange_has_the_bits_of_fmpy(models: Path, tmp_path: Path, name: str, solver: str) -> None:
@@ -86,6 +87,7 @@ def test_inputs_are_events(models: Path, name: str) -> None:
     assert slower > speed + 0.9
 
 
+@pytest.mark.slow
 def test_solvers_and_parameters(models: Path) -> None:
     file, metrics = models / "Ball2.fmu", {"height": "mean"}
     one, other = (
@@ -96,6 +98,7 @@ def test_solvers_and_parameters(models: Path) -> None:
     assert score(experiment(file, "height", {"bounce": 0.1}, metrics=metrics)) != one
 
 
+@pytest.mark.slow
 def test_what_fails_in_a_solver_is_said(models: Path) -> None:
     wrong = experiment(
         models / "Ball2.fmu",
@@ -127,6 +130,7 @@ def test_units_are_converted(models: Path) -> None:
     assert ball.step([[-1.0]])["sensors"][0][0] == pytest.approx(rows["m/s"][0] / 2)
 
 
+@pytest.mark.slow
 def test_actuators_have_units_too(tmp_path: Path) -> None:
     text = BALL_2.replace('start="0" min="0" max="20"', 'start="0" min="0" max="20" unit="m/s"')
     file = build(tmp_path, "ball", text)
@@ -140,6 +144,7 @@ def test_actuators_have_units_too(tmp_path: Path) -> None:
     assert heights[0] == heights[1]
 
 
+@pytest.mark.slow
 def test_arrays_and_terminals(models: Path) -> None:
     file, gap = models / "Robots3.fmu", {"gap": "last(place[3,2])"}
     whole = experiment(file, "gap", metrics=gap)
@@ -171,6 +176,7 @@ def test_arrays_and_terminals(models: Path) -> None:
     assert math.isfinite(found)
 
 
+@pytest.mark.slow
 def test_start_values_of_arrays_and_their_sizes(tmp_path: Path) -> None:
     """A structural parameter sets sizes before initialization, again after each reset."""
     file = build(tmp_path, "robots", FLEET)

@@ -17,6 +17,8 @@ from swarmwright.fmu.transformations import Linear
 from swarmwright.simulations import catalogue
 from tests.python.export.specifications import ALL, subject
 
+pytestmark = pytest.mark.slow
+
 
 def attached(folder: Path) -> Experiment:
     """An FMU whose inputs are in metres, and an experiment that scales one of them."""

@@ -122,6 +122,7 @@ def after_a_step(file: Path, folder: Path, start: dict[str, float], *names: str)
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("connection", "start", "expected"),
     [

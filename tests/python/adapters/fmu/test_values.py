@@ -101,6 +101,7 @@ def set_by(file: Path, actuator: str | dict[str, Any], *values: float) -> list[l
     return [stepped.step([[value] * len(found)])["sensors"][0] for value in values]
 
 
+@pytest.mark.slow
 def test_agents_in_one_instance_for_model_exchange(files: Path) -> None:
     """Each of them sets its own input, also where it is equal to another's."""
     pull = episodes(files / "Pull3.fmu", agents=2, sensors=["place{agent}"], actuators=["speed[{agent}]"])
@@ -267,6 +268,7 @@ def evolved(file: Path, parameters: dict[str, Any]) -> Experiment:
     )
 
 
+@pytest.mark.slow
 def test_a_boolean_is_evolved_by_0_and_1(files: Path, tmp_path: Path) -> None:
     """Its total is ten times as large where it is on."""
     two = {"type": "integer", "range": [0, 1]}

@@ -111,6 +111,7 @@ def program(folder: Path, *arguments: str, **changes: Any) -> Iterator[Program]:
                 process.wait()
 
 
+@pytest.mark.slow
 def test_robots_are_stopped_while_nobody_asks_for_a_step_and_go_on(tmp_path: Path) -> None:
     with program(tmp_path, "--realtime", "1") as running:
         first = running.reset()["sensors"]
@@ -124,6 +125,7 @@ def test_robots_are_stopped_while_nobody_asks_for_a_step_and_go_on(tmp_path: Pat
         running.until([-0.5, -0.5])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["end of input", "SIGTERM", "SIGINT", "SIGTERM in a step"])
 def test_robots_are_stopped_when_the_program_ends(way: str, tmp_path: Path) -> None:
     duration = 0.5 if way.endswith("step") else 0.1
@@ -145,6 +147,7 @@ def test_robots_are_stopped_when_the_program_ends(way: str, tmp_path: Path) -> N
         assert running.last() == [0.0, 0.0]
 
 
+@pytest.mark.slow
 def test_an_episode_ends_with_metrics_and_stopped_robots(tmp_path: Path) -> None:
     with program(tmp_path, "--realtime", "1", steps=3) as running:
         running.reset()
@@ -157,6 +160,7 @@ def test_an_episode_ends_with_metrics_and_stopped_robots(tmp_path: Path) -> None
         assert len(running.reset()["sensors"]) == 2
 
 
+@pytest.mark.slow
 def test_seconds_of_a_simulator_that_is_faster(tmp_path: Path) -> None:
     with program(tmp_path, "--realtime", "5", step={"duration": 0.2, "clock": "ros"}, steps=10) as running:
         running.reset()
@@ -175,6 +179,7 @@ def simulation(name: str) -> type[Simulation]:
     return kind
 
 
+@pytest.mark.slow
 def test_robots_are_driven_by_one_server(monkeypatch: pytest.MonkeyPatch) -> None:
     domain = str(random.SystemRandom().randrange(102, 160))
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
@@ -206,6 +211,7 @@ def test_robots_are_driven_by_one_server(monkeypatch: pytest.MonkeyPatch) -> Non
             simulator.kill()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", [True, False], ids=["group", "process"])
 def test_robots_are_stopped_when_a_run_is_interrupted(group: bool, tmp_path: Path) -> None:
     """The simulator is not the run's own, as robots are not: they would keep their last command."""
@@ -264,6 +270,7 @@ def test_robots_are_stopped_when_a_run_is_interrupted(group: bool, tmp_path: Pat
         simulator.wait()
 
 
+@pytest.mark.slow
 def test_a_clock_that_stands_still(tmp_path: Path) -> None:
     step = {"duration": 0.5, "clock": "ros"}
     with program(tmp_path, "--realtime", "1", "--fault", "clock_stops", step=step) as running:

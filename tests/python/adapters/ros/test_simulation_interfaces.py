@@ -129,6 +129,7 @@ def test_a_failure_names_what_where_and_for_how_long_and_leaves_nothing(fault: s
     assert not running(str(tmp_path))
 
 
+@pytest.mark.slow
 def test_no_simulator(tmp_path: Path) -> None:
     said = failure(tmp_path, start=None, startup=1.0, environment={"ROS_DOMAIN_ID": "{domain}"})
     assert "/reset_simulation: no node offers this service" in said
@@ -142,6 +143,7 @@ def test_a_service_of_another_type(tmp_path: Path) -> None:
     assert "/reset_simulation: the service has the type simulation_interfaces/ResetSimulation" in said
 
 
+@pytest.mark.slow
 def test_a_simulator_that_does_not_start_is_noticed_at_once(tmp_path: Path) -> None:
     began = time.monotonic()
     said = failure(tmp_path, start=["sh", "-c", "echo no licence >&2; exit 3"], startup=60.0)
@@ -149,6 +151,7 @@ def test_a_simulator_that_does_not_start_is_noticed_at_once(tmp_path: Path) -> N
     assert time.monotonic() - began < 30
 
 
+@pytest.mark.slow
 def test_files_of_a_simulator_are_named_by_the_folder_of_the_experiment(tmp_path: Path) -> None:
     (tmp_path / "world.yaml").write_text("the world\n", encoding="utf-8")
     show = 'cat "${0#world:=}" >&2; exit 3'
@@ -185,6 +188,7 @@ def test_robots_that_are_there_are_reset_and_their_node_gets_parameters(tmp_path
         )
 
 
+@pytest.mark.slow
 def test_a_run_is_exported_with_its_topics_and_real_robots_are_not_driven_for_that(tmp_path: Path) -> None:
     sensors = [{"sensor": "goal x", "topic": "goal", "type": TWIST, "field": "linear.x", "scale": 0.2}]
     metrics = {"ahead": {"sensor": "goal x"}}
@@ -200,6 +204,7 @@ def test_a_run_is_exported_with_its_topics_and_real_robots_are_not_driven_for_th
     assert "\nrate: 10 " in mapping
 
 
+@pytest.mark.slow
 def test_names_and_topics_are_exported_where_the_simulator_does_not_start(tmp_path: Path) -> None:
     """As in a shell in which ROS was not sourced."""
     start = f'test ! -e "{tmp_path}/gone" && exec "{sys.executable}" "{SIMULATOR}" --note "{tmp_path}"'

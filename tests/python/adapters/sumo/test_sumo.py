@@ -147,6 +147,7 @@ def test_a_vehicle_that_gives_up_has_not_been_served(tmp_path: Path) -> None:
     assert impatient["waiting"] == pytest.approx(patient["waiting"], rel=0.2)
 
 
+@pytest.mark.slow
 def test_options_of_a_configuration_that_break_episodes_have_no_effect(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,6 +200,7 @@ def test_options_of_a_configuration_that_break_episodes_have_no_effect(
     assert not caplog.records
 
 
+@pytest.mark.slow
 def test_episodes_are_the_same_to_the_bit_and_follow_from_the_seed(tmp_path: Path) -> None:
     config = written(tmp_path, ring(), drivers(230, ["agent", *["human"] * 21]))
 
@@ -223,6 +225,7 @@ def test_episodes_are_the_same_to_the_bit_and_follow_from_the_seed(tmp_path: Pat
     assert run.stdout.strip() == hashlib.sha256(first).hexdigest()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["Vehicles", "TrafficLights"])
 def test_one_record_here_and_on_servers_in_every_mode(kind: str, tmp_path: Path) -> None:
     if kind == "Vehicles":

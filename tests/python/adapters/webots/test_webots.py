@@ -15,6 +15,8 @@ from swarmwright.adapters._attached import AttachmentError, Episodes
 from swarmwright.adapters._attachment import Attachment
 from tests.python.records import same_record
 
+pytestmark = pytest.mark.slow
+
 SIMULATOR = Path(__file__).with_name("simulator.py")
 HOME = Path(__file__).with_name("home")
 START = f"start: [{sys.executable}, {SIMULATOR}, '--port={{port}}']\n"

@@ -73,6 +73,7 @@ def test_a_sweep_is_repeated_by_its_record(results: Path, tmp_path: Path) -> Non
     assert (again.path / "sweep.json").read_bytes() == (results / "sweep.json").read_bytes()
 
 
+@pytest.mark.slow
 def test_without_its_runs_the_record_is_enough(results: Path, tmp_path: Path) -> None:
     before = digests(results)
     for run in before:
@@ -92,6 +93,7 @@ def test_runs_that_are_missing_are_run_beside_the_record(results: Path) -> None:
     assert (results / "sweep.json").read_bytes() == record
 
 
+@pytest.mark.slow
 def test_code_of_the_runs_is_used_once_it_is_trusted(
     program: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -205,6 +207,7 @@ def line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return swarmwright.sweep(sweep, out=tmp_path / "results", jobs=1).path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edited", [True, False])
 def test_variants_without_a_run_have_the_code_of_the_others(
     line: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, edited: bool
@@ -226,6 +229,7 @@ def test_variants_without_a_run_have_the_code_of_the_others(
         monkeypatch.chdir(tmp_path / "elsewhere")
 
 
+@pytest.mark.slow
 def test_code_that_a_record_names_is_not_executed_unless_it_is_trusted(
     line: Path, tmp_path: Path, program: Any
 ) -> None:
@@ -244,6 +248,7 @@ def test_code_that_a_record_names_is_not_executed_unless_it_is_trusted(
     assert (tmp_path / "executed").exists()
 
 
+@pytest.mark.slow
 def test_runs_of_different_code_are_not_repeated_as_one_sweep(line: Path, tmp_path: Path) -> None:
     shutil.rmtree(line / "population_6-1")
     shutil.rmtree(line / "population_6-2")
@@ -256,6 +261,7 @@ def test_runs_of_different_code_are_not_repeated_as_one_sweep(line: Path, tmp_pa
         Sweep.load(line / "sweep.json")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_simulations_of_one_title_are_computed_by_their_own_code(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jobs: int

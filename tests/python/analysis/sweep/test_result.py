@@ -16,6 +16,7 @@ BASE: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_mapping_becomes_runs_a_table_a_comparison_and_a_figure(tmp_path: Path) -> None:
     grid = {"method.kind": ["nnga", "random_search"], "method.population": (6, 8)}
     source = {
@@ -159,6 +160,7 @@ def test_a_file_is_taken_and_its_folder(tmp_path: Path, monkeypatch: pytest.Monk
     assert sweep(mapping).path == Path("runs/minisim-sweep")
 
 
+@pytest.mark.slow
 def test_failures_are_in_the_result(tmp_path: Path) -> None:
     grid = {"parameters.trouble": ["reset", ""]}
     experiment = {

@@ -48,6 +48,7 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return f"{package}.world:Line"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["module", "class"])
 def test_a_simulation_that_is_named_by_its_module_goes_on(tmp_path: Path, world: str, form: str) -> None:
     module, _, name = world.partition(":")
@@ -94,6 +95,7 @@ def test_a_folder_without_a_run_does_not_stop_the_others(tmp_path: Path) -> None
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_run_of_another_process_is_left_to_it(tmp_path: Path, jobs: int) -> None:
     source = {"experiment": BASE, "seeds": 3}
@@ -131,6 +133,7 @@ def test_a_run_that_another_process_finishes_meanwhile_counts(
     assert (result.failures, result.busy) == ((), ())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_run_that_another_process_did_before_its_turn_is_said_to_be_its(tmp_path: Path, jobs: int) -> None:
     said: list[tuple[str, int]] = []

@@ -68,6 +68,7 @@ def test_the_results_and_what_is_said_are_those_of_one_after_the_other(program: 
     assert counts == {1, 2}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_a_variant_that_fails_does_not_stop_the_others(
     program: Any, tmp_path: Path, root: Path, jobs: str
@@ -97,6 +98,7 @@ def has_open(pid: int, folder: Path) -> bool:
     return any(link.readlink().is_relative_to(folder) for link in Path(f"/proc/{pid}/fd").iterdir())
 
 
+@pytest.mark.slow
 def test_when_a_process_is_killed_the_others_go_on_and_when_all_are_no_process_stays(
     start: Any, tmp_path: Path
 ) -> None:
@@ -145,6 +147,7 @@ def test_how_many_at_a_time() -> None:
     assert shares([experiment()], 99, 16, broker=None, servers="auto") == [1] * 16
 
 
+@pytest.mark.slow
 def test_servers_on_a_broker_are_shared_where_one_run_has_no_use_for_all(
     embedded_broker: str, start: Any
 ) -> None:

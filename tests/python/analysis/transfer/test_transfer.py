@@ -72,6 +72,7 @@ def test_scores_are_those_of_a_post_evaluation(runs: list[Run], tmp_path: Path) 
     assert first.candidates[0].recorded == run.best.fitness
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_the_servers(runs: list[Run]) -> None:
     options: dict[str, Any] = {"vary": {"parameters.speedDefenders": (0.2, 0.9)}, "candidates": 3, "seeds": 4}
     one, other = (transfer(runs[:1], servers=servers, random=2, **options) for servers in ("in-process", 2))
@@ -162,6 +163,7 @@ def test_one_run_shows_its_candidates_and_their_order(runs: list[Run], tmp_path:
     assert found.plot(tmp_path / "all.svg").read_text().count("<path") > 50
 
 
+@pytest.mark.slow
 def test_another_simulator_on_a_broker(any_broker: str, foreign: Callable[..., Any], tmp_path: Path) -> None:
     """The second simulator is a server that only knows D6.1."""
     experiment = Experiment.from_mapping(

@@ -102,6 +102,7 @@ def test_a_budget_is_that_of_the_whole_run(
     same_record(run, optimize(made, out=tmp_path / "here", servers="in-process", progress=False))
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 def test_a_launcher_whose_budget_is_spent_is_left_out(caplog: pytest.LogCaptureFixture) -> None:
     component = LAUNCHERS.get("process")
@@ -151,6 +152,7 @@ def test_more_servers_than_the_embedded_broker_admits_are_refused(tmp_path: Path
         optimize(made, out=tmp_path / "run", progress=False)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_servers_that_their_broker_refuses_are_reported_soon_with_its_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture

@@ -34,6 +34,7 @@ def machines(draw: st.DrawFn) -> tuple[list[Node], list[Arrow]]:
     return [Node(name)] * count, arrows
 
 
+@pytest.mark.slow
 @given(machines())
 @settings(max_examples=60, deadline=None)
 def test_labels_lie_beside_each_other_and_beside_states(made: tuple[list[Node], list[Arrow]]) -> None:
@@ -71,6 +72,7 @@ def test_what_is_written_lies_in_its_box(states: int, seed: int) -> None:
             assert np.hypot(*(nearest - middle)) > radius
 
 
+@pytest.mark.slow
 @given(machines())
 @settings(max_examples=30, deadline=None)
 def test_both_ways_between_two_states_are_apart(made: tuple[list[Node], list[Arrow]]) -> None:

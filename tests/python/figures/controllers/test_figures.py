@@ -101,6 +101,7 @@ def test_networks(
     written(drawn, tmp_path, caplog)
 
 
+@pytest.mark.slow
 def test_sensors_and_actuators_have_the_simulations_names() -> None:
     text = said(figure(network("layered", 4, [8], 1), simulation=description("minisim")))
     for name in ("goal x", "defender y", "heading"):
@@ -115,6 +116,7 @@ def test_sensors_and_actuators_have_the_simulations_names() -> None:
     )
 
 
+@pytest.mark.slow
 def test_long_names_are_shortened(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     long = [f"{index}{'x' * 80}y" for index in range(14)]
     simulation = {"sensor_names": long[:4], "actuator_names": long}
@@ -189,6 +191,7 @@ def test_conditions_are_said_in_few_parts() -> None:
     assert "→ 1 in 8 of 16 cases, such as sensor 0 ≤ 0, sensor 1 ≤ 0," in text
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(0, 2), min_size=24, max_size=24))
 def test_exact_conditions_hold_for_their_rows_alone(targets: list[int]) -> None:
     thresholds = [[0.0], [-0.5, 0.5], [-1.0, 0.0, 1.0]]
@@ -213,6 +216,7 @@ def _holds(words: str, sensed: tuple[float, ...]) -> bool:
     return bool(eval(condition))  # `-0.5 < 0.0 <= 0.5`
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("states", [1, 2, 16, 17, 300])
 def test_machines_of_any_size(states: int, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     random = np.random.default_rng(1)
@@ -269,6 +273,7 @@ def test_a_network_that_learns() -> None:
         assert name in said(drawn)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [2, 30])
 def test_a_network_with_given_connections(hidden: int) -> None:
     """Two connections between the same nodes are drawn, too; many nodes become matrices."""

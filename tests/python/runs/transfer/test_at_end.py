@@ -58,6 +58,7 @@ def experiment(folder: Path, **validate: Any) -> Experiment:
     return Experiment.load(path)
 
 
+@pytest.mark.journey
 def test_a_run_ends_with_the_numbers_of_transfer(tmp_path: Path) -> None:
     asked: dict[str, Any] = {"candidates": 4, "random": 2, "seeds": 6}
     ranges = {"parameters.speedDefenders": [0.4, 1]}
@@ -89,6 +90,7 @@ def test_a_run_ends_with_the_numbers_of_transfer(tmp_path: Path) -> None:
     assert [one.target_fitness for one in again] == [one.target_fitness for one in run.transferred]
 
 
+@pytest.mark.slow
 def test_it_changes_nothing_of_the_record_and_does_not_depend_on_servers(tmp_path: Path) -> None:
     one = optimize(experiment(tmp_path, to="harder.yaml", episodes=0, seeds=4), out=tmp_path / "one")
     other = optimize(one.experiment.replace(servers=2), out=tmp_path / "other")
@@ -99,6 +101,7 @@ def test_it_changes_nothing_of_the_record_and_does_not_depend_on_servers(tmp_pat
     assert plain.transferred == ()
 
 
+@pytest.mark.slow
 def test_files_are_read_once(tmp_path: Path) -> None:
     made = experiment(tmp_path, to=["harder.yaml", OTHER], seeds=2)
     first, second = made.validate.to
@@ -113,6 +116,7 @@ def test_files_are_read_once(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", ["source", "a target"])
 def test_a_run_that_is_killed_meanwhile_goes_on(after: str, tmp_path: Path) -> None:
     made = experiment(tmp_path, to=["harder.yaml", OTHER], seeds=6)
@@ -146,6 +150,7 @@ def test_a_run_that_is_killed_meanwhile_goes_on(after: str, tmp_path: Path) -> N
     assert len(run.sessions) == 1, "nothing was added to the run itself"
 
 
+@pytest.mark.slow
 def test_a_simulation_that_is_missing_at_the_end_is_reported(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, any_broker: str
 ) -> None:
@@ -164,6 +169,7 @@ def test_a_simulation_that_is_missing_at_the_end_is_reported(
     assert run.transfer_is_due
 
 
+@pytest.mark.slow
 def test_a_finished_run_can_get_one(tmp_path: Path) -> None:
     run = optimize(experiment(tmp_path, episodes=0), out=tmp_path / "run")
     assert run.transferred == ()

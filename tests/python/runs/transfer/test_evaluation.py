@@ -8,6 +8,8 @@ import pytest
 from swarmwright import Experiment, Run, optimize, transfer
 from swarmwright.supervision.local_servers import LocalServers
 
+pytestmark = pytest.mark.slow
+
 PARAMETERS = {"numAgents": 3, "numDefenders": 3, "placement": "random", "speedDefenders": 0.5}
 BUILT_IN: dict[str, Any] = {"simulation": "minisim", "parameters": PARAMETERS}
 FALLING = """
