@@ -303,6 +303,7 @@ def test_clang_may_be_told_to_reorder_a_class(name: str, tmp_path: Path) -> None
     assert difference(sequences, found) == (0.0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["layered-tanh-0", "fully_meshed-sigmoid-5", "hebbian", "neat", "modules"])
 @pytest.mark.parametrize("compiler", OLD_GCC or [pytest.param("gcc-11", marks=pytest.mark.skip)])
 def test_old_gcc_may_be_told_to_reorder(compiler: str, name: str, tmp_path: Path) -> None:

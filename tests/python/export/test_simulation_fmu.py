@@ -28,7 +28,10 @@ from swarmwright.fmu.ssp import described, system_of
 from swarmwright.simulations import catalogue
 from tests.fmus import Driven, driving
 
-pytestmark = pytest.mark.skipif(not LIBRARY.exists(), reason="engine/fmi is not built: make fmi")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not LIBRARY.exists(), reason="engine/fmi is not built: make fmi"),
+]
 
 CASES: dict[str, dict[str, Any]] = {
     "minisim": {"numAgents": 3, "placement": "random", "speedDefenders": 0.4},
@@ -53,7 +56,6 @@ def driven(folder: Path, title: str, parameters: dict[str, Any], fmi: str) -> It
         yield world
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 @pytest.mark.parametrize(("title", "parameters"), [*CASES.items(), ("minisim", GROUPS)])
 def test_every_step_is_that_of_the_engine(
@@ -108,7 +110,6 @@ def test_every_step_is_that_of_the_engine(
             world.fmu.reset()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_attached_back_it_gives_the_same_record(fmi: str, tmp_path: Path) -> None:
     """Three agents that start at random; parameters are set at the export and by the experiment."""
@@ -133,7 +134,6 @@ def test_attached_back_it_gives_the_same_record(fmi: str, tmp_path: Path) -> Non
     assert records[0][1].shape[1:] == (2, 3)
 
 
-@pytest.mark.slow
 def test_coupled_with_controllers_it_gives_the_fitness_of_the_run(tmp_path: Path) -> None:
     """A system of the world and an exported controller for each agent needs no further program."""
     parameters = {"numAgents": 2, "speedDefenders": 0.4}
@@ -193,7 +193,6 @@ def test_steps_that_do_not_begin_where_the_last_one_ended_are_errors(fmi: str, t
         world.fmu.freeFMUState(kept)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_damaged_states_and_those_of_other_exports_are_refused(fmi: str, tmp_path: Path) -> None:
     with driven(tmp_path, "minisim", {}, fmi) as world:
@@ -217,7 +216,6 @@ def test_damaged_states_and_those_of_other_exports_are_refused(fmi: str, tmp_pat
         assert "not a state of this FMU" in world.said[-1]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_parameters_have_units_and_limits(fmi: str, tmp_path: Path) -> None:
     """Of the numbers, those that the descriptions of the simulations state."""
@@ -287,7 +285,6 @@ def test_the_stop_time_is_when_every_episode_has_ended(
         assert result["done"][-1]
 
 
-@pytest.mark.slow
 def test_attached_back_an_episode_may_be_longer_than_at_the_export(tmp_path: Path) -> None:
     file = tmp_path / "world.fmu"
     file.write_bytes(simulation_fmu("minisim", {}, fmi="2.0", name="world"))

@@ -98,6 +98,7 @@ def test_clang_for_arm_may_be_told_to_reorder(options: list[str], name: str, tmp
     assert run([emulator, "./robot"], tmp_path, name) == b"ok\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", [ARM64, ARMHF], ids=["arm64", "armhf"])
 def test_arm_in_cpp(target: tuple[str, str, str], tmp_path: Path) -> None:
     compiler, emulator, root = target
@@ -115,6 +116,7 @@ SMALL = [
 """What a Hebbian network learns, and NEAT's, is computed with a double of 64 bits, which AVR lacks."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SMALL)
 def test_avr_compiles_with_all_warnings_as_errors(name: str, tmp_path: Path) -> None:
     need("avr-gcc")
@@ -125,6 +127,7 @@ def test_avr_compiles_with_all_warnings_as_errors(name: str, tmp_path: Path) -> 
     assert sizes[1:3] == [b"0", b"0"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["evostick", "mealy_fsm", "layered-wide"])
 def test_the_self_test_fits_on_avr(name: str, tmp_path: Path) -> None:
     """Its tables are in flash, cut after 20 steps; they do not fill the 2 kB of memory."""
@@ -137,6 +140,7 @@ def test_the_self_test_fits_on_avr(name: str, tmp_path: Path) -> None:
     assert data + bss < 1500
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hebbian", "neat"])
 def test_avr_is_refused_by_what_needs_doubles_of_64_bits(name: str, tmp_path: Path) -> None:
     need("avr-gcc")
@@ -145,6 +149,7 @@ def test_avr_is_refused_by_what_needs_doubles_of_64_bits(name: str, tmp_path: Pa
         run(["avr-gcc", "-mmcu=atmega328p", "-Os", "-std=c99", "-c", "robot.c"], tmp_path, name)
 
 
+@pytest.mark.slow
 def test_the_sketch_compiles(tmp_path: Path) -> None:
     """As the Arduino IDE does it: as C++, with Arduino.h included, together with the C."""
     need("avr-g++")
@@ -214,6 +219,7 @@ int main(void)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_avr_has_the_same_bits(name: str, tmp_path: Path) -> None:
     """On an emulated ATmega328P, whose floats are computed by avr-libc: ordinary and subnormal numbers."""

@@ -304,6 +304,7 @@ def test_two_robots_in_one_domain(kind: str, package: Package, tmp_path: Path) -
             )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SETUP, reason="needs ROS 2, named by SWARMWRIGHT_ROS2")
 @pytest.mark.parametrize("kind", ["launch-cpp+rclpy", "launch-python+rclpy"], indirect=True)
 def test_the_launch_file_starts_a_node_for_a_robot(kind: str, robot: Robot, tmp_path: Path) -> None:

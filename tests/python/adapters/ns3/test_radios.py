@@ -12,9 +12,12 @@ import pytest
 from swarmwright import InputError
 from swarmwright.adapters.ns3 import Delivery, Radios
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("cppyy") is None, reason="ns3 is not installed; make test-simulators"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        importlib.util.find_spec("cppyy") is None, reason="ns3 is not installed; make test-simulators"
+    ),
+]
 
 
 @pytest.fixture(autouse=True)

@@ -15,9 +15,12 @@ from swarmwright.core import warn_once
 from tests.python.adapters.sumo.roads import crossing, drivers, flows, ring, written
 from tests.python.records import same_record
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("libsumo") is None, reason="libsumo is not installed; make test-simulators"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        importlib.util.find_spec("libsumo") is None, reason="libsumo is not installed; make test-simulators"
+    ),
+]
 
 
 def started(name: str, config: str, seed: int = 1, **parameters: Any) -> tuple[Any, Any]:
