@@ -47,7 +47,7 @@ BIN := $(CURDIR)/$(VENV)/bin
 export VIRTUAL_ENV := $(CURDIR)/$(VENV)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_QUIET := 1
-# Kernels for the best instruction set of this processor alone, which halves the time to compile; all: what runs on other machines.
+# Kernels for the best instruction set of this processor alone, which takes less time to compile; all: what runs on other machines.
 export SWARMWRIGHT_LEVELS ?= native
 unexport PYTHONHOME
 # Tests start thousands of processes, each of which would compile the library anew.
@@ -135,8 +135,8 @@ test-cpp: $(CPP)/address/.built $(CPP)/thread/.built
 PART ?= 1/1
 SLOW := -m "slow and not long and not journey" --part $(PART)
 
-# A slow test that fails is repeated once: many start several processes, of which one may be late on a busy machine. Both are
-# printed, since what fails now and then is a fault to be found, too.
+# A test of the process or the slow tier that fails is repeated once: many start several processes, of which one may be late on
+# a busy machine. Both are printed, since what fails now and then is a fault to be found, too.
 AGAIN := --reruns 1 --rerun-show-tracebacks -raR
 
 PYTEST := $(BIN)/python -m pytest --dist worksteal --durations=100 --durations-min=5
@@ -149,7 +149,7 @@ test-commit: $(VENV)/.engine $(VENV)/.dev
 test-journeys: $(VENV)/.engine $(VENV)/.dev $(FMI) $(JAVA) $(CPP)/.built
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
-	$(PYTEST) -n 3 -m "journey and not long" tests/python tests/protocol tests/system tests/docs
+	$(PYTEST) $(AGAIN) -n 3 -m "journey and not long" tests/python tests/protocol tests/system tests/docs
 
 # The slow tier. Its tests wait for other processes more than half of their time: four at a time keep two processors busy.
 test-python: $(VENV)/.engine $(VENV)/.dev $(FMI) protocol/node_modules/.package-lock.json

@@ -1,7 +1,7 @@
 //! Which instruction sets kernels are compiled for.
 //!
-//! Each one takes as long to compile as all others. `SWARMWRIGHT_LEVELS=native` compiles the best one of this processor and
-//! leaves out the rest: what runs elsewhere, as binaries do that are handed on, is compiled for all of them.
+//! They are compiled once more for each of them. `SWARMWRIGHT_LEVELS=native` compiles large ones for the best one of this processor
+//! alone: what runs elsewhere, as binaries do that are handed on, is compiled for all.
 
 use std::env;
 

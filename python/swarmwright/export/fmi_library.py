@@ -38,7 +38,7 @@ def _build() -> None:
             f"{FILE}: is missing, the library that an FMU of a simulation holds; installing Swarmwright "
             "again brings it back"
         )
-    _progress.info("compiling the library that FMUs of simulations hold, once: this takes about a minute")
+    _progress.info("compiling the library that FMUs of simulations hold, once: this may take a minute")
     # Of a `make` that started this process.
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("MAKE", "MFLAGS"))}
     try:
