@@ -72,7 +72,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("slow")
     part = config.getoption("--part")
     if part:
-        number, parts = map(int, part.split("/"))
+        number, parts = _part(part)
         left_out = [
             item
             for item in items
@@ -88,6 +88,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         return -float(marker.args[0]) if marker is not None and marker.args else 0.0
 
     items.sort(key=longest)
+
+
+def _part(text: str) -> tuple[int, int]:
+    """Return the number of a part and of all parts. Raises pytest.UsageError."""
+    number, _, parts = text.partition("/")
+    if not (number.isdecimal() and parts.isdecimal() and 1 <= int(number) <= int(parts)):
+        raise pytest.UsageError(f"--part {text}: expected K/N, K from 1 to N, such as 2/4")
+    return int(number), int(parts)
 
 
 _STARTS = ("subprocess.Popen", "os.posix_spawn", "os.fork", "os.forkpty")

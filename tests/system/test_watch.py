@@ -42,7 +42,7 @@ def test_the_watch_names_the_server_that_is_waited_for(
     lines = launch("servers", "--watch", "--every", 0.2, "--broker", embedded.url)
     until(watcher, "four servers", lambda view: len(view["servers"]) == 4)
     tool = launch("optimize", experiment(LONG.format(mode=mode)), "--broker", embedded.url, "--out", "here")
-    begun = until(watcher, "a run", lambda view: any(one.get("run") for one in view["tools"]))
+    begun = until(watcher, "a run", lambda view: any(one.get("generations") for one in view["tools"]))
     assert begun["tools"][0]["run"] == "here"
     assert begun["tools"][0]["generations"] == 100000
 
