@@ -601,8 +601,14 @@ $(VENV)/.bench: $(VENV)/.dev pyproject.toml
 $(LICENSES): engine/licenses.py $(filter %/Cargo.lock %/Cargo.toml,$(ENGINE)) | $(VENV)/.tools
 	$(BIN)/python engine/licenses.py $@
 
+# Newer than the engine where that was compiled for other instruction sets.
+LEVELS := $(VENV)/.levels-$(SWARMWRIGHT_LEVELS)
+$(LEVELS): | $(VENV)/.created
+	@rm -f $(VENV)/.levels-*
+	touch $@
+
 # The engine, compiled into the package, and the package's dependencies.
-$(VENV)/.engine: $(VENV)/.tools $(ENGINE) | $(LICENSES)
+$(VENV)/.engine: $(VENV)/.tools $(LEVELS) $(ENGINE) | $(LICENSES)
 	@mkdir -p build
 	$(BIN)/maturin develop --release --extras conformance
 	# Of another engine; it is compiled when it is needed.
@@ -614,5 +620,7 @@ fmi: $(FMI)
 
 $(FMI): $(ENGINE) | $(VENV)/.engine
 	@$(CARGO) rustc $(MANIFEST) --release --package swarmwright-fmi --lib
-	install "$${CARGO_TARGET_DIR:-engine/target}/release/libswarmwright_fmi.so" $@.new
-	mv $@.new $@
+	# Under a name of its own, and outside of the package: two exports may make it at once, and each may be killed.
+	mkdir -p build
+	install "$${CARGO_TARGET_DIR:-engine/target}/release/libswarmwright_fmi.so" build/fmi.$$$$
+	mv build/fmi.$$$$ $@
