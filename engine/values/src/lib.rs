@@ -6,7 +6,8 @@ mod words;
 
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
-use serde_path_to_error::{Path, Segment};
+
+use strict::{Segment, Strict};
 
 pub use suggestions::did_you_mean;
 pub use words::plain;
@@ -38,28 +39,46 @@ impl Mismatch {
 /// # Errors
 /// What does not fit, and where it is.
 pub fn read<T: DeserializeOwned>(value: &Value) -> Result<T, Mismatch> {
-    serde_path_to_error::deserialize(strict::Strict(value)).map_err(|error| {
-        let path = error.path().to_string();
-        // What was found is not in the words of types with a choice of forms, of which an object may be one.
-        let found = at(value, error.path()).filter(|found| !found.is_object());
-        let found = found.map(words::found);
-        let reason = plain(&error.into_inner().to_string());
-        Mismatch {
-            path: if path == "." { String::new() } else { path },
-            reason: match found {
-                Some(found) if reason.starts_with("expected ") => format!("{found}, {reason}"),
-                _ => reason,
-            },
+    T::deserialize(Strict(value)).map_err(|error| mismatch(value, error))
+}
+
+fn mismatch(value: &Value, error: strict::Error) -> Mismatch {
+    let path = || error.path.iter().rev();
+    // What was found is not in the words of types with a choice of forms, of which an object may be one.
+    let found = at(value, path()).filter(|found| !found.is_object());
+    let found = found.map(words::found);
+    let reason = plain(&error.reason);
+    Mismatch {
+        path: path_in_words(path()),
+        reason: match found {
+            Some(found) if reason.starts_with("expected ") => format!("{found}, {reason}"),
+            _ => reason,
+        },
+    }
+}
+
+/// Such as `walls.corners[2]`.
+fn path_in_words<'a>(path: impl Iterator<Item = &'a Segment>) -> String {
+    let mut words = String::new();
+    for segment in path {
+        match segment {
+            Segment::Item(index) => words.push_str(&format!("[{index}]")),
+            Segment::Field(key) => {
+                if !words.is_empty() {
+                    words.push('.');
+                }
+                words.push_str(key);
+            }
         }
-    })
+    }
+    words
 }
 
 /// The value at a path.
-fn at<'a>(value: &'a Value, path: &Path) -> Option<&'a Value> {
-    path.iter().try_fold(value, |value, segment| match segment {
-        Segment::Seq { index } => value.get(index),
-        Segment::Map { key } | Segment::Enum { variant: key } => value.get(key),
-        Segment::Unknown => None,
+fn at<'a>(value: &'a Value, mut path: impl Iterator<Item = &'a Segment>) -> Option<&'a Value> {
+    path.try_fold(value, |value, segment| match segment {
+        Segment::Item(index) => value.get(index),
+        Segment::Field(key) => value.get(key),
     })
 }
 

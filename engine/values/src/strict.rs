@@ -1,12 +1,99 @@
-//! Values of JSON for serde, without its rule that a list of values can stand for an object with fields.
+//! Values of JSON for serde, which tell where an error is, and without serde's rule that a list of values can stand for an object
+//! with fields.
+//!
+//! `serde_path_to_error` around serde_json's values does the same, but has the code of each type compiled some twenty times, for as
+//! many generic readers. Here are one of each kind: the compiler needs a third of the time for a crate that reads large documents.
 
-use serde::Deserializer;
-use serde::de::value::{MapDeserializer, SeqDeserializer};
+use std::fmt::{self, Display};
+
+use serde::de::value::BorrowedStrDeserializer;
 use serde::de::{
-    DeserializeSeed, EnumAccess, Error as _, IntoDeserializer, Unexpected, VariantAccess, Visitor,
+    self, DeserializeSeed, EnumAccess, Error as _, Expected, MapAccess, SeqAccess, Unexpected,
+    VariantAccess, Visitor,
 };
-use serde::forward_to_deserialize_any;
-use serde_json::{Error, Value};
+use serde::{Deserializer, forward_to_deserialize_any};
+use serde_json::map::Iter as Fields;
+use serde_json::{Map, Number, Value};
+
+/// A part of a path.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Segment {
+    /// An item of a list.
+    Item(usize),
+    /// A field of an object.
+    Field(String),
+}
+
+/// What does not fit.
+#[derive(Debug)]
+pub(crate) struct Error {
+    pub reason: String,
+    /// Where it is, the innermost part first.
+    pub path: Vec<Segment>,
+}
+
+impl Error {
+    fn inside(mut self, segment: Segment) -> Self {
+        self.path.push(segment);
+        self
+    }
+
+    fn in_field(self, key: &str) -> Self {
+        self.inside(Segment::Field(key.to_owned()))
+    }
+}
+
+impl Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.reason)
+    }
+}
+
+impl std::error::Error for Error {}
+
+/// What was found, in the words of JSON.
+struct Found<'a>(Unexpected<'a>);
+
+impl Display for Found<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Unexpected::Unit => f.write_str("null"),
+            Unexpected::Float(value) => match Number::from_f64(value) {
+                Some(number) => write!(f, "floating point `{number}`"),
+                None => self.0.fmt(f),
+            },
+            other => other.fmt(f),
+        }
+    }
+}
+
+impl de::Error for Error {
+    fn custom<T: Display>(message: T) -> Self {
+        Self {
+            reason: message.to_string(),
+            path: Vec::new(),
+        }
+    }
+
+    fn invalid_type(found: Unexpected<'_>, expected: &dyn Expected) -> Self {
+        let found = Found(found);
+        Self::custom(format_args!("invalid type: {found}, expected {expected}"))
+    }
+
+    fn invalid_value(found: Unexpected<'_>, expected: &dyn Expected) -> Self {
+        let found = Found(found);
+        Self::custom(format_args!("invalid value: {found}, expected {expected}"))
+    }
+}
+
+/// Methods for types that have no items and no fields: code that reads those is not compiled for them.
+macro_rules! single {
+    ($($method:ident)*) => {
+        $(fn $method<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+            visit_single(self.0, visitor)
+        })*
+    };
+}
 
 /// As `&Value`, but that fields are read from objects alone.
 pub(crate) struct Strict<'de>(pub(crate) &'de Value);
@@ -16,20 +103,36 @@ impl<'de> Deserializer<'de> for Strict<'de> {
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
         match self.0 {
-            Value::Array(items) => {
-                let mut items = SeqDeserializer::new(items.iter().map(Strict));
-                let found = visitor.visit_seq(&mut items)?;
-                items.end().map(|()| found)
-            }
-            Value::Object(fields) => {
-                let fields = fields
-                    .iter()
-                    .map(|(key, value)| (key.as_str(), Strict(value)));
-                let mut fields = MapDeserializer::new(fields);
-                let found = visitor.visit_map(&mut fields)?;
-                fields.end().map(|()| found)
-            }
-            plain => plain.deserialize_any(visitor),
+            Value::Array(items) => visit_items(items, visitor),
+            Value::Object(fields) => visit_fields(fields, visitor),
+            single => visit_single(single, visitor),
+        }
+    }
+
+    fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+        match self.0 {
+            Value::Array(items) => visit_items(items, visitor),
+            other => visit_single(other, visitor),
+        }
+    }
+
+    fn deserialize_tuple<V: Visitor<'de>>(self, _: usize, visitor: V) -> Result<V::Value, Error> {
+        self.deserialize_seq(visitor)
+    }
+
+    fn deserialize_tuple_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: usize,
+        visitor: V,
+    ) -> Result<V::Value, Error> {
+        self.deserialize_seq(visitor)
+    }
+
+    fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+        match self.0 {
+            Value::Object(fields) => visit_fields(fields, visitor),
+            other => visit_single(other, visitor),
         }
     }
 
@@ -39,10 +142,7 @@ impl<'de> Deserializer<'de> for Strict<'de> {
         _: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Error> {
-        match self.0 {
-            Value::Array(_) => Err(Error::invalid_type(Unexpected::Seq, &visitor)),
-            _ => self.deserialize_any(visitor),
-        }
+        self.deserialize_map(visitor)
     }
 
     fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
@@ -62,69 +162,212 @@ impl<'de> Deserializer<'de> for Strict<'de> {
 
     fn deserialize_enum<V: Visitor<'de>>(
         self,
-        name: &'static str,
-        variants: &'static [&'static str],
+        _: &'static str,
+        _: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Error> {
-        let Value::Object(fields) = self.0 else {
-            return self.0.deserialize_enum(name, variants, visitor);
-        };
-        let mut fields = fields.iter();
-        let (Some((kind, value)), None) = (fields.next(), fields.next()) else {
-            return Err(Error::invalid_value(
-                Unexpected::Map,
-                &"map with a single key",
-            ));
+        let (kind, value) = match self.0 {
+            Value::String(kind) => (kind, None),
+            Value::Object(fields) => {
+                let mut fields = fields.iter();
+                let (Some((kind, value)), None) = (fields.next(), fields.next()) else {
+                    let expected = &"map with a single key";
+                    return Err(Error::invalid_value(Unexpected::Map, expected));
+                };
+                (kind, Some(value))
+            }
+            other => return Err(Error::invalid_type(unexpected(other), &"string or map")),
         };
         visitor.visit_enum(Variant { kind, value })
     }
 
-    forward_to_deserialize_any! {
-        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf unit unit_struct seq tuple
-        tuple_struct map identifier ignored_any
+    fn deserialize_ignored_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+        visitor.visit_unit()
+    }
+
+    single! {
+        deserialize_bool deserialize_i8 deserialize_i16 deserialize_i32 deserialize_i64 deserialize_u8 deserialize_u16 deserialize_u32
+        deserialize_u64 deserialize_f32 deserialize_f64 deserialize_char deserialize_str deserialize_string deserialize_identifier
+        deserialize_unit
+    }
+
+    forward_to_deserialize_any! { i128 u128 bytes byte_buf unit_struct }
+}
+
+fn visit_items<'de, V: Visitor<'de>>(items: &'de [Value], visitor: V) -> Result<V::Value, Error> {
+    let mut left = Items(items.iter().enumerate());
+    let found = visitor.visit_seq(&mut left)?;
+    let taken = items.len() - left.0.len();
+    complete(items.len(), taken, "sequence").map(|()| found)
+}
+
+fn visit_fields<'de, V: Visitor<'de>>(
+    fields: &'de Map<String, Value>,
+    visitor: V,
+) -> Result<V::Value, Error> {
+    let mut left = Entries::of(fields);
+    let found = visitor.visit_map(&mut left)?;
+    let taken = fields.len() - left.fields.len();
+    complete(fields.len(), taken, "map").map(|()| found)
+}
+
+/// A value that is no list and no object, or the error that it is one.
+fn visit_single<'de, V: Visitor<'de>>(value: &'de Value, visitor: V) -> Result<V::Value, Error> {
+    match value {
+        Value::Null => visitor.visit_unit(),
+        Value::Bool(value) => visitor.visit_bool(*value),
+        Value::Number(number) => visit_number(number, visitor),
+        Value::String(text) => visitor.visit_borrowed_str(text),
+        Value::Array(_) | Value::Object(_) => Err(Error::invalid_type(unexpected(value), &visitor)),
     }
 }
 
-impl<'de> IntoDeserializer<'de, Error> for Strict<'de> {
-    type Deserializer = Self;
-
-    fn into_deserializer(self) -> Self {
-        self
+fn visit_number<'de, V: Visitor<'de>>(number: &Number, visitor: V) -> Result<V::Value, Error> {
+    if let Some(value) = number.as_u64() {
+        visitor.visit_u64(value)
+    } else if let Some(value) = number.as_i64() {
+        visitor.visit_i64(value)
+    } else {
+        visitor.visit_f64(number.as_f64().unwrap_or(f64::NAN))
     }
 }
 
-/// A variant of an enum that has values.
+fn unexpected(value: &Value) -> Unexpected<'_> {
+    match value {
+        Value::Null => Unexpected::Unit,
+        Value::Bool(value) => Unexpected::Bool(*value),
+        Value::Number(number) => match (number.as_u64(), number.as_i64()) {
+            (Some(value), _) => Unexpected::Unsigned(value),
+            (None, Some(value)) => Unexpected::Signed(value),
+            (None, None) => Unexpected::Float(number.as_f64().unwrap_or(f64::NAN)),
+        },
+        Value::String(text) => Unexpected::Str(text),
+        Value::Array(_) => Unexpected::Seq,
+        Value::Object(_) => Unexpected::Map,
+    }
+}
+
+/// Whether a type has taken all that there is.
+fn complete(there: usize, taken: usize, what: &str) -> Result<(), Error> {
+    if there == taken {
+        return Ok(());
+    }
+    let elements = if taken == 1 { "element" } else { "elements" };
+    let expected = format!("{taken} {elements} in {what}");
+    Err(Error::invalid_length(there, &expected.as_str()))
+}
+
+/// Items of a list.
+struct Items<'de>(std::iter::Enumerate<std::slice::Iter<'de, Value>>);
+
+impl<'de> SeqAccess<'de> for Items<'de> {
+    type Error = Error;
+
+    fn next_element_seed<T: DeserializeSeed<'de>>(
+        &mut self,
+        seed: T,
+    ) -> Result<Option<T::Value>, Error> {
+        let Some((index, item)) = self.0.next() else {
+            return Ok(None);
+        };
+        let item = seed.deserialize(Strict(item));
+        item.map(Some)
+            .map_err(|error| error.inside(Segment::Item(index)))
+    }
+
+    fn size_hint(&self) -> Option<usize> {
+        Some(self.0.len())
+    }
+}
+
+/// Fields of an object.
+struct Entries<'de> {
+    fields: Fields<'de>,
+    entry: Option<(&'de str, &'de Value)>,
+}
+
+impl<'de> Entries<'de> {
+    fn of(fields: &'de Map<String, Value>) -> Self {
+        Self {
+            fields: fields.iter(),
+            entry: None,
+        }
+    }
+}
+
+impl<'de> MapAccess<'de> for Entries<'de> {
+    type Error = Error;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(
+        &mut self,
+        seed: K,
+    ) -> Result<Option<K::Value>, Error> {
+        let Some((key, value)) = self.fields.next() else {
+            return Ok(None);
+        };
+        self.entry = Some((key, value));
+        let found = seed.deserialize(BorrowedStrDeserializer::new(key));
+        found.map(Some).map_err(|error: Error| error.in_field(key))
+    }
+
+    fn next_value_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Result<T::Value, Error> {
+        let Some((key, value)) = self.entry.take() else {
+            return Err(Error::custom("a value was read before its key"));
+        };
+        let found = seed.deserialize(Strict(value));
+        found.map_err(|error| error.in_field(key))
+    }
+
+    fn size_hint(&self) -> Option<usize> {
+        Some(self.fields.len())
+    }
+}
+
+/// A variant of an enum, with values or without.
 struct Variant<'de> {
     kind: &'de str,
-    value: &'de Value,
+    value: Option<&'de Value>,
 }
 
 impl<'de> EnumAccess<'de> for Variant<'de> {
     type Error = Error;
-    type Variant = Strict<'de>;
+    type Variant = Self;
 
-    fn variant_seed<T: DeserializeSeed<'de>>(
-        self,
-        seed: T,
-    ) -> Result<(T::Value, Strict<'de>), Error> {
-        let kind = seed.deserialize(self.kind.into_deserializer())?;
-        Ok((kind, Strict(self.value)))
+    fn variant_seed<T: DeserializeSeed<'de>>(self, seed: T) -> Result<(T::Value, Self), Error> {
+        let kind = seed.deserialize(BorrowedStrDeserializer::<Error>::new(self.kind))?;
+        Ok((kind, self))
     }
 }
 
-impl<'de> VariantAccess<'de> for Strict<'de> {
+impl<'de> Variant<'de> {
+    /// What reads the values, or the error that there are none.
+    fn values(&self, expected: &str) -> Result<Strict<'de>, Error> {
+        let none = || Error::invalid_type(Unexpected::UnitVariant, &expected);
+        self.value.map(Strict).ok_or_else(none)
+    }
+}
+
+impl<'de> VariantAccess<'de> for Variant<'de> {
     type Error = Error;
 
     fn unit_variant(self) -> Result<(), Error> {
-        serde::Deserialize::deserialize(self)
+        let Some(value) = self.value else {
+            return Ok(());
+        };
+        serde::Deserialize::deserialize(Strict(value))
+            .map_err(|error: Error| error.in_field(self.kind))
     }
 
     fn newtype_variant_seed<T: DeserializeSeed<'de>>(self, seed: T) -> Result<T::Value, Error> {
-        seed.deserialize(self)
+        self.values("newtype variant")
+            .and_then(|values| seed.deserialize(values))
+            .map_err(|error| error.in_field(self.kind))
     }
 
     fn tuple_variant<V: Visitor<'de>>(self, length: usize, visitor: V) -> Result<V::Value, Error> {
-        self.deserialize_tuple(length, visitor)
+        self.values("tuple variant")
+            .and_then(|values| values.deserialize_tuple(length, visitor))
+            .map_err(|error| error.in_field(self.kind))
     }
 
     fn struct_variant<V: Visitor<'de>>(
@@ -132,6 +375,8 @@ impl<'de> VariantAccess<'de> for Strict<'de> {
         fields: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Error> {
-        self.deserialize_struct("", fields, visitor)
+        self.values("struct variant")
+            .and_then(|values| values.deserialize_struct("", fields, visitor))
+            .map_err(|error| error.in_field(self.kind))
     }
 }
