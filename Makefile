@@ -31,7 +31,7 @@
 # make lint    every check that needs no run
 # make audit   look for known vulnerabilities in dependencies (queries databases in the network)
 # make bench   measure, into build/bench.json
-# make reference  write the reference pages that are generated from the code
+# make reference  write what is generated from other files: reference pages, built-in missions as JSON
 # make docs    these pages, and the site: build/site/index.html
 # make clean   remove what was built (results in runs/ stay)
 
@@ -492,14 +492,15 @@ reference: $(VENV)/.engine
 	$(BIN)/python -m swarmwright.cli._reference > docs/reference/command-line.md
 	$(BIN)/python -m swarmwright.experiment.reference > docs/reference/experiment.md
 	$(BIN)/python -m swarmwright.conformance._reference > docs/reference/conformance.md
+	$(BIN)/python engine/arena/built_in.py
 
 docs: reference $(VENV)/.docs build/site-scripts/.fetched
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo build/site/index.html
 
-# The reference pages in the repository are those that the code makes.
+# The reference pages in the repository are those that the code makes, and the built-in missions those of their YAML files.
 check-docs: docs
-	git diff --exit-code -- $(addprefix docs/reference/,command-line.md experiment.md conformance.md)
+	git diff --exit-code -- $(addprefix docs/reference/,command-line.md experiment.md conformance.md) engine/arena/src/missions.json engine/arena/src/robots.json
 
 # Search in pages that were opened from files, and diagrams; put into the site so that it needs no network.
 build/site-scripts/.fetched: docs/site/scripts.sha256

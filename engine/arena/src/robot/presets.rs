@@ -1,17 +1,16 @@
 //! Built-in models of robots.
 
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
 use serde_json::Value;
 
 use super::parts::{Drive, GroundSensors, LightSensors, Links, Proximity, Ray, half_turns};
 use super::{Output, Robot, model};
 
-/// Models that are composed: a file each.
-const MODELS: [(&str, &str); 4] = [
-    ("foot-bot", include_str!("../robots/foot-bot.yaml")),
-    ("kilobot", include_str!("../robots/kilobot.yaml")),
-    ("point", include_str!("../robots/point.yaml")),
-    ("turtlebot3", include_str!("../robots/turtlebot3.yaml")),
-];
+/// Models that are composed: a file each, in `robots`; `built_in.py` puts them together.
+static MODELS: LazyLock<BTreeMap<String, Value>> =
+    LazyLock::new(|| serde_json::from_str(include_str!("../robots.json")).unwrap_or_default());
 
 /// Of an e-puck, kilograms, as in ARGoS; of other robots that do not say theirs.
 pub(super) const MASS: f32 = 0.4;
@@ -92,9 +91,8 @@ impl Robot {
                 Random,
             ])),
             _ => {
-                let (_, text) = MODELS.iter().find(|(known, _)| *known == name)?;
-                let value = serde_saphyr::from_str::<Value>(text).ok()?;
-                model::read(&value, false).ok()
+                let value = MODELS.get(name)?;
+                model::read(value, false).ok()
             }
         }
     }
@@ -106,7 +104,7 @@ const CODED: [&str; 2] = ["e-puck-rm1.1", "e-puck-rm1.2"];
 /// The names of all built-in models of robots.
 #[must_use]
 pub fn robots() -> Vec<&'static str> {
-    let models = MODELS.iter().map(|(name, _)| *name);
+    let models = MODELS.keys().map(String::as_str);
     CODED.into_iter().chain(models).collect()
 }
 
