@@ -17,7 +17,7 @@ from scipy import stats
 from swarmwright import compare
 from swarmwright.analysis.significance import difference, holm
 from swarmwright.analysis.table import number
-from swarmwright.core.formatting import p_value
+from swarmwright.common.formatting import p_value
 from swarmwright.figures.comparison import apart
 from swarmwright.figures.style import COLORS, PAPER, SOFT, dress, new_figure, save
 

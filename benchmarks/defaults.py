@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright import Experiment, templates
-from swarmwright.core.yaml import parse
+from swarmwright.common.yaml import parse
 from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.methods import METHODS

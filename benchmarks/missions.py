@@ -30,7 +30,7 @@ from benchmarks.places import PLACES, PREFIX, Place, running
 from benchmarks.processes import Broker, embedded
 from swarmwright import Experiment, Run, post_evaluate
 from swarmwright.analysis.significance import holm
-from swarmwright.core.statistics import Estimate, estimate
+from swarmwright.common.statistics import Estimate, estimate
 from swarmwright.figures.style import COLORS, INK, dress, new_figure
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from benchmarks.gazebo import GAZEBO_ROOT, PROJECT
 from benchmarks.gazebo import command as gazebo_command
 from benchmarks.processes import Broker, processor_seconds
 from benchmarks.wrappers import Server
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.simulations import catalogue
 from tests.attached import ARGOS, STAGE, Simulator, build
 

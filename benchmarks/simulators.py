@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.arena import evostick, robot_steps, square
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 ROOT = Path(__file__).parents[1]
 NUMBERS = (2, 10, 100)

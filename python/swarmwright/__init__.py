@@ -59,8 +59,8 @@ Names are imported when they are first used, so that `import swarmwright` is fas
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core import installation
-from swarmwright.core.errors import (
+from swarmwright.common import installation
+from swarmwright.common.errors import (
     InputError,
     PlugInError,
     RunError,

@@ -9,7 +9,7 @@ from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
 
-from swarmwright.core import installation
+from swarmwright.common import installation
 
 INTERRUPTED = 130
 

@@ -7,7 +7,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.engine_types import (
+from swarmwright.common.engine_types import (
     AttemptRow,
     Counts,
     Description,
@@ -301,7 +301,7 @@ def decimals(genomes: NDArray[np.float32]) -> list[str]:
 
 @final
 class Stream:
-    """An endless sequence of random numbers with an address of its own, see `swarmwright.core.random_numbers`.
+    """An endless sequence of random numbers with an address of its own, see `swarmwright.common.random_numbers`.
 
     seed: of the experiment. purpose: what the numbers are for, like "nnga.mutate"; another purpose is another sequence.
     candidate: index within the generation. All numbers from 0 to 2**64 - 1, else OverflowError.

@@ -18,9 +18,9 @@ from swarmwright.analysis.left_out import LeftOut
 from swarmwright.analysis.significance import Difference, Kruskal, SignedRank
 from swarmwright.analysis.sweep.result import Failure
 from swarmwright.analysis.transfer.result import GroupLoss, GroupPair, GroupTask
-from swarmwright.core.correlation import Correlation
-from swarmwright.core.ranges import Range
-from swarmwright.core.statistics import Estimate, Summary
+from swarmwright.common.correlation import Correlation
+from swarmwright.common.ranges import Range
+from swarmwright.common.statistics import Estimate, Summary
 from swarmwright.evaluation.episodes import Observation
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from swarmwright.common.errors import InputError
 from swarmwright.conformance._client import Client
-from swarmwright.core.errors import InputError
 
 CERTIFICATE, KEY = "SWARMWRIGHT_CERTIFICATE_FILE", "SWARMWRIGHT_KEY_FILE"
 

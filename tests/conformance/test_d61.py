@@ -6,11 +6,11 @@ import sys
 
 import pytest
 
+from swarmwright.common.errors import InputError
 from swarmwright.conformance import check_server
 from swarmwright.conformance.optimizer import RULES as OPTIMIZER
 from swarmwright.conformance.rules import Rules
 from swarmwright.conformance.server import RULES as SERVER
-from swarmwright.core.errors import InputError
 from tests.conformance.broken.base import Broken
 from tests.conformance.broken.discovery import OffersEverything
 from tests.conformance.broken.episodes import IgnoresTheEnd, StaysTaken

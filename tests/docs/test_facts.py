@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 import swarmwright
 from swarmwright import _engine
 from swarmwright.cli._commands import program
-from swarmwright.core.modules import BEHAVIOUR_PARAMETERS, BEHAVIOURS, CONDITION_PARAMETERS, CONDITIONS
+from swarmwright.common.modules import BEHAVIOUR_PARAMETERS, BEHAVIOURS, CONDITION_PARAMETERS, CONDITIONS
 from swarmwright.monitoring.prometheus import COUNTS
 
 

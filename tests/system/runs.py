@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright import Run
-from swarmwright.core.errors import SwarmwrightError
+from swarmwright.common.errors import SwarmwrightError
 
 
 def record(folder: Path) -> dict[str, Any]:

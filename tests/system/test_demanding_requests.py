@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Serve
 from tests.system.peer import PRESENCE, TOOLS, Peer

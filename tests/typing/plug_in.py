@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 import swarmwright as sw
+from swarmwright.common.typing import Fitness
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.methods.nnga import NngaOptions
 from swarmwright.rankings import Ranking, RankingOptions
@@ -24,7 +25,6 @@ from swarmwright.representations import (
     Stream,
 )
 from swarmwright.representations.layered import LayeredOptions
-from swarmwright.typing import Fitness
 
 
 class SampleOptions(MethodOptions):

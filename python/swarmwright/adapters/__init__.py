@@ -10,8 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import LIBRARIES, SimulationName, is_command
+from swarmwright.common.errors import InputError
+from swarmwright.common.simulation_names import LIBRARIES, SimulationName, is_command
 
 if TYPE_CHECKING:
     from swarmwright.simulations.base import Simulation

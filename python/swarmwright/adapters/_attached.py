@@ -22,7 +22,7 @@ from swarmwright.adapters._attachment import Attachment, Device, Metric
 from swarmwright.adapters._placing import free_place
 from swarmwright.commands.process import resolved_word
 from swarmwright.commands.ros_sections import Area, Pose
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.ros.reductions import FUNCTIONS
 
 _PATIENCE_S = 2.0

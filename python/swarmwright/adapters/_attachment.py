@@ -12,10 +12,10 @@ from pydantic import Field, PrivateAttr, ValidationError, field_validator, model
 
 from swarmwright.commands.definition import Command
 from swarmwright.commands.ros_sections import Area, Interval, Pose, Reduce
-from swarmwright.core import metric_names, yaml
-from swarmwright.core.errors import InputError
-from swarmwright.core.options import Options
-from swarmwright.core.problems import problems_of
+from swarmwright.common import metric_names, yaml
+from swarmwright.common.errors import InputError
+from swarmwright.common.options import Options
+from swarmwright.common.problems import problems_of
 
 
 class Device(Options):

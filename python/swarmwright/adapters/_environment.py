@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from swarmwright.adapters import NEW_EACH_EPISODE
 from swarmwright.adapters._restoring import SECONDS, Actions, Restoring, close, found_by_trials
-from swarmwright.core.errors import InputError, SimulationError
-from swarmwright.core.tracebacks import located
-from swarmwright.core.untrusted import paths_elsewhere
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import InputError, SimulationError
+from swarmwright.common.tracebacks import located
+from swarmwright.common.untrusted import paths_elsewhere
+from swarmwright.common.warn_once import warn_once
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.groups import Group

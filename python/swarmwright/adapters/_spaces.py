@@ -17,8 +17,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from swarmwright.adapters._masks import MASK, Allowed, mask_reader, mask_width
-from swarmwright.core.errors import InputError, SimulationError
-from swarmwright.core.ranges import Range
+from swarmwright.common.errors import InputError, SimulationError
+from swarmwright.common.ranges import Range
 from swarmwright.simulations.calls import short
 
 Numbers = NDArray[np.float64]

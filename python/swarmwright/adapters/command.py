@@ -26,9 +26,9 @@ from swarmwright.commands.process import Processes, resolved_word
 from swarmwright.commands.reductions import Reduction
 from swarmwright.commands.running import Limits, run
 from swarmwright.commands.stepwise import Start
-from swarmwright.core.errors import EpisodeError, InputError, explained
-from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.temporary import private_place, remove
+from swarmwright.common.errors import EpisodeError, InputError, explained
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.temporary import private_place, remove
 from swarmwright.experiment.fitness import OWN, FitnessExpression
 from swarmwright.representations.controller import Controller
 from swarmwright.simulations.base import Simulation

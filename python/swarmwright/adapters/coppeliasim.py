@@ -16,7 +16,7 @@ from swarmwright.adapters import _attached
 from swarmwright.adapters._attached import AttachmentError, Simulator, Started, kind_of
 from swarmwright.adapters._attachment import Attachment
 from swarmwright.commands.ros_sections import Pose
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 PORT = 23000
 """Of a CoppeliaSim that was started without an option for it."""

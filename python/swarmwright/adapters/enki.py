@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.adapters._placing import free_place
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.display import Body, Scene
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.parameters import Parameter

@@ -8,8 +8,8 @@ from swarmwright.adapters.command import CommandSimulation
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.fmu_definition import ATTACHMENT, FmuOptions
 from swarmwright.commands.stepwise import Start
-from swarmwright.core.ranges import Range
-from swarmwright.core.simulation_names import SimulationName
+from swarmwright.common.ranges import Range
+from swarmwright.common.simulation_names import SimulationName
 from swarmwright.fmu.layout import AGENT
 
 

@@ -22,7 +22,7 @@ from swarmwright.adapters._environment import (
 )
 from swarmwright.adapters._restoring import Actions
 from swarmwright.adapters._spaces import actuators, with_mask
-from swarmwright.core.errors import InputError, SimulationError, explained
+from swarmwright.common.errors import InputError, SimulationError, explained
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.isolation import Apart
 

@@ -17,10 +17,10 @@ from swarmwright.adapters._environment import Environment, check_step, environme
 from swarmwright.adapters._masks import Allowed
 from swarmwright.adapters._restoring import Actions
 from swarmwright.adapters._spaces import Actuators, Sensors, actuators, with_mask
-from swarmwright.core.errors import InputError, SimulationError
-from swarmwright.core.ranges import common
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.tracebacks import located
+from swarmwright.common.errors import InputError, SimulationError
+from swarmwright.common.ranges import common
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.tracebacks import located
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.groups import Group
 

@@ -19,10 +19,10 @@ from swarmwright.commands.placeholders import Placeholder, Template, Values, com
 from swarmwright.commands.process import resolved_word
 from swarmwright.commands.ros_definition import ATTACHMENT, DOMAINS, OF_AN_INSTANCE, RosOptions
 from swarmwright.commands.stepwise import Start
-from swarmwright.core.errors import InputError
-from swarmwright.core.ranges import Range
-from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.temporary import private_place
+from swarmwright.common.errors import InputError
+from swarmwright.common.ranges import Range
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.temporary import private_place
 
 
 class RosSimulation(CommandSimulation):

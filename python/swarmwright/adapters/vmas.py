@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from swarmwright.adapters._environment import check_paths, environment_seed
 from swarmwright.adapters._spaces import ranges
-from swarmwright.core.errors import InputError
-from swarmwright.core.ranges import common
-from swarmwright.core.tracebacks import located
+from swarmwright.common.errors import InputError
+from swarmwright.common.ranges import common
+from swarmwright.common.tracebacks import located
 from swarmwright.simulations.batches import BatchSimulation
 
 

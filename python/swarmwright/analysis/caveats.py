@@ -16,7 +16,7 @@ from swarmwright.analysis.tasks import (
     other_models,
     untested,
 )
-from swarmwright.core.errors import SwarmwrightError
+from swarmwright.common.errors import SwarmwrightError
 from swarmwright.runs.elites import has_elites
 from swarmwright.runs.instances import by_instance, instances
 from swarmwright.runs.run import Run

@@ -28,8 +28,8 @@ from swarmwright.analysis.order import Order, check_order, in_order, tasks_in_or
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
 from swarmwright.analysis.sweep_folders import runs_of_all, variant_of
 from swarmwright.analysis.tasks import TaskGroups, by_task
-from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError
+from swarmwright.common.arguments import checked
+from swarmwright.common.errors import InputError
 from swarmwright.runs.failures import failed_within
 from swarmwright.runs.metric_curves import MetricCurves, Names, names_of
 from swarmwright.runs.run import Run

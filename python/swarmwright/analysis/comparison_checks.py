@@ -6,8 +6,8 @@ from typing import get_args
 from swarmwright.analysis.after_evaluations import by_generation
 from swarmwright.analysis.episodes import episodes_to_begin
 from swarmwright.analysis.indicators import By
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import shown
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import shown
 from swarmwright.runs.post_evaluation import EPISODES
 from swarmwright.runs.run import Run
 from swarmwright.runs.validation import command_to_validate

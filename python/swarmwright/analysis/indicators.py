@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 
 from swarmwright.analysis.hypervolume import hypervolume
-from swarmwright.core.arguments import mapping, number
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import shown
+from swarmwright.common.arguments import mapping, number
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import shown
 from swarmwright.methods.archive import Values
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options

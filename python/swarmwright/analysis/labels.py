@@ -5,8 +5,8 @@ from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
-from swarmwright.core.flatten import flat
-from swarmwright.core.modules import label_of
+from swarmwright.common.flatten import flat
+from swarmwright.common.modules import label_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.user_code.parts import SECTIONS
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from swarmwright.analysis.episodes import episodes_of
-from swarmwright.core.formatting import counted
+from swarmwright.common.formatting import counted
 from swarmwright.runs.run import Run
 
 Kind = Literal["unfinished", "empty", "unreadable", "missing"]

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from swarmwright.methods import MethodOptions
-from swarmwright.plug_ins import REGISTRIES
+from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.rankings import RankingOptions
 
 _OF_ALL_KINDS = {

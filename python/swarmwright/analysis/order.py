@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 from swarmwright.analysis.groups import number_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import shown
-from swarmwright.core.sort_keys import sort_key
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import shown
+from swarmwright.common.sort_keys import sort_key
 
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Group

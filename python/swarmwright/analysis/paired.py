@@ -18,15 +18,15 @@ from swarmwright.analysis.groups import flattened_of
 from swarmwright.analysis.significance import LEVEL, SignedRank, signed_rank
 from swarmwright.analysis.table import columns, number
 from swarmwright.analysis.table_files import CSV, check
-from swarmwright.core.arguments import checked, path_of
-from swarmwright.core.by_value import ComparedByValue
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import write_text
-from swarmwright.core.formatting import counted, p_value
-from swarmwright.core.html import preformatted
-from swarmwright.core.problems import shown
-from swarmwright.core.statistics import Estimate, estimate
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.arguments import checked, path_of
+from swarmwright.common.by_value import ComparedByValue
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import write_text
+from swarmwright.common.formatting import counted, p_value
+from swarmwright.common.html import preformatted
+from swarmwright.common.problems import shown
+from swarmwright.common.statistics import Estimate, estimate
+from swarmwright.common.untrusted import one_line
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.representations.controller import Controller

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.analysis.left_out import LeftOut
-from swarmwright.core.arguments import listed, path_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import contents
-from swarmwright.core.json_text import loads
+from swarmwright.common.arguments import listed, path_of
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import contents
+from swarmwright.common.json_text import loads
 from swarmwright.runs.run import Run
 from swarmwright.store import FILE as STORE
 from swarmwright.store.folder import SWEEP

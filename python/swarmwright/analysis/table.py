@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
-from swarmwright.core import html
-from swarmwright.core.formatting import p_value
-from swarmwright.core.untrusted import one_line
+from swarmwright.common import html
+from swarmwright.common.formatting import p_value
+from swarmwright.common.untrusted import one_line
 
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Comparison, Group

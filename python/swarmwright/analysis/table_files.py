@@ -12,10 +12,10 @@ from swarmwright.analysis.after_evaluations import fitness_at
 from swarmwright.analysis.groups import flattened_of
 from swarmwright.analysis.option_columns import option_columns
 from swarmwright.analysis.table import effect_words, kruskal_words, lacking_rows, number, span
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import write_text
-from swarmwright.core.formatting import p_value
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import write_text
+from swarmwright.common.formatting import p_value
+from swarmwright.common.untrusted import one_line
 
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Comparison, Group, Pair

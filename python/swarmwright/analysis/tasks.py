@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from swarmwright.analysis.groups import RunGroup, names_of
-from swarmwright.core.formatting import shortened
+from swarmwright.common.formatting import shortened
 from swarmwright.experiment.robots import robot_of
 from swarmwright.experiment.settings import ANNOUNCED
 from swarmwright.runs.run import Run

@@ -4,7 +4,7 @@ import os
 import sys
 from urllib.parse import urlsplit
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 PREFIX_VARIABLE = "SWARMWRIGHT_PREFIX"
 """Environment variable of the topic prefix where nothing else names one."""

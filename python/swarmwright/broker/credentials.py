@@ -11,7 +11,7 @@ import os
 import re
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 SERVICE = "swarmwright"
 """Under this name the keyring has the passwords, of `USER@HOST:PORT` (`USER@PATH` for a Unix socket) or, for

@@ -24,7 +24,7 @@ from pathlib import Path
 
 from swarmwright import _engine
 from swarmwright.broker.address import PREFIX_VARIABLE
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 _LOGGER = logging.getLogger("swarmwright")
 

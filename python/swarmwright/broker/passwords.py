@@ -6,8 +6,8 @@ import tempfile
 from pathlib import Path
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import read_bytes
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import read_bytes
 
 
 def check_user(name: str) -> str:

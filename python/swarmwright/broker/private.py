@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 from swarmwright import _engine
 from swarmwright.broker.credentials import CREDENTIALS
-from swarmwright.core.errors import engine_errors
-from swarmwright.core.open_files import allow_more_open_files
+from swarmwright.common.errors import engine_errors
+from swarmwright.common.open_files import allow_more_open_files
 
 _PASSWORD_BYTES = 32
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from swarmwright.core.arguments import function
+from swarmwright.common.arguments import function
 from swarmwright.optimization.generation import goes_on
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.callbacks._base import Callback, figures, held_out
-from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.flatten import flat
+from swarmwright.common.arguments import checked
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.flatten import flat
 from swarmwright.runs import picture
 
 if TYPE_CHECKING:

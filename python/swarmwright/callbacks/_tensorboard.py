@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.callbacks._base import Callback, figures, held_out
-from swarmwright.core.arguments import path_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.yaml import dump
+from swarmwright.common.arguments import path_of
+from swarmwright.common.errors import InputError
+from swarmwright.common.yaml import dump
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from swarmwright.cli._output import Output
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 if TYPE_CHECKING:
     from swarmwright import _engine

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from swarmwright.core.suggestions import unknown
+from swarmwright.common.suggestions import unknown
 
 SECTIONS: dict[str, tuple[str, ...]] = {
     "Start": ("new", "import", "simulate", "schema"),
@@ -144,7 +144,7 @@ class Group(click.Group):
 def _print_version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
     if wanted and not context.resilient_parsing:
         from swarmwright import __version__
-        from swarmwright.core.revision import revision
+        from swarmwright.common.revision import revision
 
         commit = revision()
         click.echo(f"swarmwright {__version__}" + ("" if commit is None else f" (commit {commit})"))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from swarmwright.core import untrusted
+from swarmwright.common import untrusted
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -10,8 +10,8 @@ from typing import Self
 import click
 
 from swarmwright.analysis.sweep_folders import WRITTEN, runs_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.formatting import counted
+from swarmwright.common.errors import InputError
+from swarmwright.common.formatting import counted
 from swarmwright.runs.folders import is_run, remove_run
 from swarmwright.runs.run import Run
 from swarmwright.store.lock import is_locked

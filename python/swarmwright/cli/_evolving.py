@@ -23,8 +23,8 @@ from swarmwright.cli._validation import (
     validation_facts,
     validation_lines,
 )
-from swarmwright.core.errors import RunError
-from swarmwright.core.formatting import duration, rate
+from swarmwright.common.errors import RunError
+from swarmwright.common.formatting import duration, rate
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run

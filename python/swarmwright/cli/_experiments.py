@@ -18,7 +18,7 @@ def experiment_of(file: Path, settings: Sequence[str]) -> "Experiment":
     What of a session differs from FREVO is said on standard error. Raises InputError as their readers do.
     """
     from swarmwright import Experiment, InputError
-    from swarmwright.core.files import first_character
+    from swarmwright.common.files import first_character
 
     if first_character(file) != "<":  # nor is what reads sessions imported
         return Experiment.load(file, settings)

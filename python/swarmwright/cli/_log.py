@@ -14,8 +14,8 @@ import click
 
 from swarmwright.cli._output import finite
 from swarmwright.cli._parameter_types import WholeNumber
-from swarmwright.core.attempts import is_overtaken
-from swarmwright.core.errors import InputError
+from swarmwright.common.attempts import is_overtaken
+from swarmwright.common.errors import InputError
 
 if TYPE_CHECKING:
     from swarmwright.evaluation.reports import Report

@@ -11,8 +11,8 @@ import click
 from swarmwright.cli import _output
 from swarmwright.cli._commands import program
 from swarmwright.cli._signals import INTERRUPTED, terminate_like_interrupt
-from swarmwright.core import untrusted
-from swarmwright.core.open_files import more_open_files
+from swarmwright.common import untrusted
+from swarmwright.common.open_files import more_open_files
 from swarmwright.user_code.trust import asking
 
 FAILED = 1
@@ -79,7 +79,7 @@ def _status(arguments: Sequence[str] | None) -> int:
             _complain("interrupted")
             return INTERRUPTED
         if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
-            from swarmwright.core.files import not_utf8
+            from swarmwright.common.files import not_utf8
 
             _complain(not_utf8(error))
             return click.UsageError.exit_code
@@ -94,7 +94,7 @@ def _check_environment() -> None:
     """Raise InputError for a mistake in the variable that limits instruction sets."""
     if os.environ.get("SWARMWRIGHT_INSTRUCTIONS"):
         from swarmwright import _engine  # loads in 10 ms, not for --help
-        from swarmwright.core.errors import engine_errors
+        from swarmwright.common.errors import engine_errors
 
         with engine_errors():
             _engine.check_instructions()
@@ -190,7 +190,7 @@ def _show_error(error: BaseException) -> int:
     if isinstance(error, ModuleNotFoundError) and error.name in _LEFT_OUT:
         _complain(f"this needs the package {_LEFT_OUT[error.name]}: pip install {_LEFT_OUT[error.name]}")
         return click.UsageError.exit_code
-    plug_in_code = sys.modules.get("swarmwright.core.plug_in_code")  # not imported: then no plug-in has run
+    plug_in_code = sys.modules.get("swarmwright.common.plug_in_code")  # not imported: then no plug-in has run
     found = None if plug_in_code is None else plug_in_code.failure(error)
     if found is not None:
         _complain(str(found))

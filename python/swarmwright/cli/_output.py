@@ -1,6 +1,6 @@
 """Output of commands: rich on a terminal, plain lines when piped, one JSON object per line with `--json`.
 
-All output passes through here, and here it is escaped, see `swarmwright.core.untrusted`: any part of it
+All output passes through here, and here it is escaped, see `swarmwright.common.untrusted`: any part of it
 may be text of a peer or of a file. Layout is what the functions below make of their arguments: each `text`
 is one line, further lines of a message are indented. So text of others can never begin a line at the left
 margin.
@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, TextIO, cast
 
-from swarmwright.core import untrusted
+from swarmwright.common import untrusted
 
 if TYPE_CHECKING:
     from rich.console import Console

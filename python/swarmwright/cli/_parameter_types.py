@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import click
 
 from swarmwright.broker.address import broker_problem, prefix_problem
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.suggestions import did_you_mean
 
 LARGEST_ID = 2**63 - 1
 """Largest id of a server, in the protocol."""

@@ -8,7 +8,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Protocol
 
 from swarmwright.cli._output import Output
-from swarmwright.core.formatting import duration, rate
+from swarmwright.common.formatting import duration, rate
 from swarmwright.experiment.budget import Budget
 
 if TYPE_CHECKING:

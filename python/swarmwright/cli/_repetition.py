@@ -4,7 +4,7 @@ import math
 from typing import TYPE_CHECKING
 
 from swarmwright.cli._output import Output
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.untrusted import one_line
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Repeated, Run

@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.suggestions import unknown_key
+from swarmwright.common.errors import InputError
+from swarmwright.common.suggestions import unknown_key
 
 COLUMNS = (
     *("run", "state", "simulation", "controller", "method", "seed", "generations", "evaluations", "failed"),

@@ -17,11 +17,11 @@ from swarmwright.cli._validation import (
     validation_facts,
     validation_lines,
 )
-from swarmwright.core.attempts import TURN
-from swarmwright.core.formatting import counted, duration
-from swarmwright.core.machine_texts import controller_text
-from swarmwright.core.modules import is_modules, label_of
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.attempts import TURN
+from swarmwright.common.formatting import counted, duration
+from swarmwright.common.machine_texts import controller_text
+from swarmwright.common.modules import is_modules, label_of
+from swarmwright.common.untrusted import one_line
 from swarmwright.user_code.copying import display_name
 
 if TYPE_CHECKING:
@@ -396,7 +396,7 @@ def _audit_words(audit: Mapping[str, int]) -> str:
 
 def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines of a state machine or behaviour tree, for a team of each group's controller."""
-    from swarmwright.core.teams import parts_of
+    from swarmwright.common.teams import parts_of
     from swarmwright.representations.controller import controller_words
 
     if is_modules(specification):

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from swarmwright.cli._output import Output, complain
-from swarmwright.core.formatting import counted
+from swarmwright.common.formatting import counted
 
 
 def with_sweeps(folders: list[Path]) -> list[tuple[Path, bool]]:

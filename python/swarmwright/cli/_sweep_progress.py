@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
 from swarmwright.cli._progress import PATIENCE_S
-from swarmwright.core.formatting import counted, duration
+from swarmwright.common.formatting import counted, duration
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult

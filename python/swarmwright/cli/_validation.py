@@ -4,11 +4,11 @@ import shlex
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.untrusted import one_line
 
 if TYPE_CHECKING:
     from swarmwright import ControllerEvaluation, PostEvaluation, Run, Transfer, Validation
-    from swarmwright.core.statistics import Estimate
+    from swarmwright.common.statistics import Estimate
 
 
 def validation_lines(found: "Validation", run: "Run") -> Iterator[str]:

@@ -6,8 +6,8 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from swarmwright.cli._output import complain
-from swarmwright.core.message_kinds import kind_of
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.message_kinds import kind_of
+from swarmwright.common.untrusted import one_line
 
 if TYPE_CHECKING:
     from swarmwright.evaluation.reports import Report

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from swarmwright.broker.watching import SILENCE, ServerRow, ToolRow, View, views, words
 from swarmwright.cli._output import Output
-from swarmwright.core.formatting import duration
+from swarmwright.common.formatting import duration
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType, RenderResult

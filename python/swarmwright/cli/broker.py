@@ -21,7 +21,7 @@ from swarmwright.cli._options import json_option
 from swarmwright.cli._output import Output
 from swarmwright.cli._parameter_types import ExistingPath, Prefix, WholeNumber
 from swarmwright.cli._reloading import hangups, reload
-from swarmwright.core.open_files import allow_more_open_files
+from swarmwright.common.open_files import allow_more_open_files
 
 if TYPE_CHECKING:
     from swarmwright import _engine

@@ -16,8 +16,8 @@ from swarmwright.cli._commands import Command, Group
 from swarmwright.cli._options import json_option
 from swarmwright.cli._output import Output, aside
 from swarmwright.cli._parameter_types import LARGEST_ID, OutputFile, RealNumber, WholeNumber
-from swarmwright.core.errors import InputError
-from swarmwright.core.json_text import loads
+from swarmwright.common.errors import InputError
+from swarmwright.common.json_text import loads
 
 if TYPE_CHECKING:
     from swarmwright.conformance.results import Report, Result

@@ -45,7 +45,7 @@ def command(
     Names, causalities and units of connections are checked. The system is a simulation: `simulation:
     FILE.ssp`.
     """
-    from swarmwright.core.errors import InputError
+    from swarmwright.common.errors import InputError
     from swarmwright.fmu.coupling import component_files, coupled
 
     said = Output(as_json=as_json)

@@ -98,7 +98,7 @@ def _described(simulation: str | None, parameters: dict[str, Any] | None = None)
 def _described_by_run(run: "Run", generation: int) -> dict[str, Any] | None:
     """Return the description of a run's simulation; None if its code cannot or may not be executed."""
     from swarmwright import InputError
-    from swarmwright.core.warn_once import warn_once
+    from swarmwright.common.warn_once import warn_once
     from swarmwright.runs.code import used_for
 
     try:

@@ -28,7 +28,7 @@ from swarmwright.cli._server_output import server_output_option
 
 if TYPE_CHECKING:
     from swarmwright import ControllerEvaluation, PostEvaluation
-    from swarmwright.core.statistics import Estimate
+    from swarmwright.common.statistics import Estimate
 
 
 NOT_EVALUATED = (
@@ -382,7 +382,7 @@ def _span(found: "ControllerEvaluation") -> str:
 
 
 def _show_metrics(output: Output, found: "ControllerEvaluation") -> None:
-    from swarmwright.core.statistics import estimate
+    from swarmwright.common.statistics import estimate
 
     for name, values in found.metrics.items():
         known = [value for value in values.tolist() if math.isfinite(value)]

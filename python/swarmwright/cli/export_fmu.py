@@ -96,7 +96,7 @@ def command(
     parameters of the FMU, actuators inputs, sensors, fitness and metrics outputs. How many agents there are
     is decided by the parameters at the export.
     """
-    from swarmwright.core.errors import InputError
+    from swarmwright.common.errors import InputError
     from swarmwright.experiment.derived import with_environment
     from swarmwright.export.proxy_model import Address, proxy_model
     from swarmwright.export.simulation_fmu import model_fmu
@@ -137,7 +137,7 @@ def command(
 def _experiment(simulation: str, settings: tuple[str, ...], *, proxy: bool) -> "Experiment":
     """Return the experiment of the argument. Raises InputError."""
     from swarmwright import Experiment
-    from swarmwright.core.errors import InputError
+    from swarmwright.common.errors import InputError
     from swarmwright.simulations.catalogue import is_described, parameter_names, titles
 
     if simulation in titles():

@@ -93,7 +93,7 @@ def command(
         if value is not None:
             raise click.UsageError(f"{option} is for FREVO sessions; a drawn model has none.")
     from swarmwright import models
-    from swarmwright.core.files import write_text
+    from swarmwright.common.files import write_text
 
     imported = models.load(found, target=target, **replaced)
     for note in imported.notes:
@@ -128,7 +128,7 @@ def _import_session(file: Path, target: Path | None, *, field: Path | None, **re
 
 def _write(yaml: str, target: Path | None) -> None:
     """Write an experiment to a file, or print it."""
-    from swarmwright.core.files import write_text
+    from swarmwright.common.files import write_text
 
     if target is None:
         document(yaml)

@@ -105,7 +105,7 @@ def _asked(metrics: tuple[str, ...]) -> "Names | None":
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str, metrics: "Names | None") -> None:
     from swarmwright import InputError, Run
-    from swarmwright.core.formatting import counted
+    from swarmwright.common.formatting import counted
     from swarmwright.figures import style
     from swarmwright.figures.metrics import draw as of_metrics
     from swarmwright.figures.run import draw

@@ -28,7 +28,7 @@ from swarmwright.cli._pictures import (
     shown_parts,
     where,
 )
-from swarmwright.core.errors import engine_errors
+from swarmwright.common.errors import engine_errors
 
 if TYPE_CHECKING:
     from swarmwright.display import Shown

@@ -12,7 +12,7 @@ from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._parameter_types import ExistingPath, FiniteNumber, OutputFile, SaveOption
 from swarmwright.cli._run_filters import COLUMNS, Condition, ConditionType, in_order, selected
 from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
-from swarmwright.core.formatting import counted
+from swarmwright.common.formatting import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -63,7 +63,7 @@ def list_(
     the fitness of their best candidate on held-out seeds, and runs with failed evaluations their number.
     """
     from swarmwright import InputError, Run
-    from swarmwright.core.flatten import flat
+    from swarmwright.common.flatten import flat
     from swarmwright.runs.folders import RUNS
     from swarmwright.store import FILE, StoreReader
 

@@ -197,8 +197,8 @@ def _named(simulation: str) -> str:
     """Return the name of a simulation, that of the experiment where it is a file."""
     if Path(simulation).suffix not in {".yaml", ".yml"}:
         return simulation
-    from swarmwright.core.errors import InputError
-    from swarmwright.core.simulation_names import is_command
+    from swarmwright.common.errors import InputError
+    from swarmwright.common.simulation_names import is_command
     from swarmwright.experiment.commands import missing
     from swarmwright.experiment.derived import place_of
     from swarmwright.experiment.experiment import Experiment
@@ -212,7 +212,7 @@ def _named(simulation: str) -> str:
 
 def _title(simulation: str) -> str:
     """The title of the offered simulation; errors are reported before any server is started."""
-    from swarmwright.core.simulation_names import is_python
+    from swarmwright.common.simulation_names import is_python
     from swarmwright.simulations import catalogue
 
     if is_python(simulation):

@@ -20,7 +20,7 @@ from swarmwright.cli._options import json_option, servers_option, set_option, tr
 from swarmwright.cli._output import Output, complain, show_warnings
 from swarmwright.cli._parameter_types import ExistingPath, OutputOption, Servers, WholeNumber
 from swarmwright.cli._signals import INTERRUPTED
-from swarmwright.core.formatting import counted
+from swarmwright.common.formatting import counted
 
 if TYPE_CHECKING:
     from swarmwright.analysis.sweep import Outcome

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from swarmwright.core.temporary import remove
+from swarmwright.common.temporary import remove
 
 _KEPT = 32
 """Builds that are kept, the ones used last."""

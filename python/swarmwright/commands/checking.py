@@ -9,11 +9,11 @@ from pydantic import ValidationError
 from swarmwright.commands.definition import CommandOptions, Definition
 from swarmwright.commands.fmu_definition import FmuOptions
 from swarmwright.commands.ros_definition import RosOptions
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import check_utf8
-from swarmwright.core.problems import model_at, problems_of
-from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.yaml import Path_, dotted_path
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import check_utf8
+from swarmwright.common.problems import model_at, problems_of
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.yaml import Path_, dotted_path
 
 KINDS: Mapping[str, type[Definition]] = {
     SimulationName.COMMAND: CommandOptions,

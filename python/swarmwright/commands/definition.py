@@ -21,11 +21,11 @@ from pydantic import (
 
 from swarmwright.commands import work_files
 from swarmwright.commands.reductions import Reduction
-from swarmwright.core import metric_names
-from swarmwright.core.options import Options
-from swarmwright.core.problems import shown
-from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.yaml import Path_
+from swarmwright.common import metric_names
+from swarmwright.common.options import Options
+from swarmwright.common.problems import shown
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.yaml import Path_
 
 _SHELL = frozenset({">", ">>", "<", "|", "||", "&", "&&", ";", "2>&1", "2>"})
 STANDARD_OUTPUT = "stdout"

@@ -4,8 +4,8 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, WithJsonSchema, field_validator, model_validator
 
-from swarmwright.core.options import Options
-from swarmwright.core.problems import shown
+from swarmwright.common.options import Options
+from swarmwright.common.problems import shown
 from swarmwright.fmu.layout import AGENT
 
 

@@ -4,10 +4,10 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import shown
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.yaml import Path_
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import shown
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.yaml import Path_
 from swarmwright.fmu.description import STRUCTURAL, Description, Variable, flat, runs_here
 from swarmwright.fmu.layout import AGENT
 from swarmwright.fmu.ssp import ENDING, VERSION

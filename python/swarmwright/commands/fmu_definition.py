@@ -13,9 +13,9 @@ from swarmwright.commands.definition import CommandOptions, Definition
 from swarmwright.commands.fmu_channels import Channel, Channels
 from swarmwright.commands.fmu_checks import MOST
 from swarmwright.commands.reductions import Reduction
-from swarmwright.core import metric_names
-from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.yaml import Path_
+from swarmwright.common import metric_names
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.yaml import Path_
 from swarmwright.fmu.description import (
     NEEDS,
     Description,

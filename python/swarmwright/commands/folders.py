@@ -7,9 +7,9 @@ import os
 import socket
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.message_kinds import kind_of
-from swarmwright.core.temporary import private_place, remove
+from swarmwright.common.errors import InputError
+from swarmwright.common.message_kinds import kind_of
+from swarmwright.common.temporary import private_place, remove
 
 _PORTS, _EACH = 21_000, 20
 """First port, and how many belong to an instance."""

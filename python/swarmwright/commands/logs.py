@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 from swarmwright.commands import bags, units
 from swarmwright.commands.definition import STANDARD_OUTPUT
 from swarmwright.commands.failure import CommandFailure
-from swarmwright.core.formatting import counted
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.formatting import counted
+from swarmwright.common.suggestions import did_you_mean
 
 
 class Problem(NamedTuple):

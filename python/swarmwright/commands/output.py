@@ -5,7 +5,7 @@ import sys
 import time
 from collections import deque
 
-from swarmwright.core.formatting import counted
+from swarmwright.common.formatting import counted
 
 LINES, _LINE = 20, 400
 """Lines that are kept of the end, and characters of each."""

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.commands.logs import flat
-from swarmwright.core.errors import InputError
-from swarmwright.core.yaml import dump, read
+from swarmwright.common.errors import InputError
+from swarmwright.common.yaml import dump, read
 
 FILES = {"yaml": "parameters.yaml", "json": "parameters.json", "ros2": "parameters.yaml"}
 """Names of the files in the work folder, by their format."""

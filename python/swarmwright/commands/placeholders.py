@@ -13,10 +13,10 @@ from functools import lru_cache
 from typing import Any
 
 from swarmwright.commands.programs import runs_code, runs_others
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import shown
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.untrusted import leads_elsewhere
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import shown
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.untrusted import leads_elsewhere
 
 _NAME = r"[A-Za-z_][\w.\-/]*"
 _PLACE = re.compile(rf"\{{\{{{_NAME}\}}\}}|(?<!\$)\{{({_NAME})\}}")

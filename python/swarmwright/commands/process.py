@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.commands.failure import CommandFailure
-from swarmwright.core import hash_seed
-from swarmwright.core.suggestions import did_you_mean, nearest
+from swarmwright.common import hash_seed
+from swarmwright.common.suggestions import did_you_mean, nearest
 
 KEEPER = Path(__file__).with_name("keeper.py")
 _LARGEST_MESSAGE_BYTES = 1 << 20

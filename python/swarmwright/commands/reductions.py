@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.ros.reductions import FUNCTIONS
 
 _FORM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\(\s*(.+?)\s*\))?\s*")

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.commands.ros_sections import GET_ENTITIES_STATES, RESET_SIMULATION, SPAWN_ENTITY
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.yaml import Path_, dotted_path
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.yaml import Path_, dotted_path
 from swarmwright.ros.fields import READERS, STATES, WRITERS, SameFieldError, reader, writers
 from swarmwright.ros.mapping import MappingError, choice, read_mapping, short_type
 from swarmwright.ros.names import resolve

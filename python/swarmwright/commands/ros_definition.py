@@ -20,10 +20,10 @@ from swarmwright.commands.ros_sections import (
     Spawn,
     Step,
 )
-from swarmwright.core import metric_names
-from swarmwright.core.problems import shown
-from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.yaml import Path_
+from swarmwright.common import metric_names
+from swarmwright.common.problems import shown
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.yaml import Path_
 from swarmwright.ros.names import namespace_of
 
 _TRIGGERS = ("std_srvs/Trigger", "std_srvs/Empty")

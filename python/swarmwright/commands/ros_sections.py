@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from swarmwright.commands.definition import Command
-from swarmwright.core.options import Options
-from swarmwright.core.problems import shown
+from swarmwright.common.options import Options
+from swarmwright.common.problems import shown
 from swarmwright.ros.reductions import FUNCTIONS
 
 _INTERVAL = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}

@@ -38,7 +38,7 @@ from swarmwright.commands.output import Printed
 from swarmwright.commands.process import Ended, Processes
 from swarmwright.commands.running import Limits, Watch, check_end
 from swarmwright.commands.second_answers import ID, Looks, MessageIds
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.untrusted import one_line
 
 _LONGEST_WARNING = 1000
 """Characters of a command's warning that are logged."""

@@ -5,7 +5,7 @@ import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 LARGEST_BYTES = 1 << 26
 """Bytes of one file of a simulation; larger ones are not copied into run folders."""

@@ -5,7 +5,7 @@
 
 from importlib.util import find_spec
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 if find_spec("paho") is None or find_spec("msgpack") is None:
     raise InputError(

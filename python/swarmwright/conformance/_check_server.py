@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
+from swarmwright.common.errors import InputError, RunError
 from swarmwright.conformance._broker import OPEN, open_broker
 from swarmwright.conformance._client import PRESENCE, TO_TOOL, Client
 from swarmwright.conformance._process import Process
@@ -14,7 +15,6 @@ from swarmwright.conformance._server_under_test import Settings
 from swarmwright.conformance.results import Report, Result
 from swarmwright.conformance.rules import Profile, Rule
 from swarmwright.conformance.server import RULES
-from swarmwright.core.errors import InputError, RunError
 
 GUESSES = (2.0, 3.0, 1.0)
 """Dimensions that a server is asked for by default."""

@@ -18,8 +18,8 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
 from swarmwright import _engine
+from swarmwright.common.errors import InputError, RunError, engine_errors
 from swarmwright.conformance.rules import Failure
-from swarmwright.core.errors import InputError, RunError, engine_errors
 
 TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", "fitness")
 PRESENCE = "swarmwright/v1/presence/"

@@ -10,13 +10,13 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.errors import InputError
+from swarmwright.common.random_numbers import Streams
 from swarmwright.conformance._client import TO_TOOL, Message, shown
 from swarmwright.conformance._json import Json
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Steer
 from swarmwright.conformance.rules import Failure, Skip
-from swarmwright.core.errors import InputError
-from swarmwright.core.random_numbers import Streams
 from swarmwright.representations import REPRESENTATIONS
 
 TOOL = "conformance/a"

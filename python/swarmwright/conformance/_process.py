@@ -9,8 +9,8 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Mapping
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.errors import InputError
+from swarmwright.common.suggestions import did_you_mean
 
 _PLACEHOLDER = re.compile(r"(?<!\$)\{([A-Za-z_]\w*)\}")
 """A word in braces, but for variables of a shell."""

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.random_numbers import Streams
 from swarmwright.conformance._json import Json
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.core.random_numbers import Streams
 
 NORMAL = "normal"
 REAL = ("layered", "fully_meshed", "evostick", "hebbian")

@@ -4,8 +4,8 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
+from swarmwright.common.untrusted import lines, one_line
 from swarmwright.conformance.rules import OWNERS, owner
-from swarmwright.core.untrusted import lines, one_line
 
 Status = Literal["passed", "failed", "died", "skipped", "not run"]
 BAD: tuple[Status, ...] = ("failed", "died")

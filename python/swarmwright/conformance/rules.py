@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.errors import InputError
+from swarmwright.common.suggestions import did_you_mean
 
 Side = Literal["server", "optimizer"]
 Profile = Literal["d6.1", "all"]

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from swarmwright.common.untrusted import lines
 from swarmwright.conformance.results import BAD, Report, Result, by_source, conclusion, explained
 from swarmwright.conformance.rules import Rule
-from swarmwright.core.untrusted import lines
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

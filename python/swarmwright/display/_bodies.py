@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from swarmwright.display._scene import Body, Ray, Scene
 
 if TYPE_CHECKING:
-    from swarmwright.core.engine_types import BodyArrays, RayArrays, SceneArrays
+    from swarmwright.common.engine_types import BodyArrays, RayArrays, SceneArrays
 
 Numbers = NDArray[np.float32]
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from swarmwright.core.engine_types import SceneFields
+from swarmwright.common.engine_types import SceneFields
 from swarmwright.display._bodies import Bodies, scene_of
 from swarmwright.display._scene import Scene
 from swarmwright.display._trace import Trace, Tracer

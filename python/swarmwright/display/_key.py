@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.core.state_colors import state_color
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Recording
 from swarmwright.display._look import (
@@ -29,6 +28,7 @@ from swarmwright.display._robots import LINK_WIDTH, RAY_WIDTH
 from swarmwright.display._scene import Scale, Scene
 from swarmwright.display._shown import Shown
 from swarmwright.display._trace import states_of
+from swarmwright.display.state_colors import state_color
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.state_colors import DISTINCT_STATES, STATE_COLORS, state_color
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._scene import Patch, Scene, Style
+from swarmwright.display.state_colors import DISTINCT_STATES, STATE_COLORS, state_color
 
 # Okabe and Ito's palette, safe for colour-blind readers.
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#8C8C8C"

@@ -7,11 +7,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.machine_texts import condition_words, name_of, words_of
-from swarmwright.core.modules import State, is_modules, is_tree, states_of
-from swarmwright.core.state_colors import colored_states
-from swarmwright.core.teams import is_team, parts_of
+from swarmwright.common.machine_texts import condition_words, name_of, words_of
+from swarmwright.common.modules import State, is_modules, is_tree, states_of
+from swarmwright.common.teams import is_team, parts_of
 from swarmwright.display._bodies import Bodies
+from swarmwright.display.state_colors import colored_states
 
 
 def groups_of(specification: Mapping[str, Any]) -> list[dict[str, Any]] | None:

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from swarmwright.core.groups import Kind
-from swarmwright.core.teams import is_team
+from swarmwright.common.groups import Kind
+from swarmwright.common.teams import is_team
 from swarmwright.display._episode import Recording
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
-from swarmwright.core.engine_types import (
+from swarmwright.common.engine_types import (
     BodyFields,
     PatchFields,
     RayFields,
@@ -15,7 +15,7 @@ from swarmwright.core.engine_types import (
 )
 
 if TYPE_CHECKING:
-    from swarmwright.core.engine_types import LightFields, WallFields
+    from swarmwright.common.engine_types import LightFields, WallFields
 
 Point = tuple[float, float]
 """x and y, in the scene's unit."""

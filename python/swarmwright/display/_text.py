@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.state_colors import state_color
 from swarmwright.display._bodies import Bodies, scene_of
 from swarmwright.display._look import BORDER, lightened, mixed, rgb
 from swarmwright.display._scene import Scene
 from swarmwright.display._trace import states_of
+from swarmwright.display.state_colors import state_color
 
 SIGNS = "0123456789abcdefghijklmnopqrstuvwxyz"
 """What stands for states 0, 1, .. on a map without colours; the last one also for all after it."""

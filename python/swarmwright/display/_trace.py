@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import RunError, engine_errors
+from swarmwright.common.errors import RunError, engine_errors
 
 MOST_NUMBERS = 30_000_000
 """Sensors and actuators that are kept of an episode: 120 MB. With more agents, those of the first ones."""

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.core.plain_figures import plain
-from swarmwright.core.state_colors import state_color
+from swarmwright.common.plain_figures import plain
 from swarmwright.display import _robots
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Recording
@@ -32,6 +31,7 @@ from swarmwright.display._machine import StateColors
 from swarmwright.display._part import Part
 from swarmwright.display._scene import Scene
 from swarmwright.display._shown import Shown
+from swarmwright.display.state_colors import state_color
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.plain_figures import warning_of_letters
-from swarmwright.core.teams import is_team
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import InputError
+from swarmwright.common.plain_figures import warning_of_letters
+from swarmwright.common.teams import is_team
+from swarmwright.common.warn_once import warn_once
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._caption import Caption
 from swarmwright.display._episode import Recording

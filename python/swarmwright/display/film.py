@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.common.errors import InputError, RunError
 from swarmwright.display._caption import Caption
 from swarmwright.display._frames import in_between, pace
 from swarmwright.display._part import Part

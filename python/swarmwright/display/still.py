@@ -3,7 +3,7 @@
 import io
 from pathlib import Path
 
-from swarmwright.core.plain_figures import plain
+from swarmwright.common.plain_figures import plain
 from swarmwright.display._caption import Caption
 from swarmwright.display._part import Part
 from swarmwright.display._shown import Shown

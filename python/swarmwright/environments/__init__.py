@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 if TYPE_CHECKING:
     from swarmwright.environments._parallel import SwarmEnv

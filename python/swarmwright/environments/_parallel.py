@@ -11,8 +11,8 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
-from swarmwright.core.arguments import simulation_seed
-from swarmwright.core.errors import InputError
+from swarmwright.common.arguments import simulation_seed
+from swarmwright.common.errors import InputError
 from swarmwright.environments._world import OfWorld, World
 
 _Sensed = dict[str, NDArray[np.float32]]

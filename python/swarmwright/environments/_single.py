@@ -10,8 +10,8 @@ import numpy as np
 from gymnasium.spaces import Space
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import simulation_seed
-from swarmwright.core.errors import InputError
+from swarmwright.common.arguments import simulation_seed
+from swarmwright.common.errors import InputError
 from swarmwright.environments._world import OfWorld, World
 
 

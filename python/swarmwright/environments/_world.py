@@ -9,10 +9,10 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import simulation_seed
-from swarmwright.core.arrays import float32_of
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.simulation_names import is_python
+from swarmwright.common.arguments import simulation_seed
+from swarmwright.common.arrays import float32_of
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.simulation_names import is_python
 from swarmwright.display import Recording
 from swarmwright.display.drawing import Picture
 from swarmwright.evaluation.episodes import DrawnEpisodes, EpisodeSequence, fitness_and_faults

@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.engine_types import AttemptRow
-from swarmwright.core.errors import InputError, PlugInError, SimulationError
-from swarmwright.core.plug_in_code import is_plug_in, numbers, place
-from swarmwright.core.server_use import ServerUses
-from swarmwright.core.yaml import dotted_path
+from swarmwright.common.engine_types import AttemptRow
+from swarmwright.common.errors import InputError, PlugInError, SimulationError
+from swarmwright.common.plug_in_code import is_plug_in, numbers, place
+from swarmwright.common.server_use import ServerUses
+from swarmwright.common.typing import Genomes
+from swarmwright.common.yaml import dotted_path
 from swarmwright.experiment.document import MOST_SERVERS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.launchers.entries import WORDS, Entries, entries_of, of_text, with_files
 from swarmwright.representations import Representation
 from swarmwright.store import Journal, WarningEntry
-from swarmwright.typing import Genomes
 
 Servers = int | str | Mapping[str, Any] | Sequence[Any]
 """What a caller asks for, as in an experiment file: 4, "auto", "slurm:4", {"launcher": "slurm", ..}."""

@@ -3,8 +3,8 @@
 import re
 from collections.abc import Callable
 
-from swarmwright.core.errors import RunError, SimulationError, reworded
-from swarmwright.core.untrusted import lines, one_line
+from swarmwright.common.errors import RunError, SimulationError, reworded
+from swarmwright.common.untrusted import lines, one_line
 from swarmwright.store import Journal
 from swarmwright.store.rows import IN_PROCESS
 

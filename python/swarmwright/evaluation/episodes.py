@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
-from swarmwright.core.arguments import checked, function, listed, mapping, simulation_seed
-from swarmwright.core.arrays import float32_of
-from swarmwright.core.by_value import same
-from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.processes import use_threads
+from swarmwright.common.arguments import checked, function, listed, mapping, simulation_seed
+from swarmwright.common.arrays import float32_of
+from swarmwright.common.by_value import same
+from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.processes import use_threads
 from swarmwright.display import Caption, Recording, Scene
 from swarmwright.display.files import save
 from swarmwright.display.pictures import Pictures

@@ -10,14 +10,14 @@ from typing import Any, Literal, SupportsIndex
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmwright.core.arguments import checked, instance, simulation_seed
-from swarmwright.core.arrays import float32_of
-from swarmwright.core.by_value import ComparedByValue
-from swarmwright.core.errors import InputError
-from swarmwright.core.plug_in_code import reported
-from swarmwright.core.random_numbers import Stream
-from swarmwright.core.simulation_names import is_python
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.arguments import checked, instance, simulation_seed
+from swarmwright.common.arrays import float32_of
+from swarmwright.common.by_value import ComparedByValue
+from swarmwright.common.errors import InputError
+from swarmwright.common.plug_in_code import reported
+from swarmwright.common.random_numbers import Stream
+from swarmwright.common.simulation_names import is_python
+from swarmwright.common.untrusted import one_line
 from swarmwright.evaluation.base import HERE, Backend, Controllers, Progress, Results, Servers
 from swarmwright.evaluation.code_failures import failed
 from swarmwright.evaluation.here import is_here

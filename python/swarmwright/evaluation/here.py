@@ -1,9 +1,9 @@
 """Whether an experiment is evaluated in this process, and whether its simulation can run here."""
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.notebook import in_notebook
-from swarmwright.core.simulation_names import SIMULATORS, is_command, is_python, simulator_file
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import InputError
+from swarmwright.common.notebook import in_notebook
+from swarmwright.common.simulation_names import SIMULATORS, is_command, is_python, simulator_file
+from swarmwright.common.warn_once import warn_once
 from swarmwright.evaluation.base import (
     HERE,
     Servers,

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core import hash_seed
-from swarmwright.core.engine_types import AttemptRow
-from swarmwright.core.errors import SimulationError, engine_errors
-from swarmwright.core.processes import use_threads
-from swarmwright.core.server_use import ServerUses
-from swarmwright.core.untrusted import one_line
+from swarmwright.common import hash_seed
+from swarmwright.common.engine_types import AttemptRow
+from swarmwright.common.errors import SimulationError, engine_errors
+from swarmwright.common.processes import use_threads
+from swarmwright.common.server_use import ServerUses
+from swarmwright.common.untrusted import one_line
 from swarmwright.evaluation.base import (
     FIRST,
     AuditedEpisode,

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.errors import RunError, engine_errors
-from swarmwright.core.processes import use_threads
+from swarmwright.common.errors import RunError, engine_errors
+from swarmwright.common.processes import use_threads
 from swarmwright.modules.stepping import Robots
 
 LANES = 256

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Literal
 
-from swarmwright.core.arguments import listed, text
-from swarmwright.core.errors import InputError
-from swarmwright.core.suggestions import unknown
+from swarmwright.common.arguments import listed, text
+from swarmwright.common.errors import InputError
+from swarmwright.common.suggestions import unknown
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from swarmwright.core import modules
-from swarmwright.core.errors import InputError
-from swarmwright.core.modules import PYTHON_KIND, Catalogue, Module
-from swarmwright.core.simulation_names import SimulationName
+from swarmwright.common import modules
+from swarmwright.common.errors import InputError
+from swarmwright.common.modules import PYTHON_KIND, Catalogue, Module
+from swarmwright.common.simulation_names import SimulationName
 from swarmwright.modules import Condition
 from swarmwright.modules.registered import REGISTRIES, module, name_of
 from swarmwright.simulations.loading import code_in

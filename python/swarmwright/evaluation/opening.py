@@ -13,11 +13,11 @@ from swarmwright.broker.address import broker_problem
 from swarmwright.broker.credentials import check_environment, prepare
 from swarmwright.broker.private import start_private
 from swarmwright.broker.waiting import connect_with_retries
-from swarmwright.core.engine_types import Faults, Requirements, Timeouts
-from swarmwright.core.errors import InputError, RunError, engine_errors
-from swarmwright.core.modules import ACTUATORS, SENSORS
-from swarmwright.core.server_use import ServerUses
-from swarmwright.core.simulation_names import is_command, is_python
+from swarmwright.common.engine_types import Faults, Requirements, Timeouts
+from swarmwright.common.errors import InputError, RunError, engine_errors
+from swarmwright.common.modules import ACTUATORS, SENSORS
+from swarmwright.common.server_use import ServerUses
+from swarmwright.common.simulation_names import is_command, is_python
 from swarmwright.evaluation.base import (
     HERE,
     Backend,

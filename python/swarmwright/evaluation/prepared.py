@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.processes import use_threads
+from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.processes import use_threads
+from swarmwright.common.typing import Fitness
 from swarmwright.evaluation.base import Progress
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.evaluation.seeds import seeds_of
@@ -18,7 +19,6 @@ from swarmwright.experiment.unavailable import ranking_of
 from swarmwright.rankings.absolute import Absolute
 from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.simulations import catalogue
-from swarmwright.typing import Fitness
 
 _MOST_EXPERIMENTS = 16
 """Experiments that are kept."""

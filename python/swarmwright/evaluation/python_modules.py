@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from swarmwright import _engine
-from swarmwright.core.errors import RunError, SimulationError
-from swarmwright.core.modules import PYTHON_KIND
-from swarmwright.core.simulation_names import is_python
+from swarmwright.common.errors import RunError, SimulationError
+from swarmwright.common.modules import PYTHON_KIND
+from swarmwright.common.simulation_names import is_python
 from swarmwright.evaluation.base import Controllers, Progress, Results
 from swarmwright.evaluation.code_failures import CodeFailures
 from swarmwright.evaluation.in_process import InProcessBackend, PythonBackend

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from swarmwright import _engine
 from swarmwright.broker.credentials import prepare
 from swarmwright.broker.waiting import connect_with_retries
-from swarmwright.core.errors import RunError, engine_errors
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.errors import RunError, engine_errors
+from swarmwright.common.untrusted import one_line
 from swarmwright.display import Playable, Recording, record
 from swarmwright.experiment.derived import with_environment
 from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:
-    from swarmwright.core.engine_types import Requirements
+    from swarmwright.common.engine_types import Requirements
     from swarmwright.experiment.experiment import Experiment
 
 Result = TypeVar("Result")

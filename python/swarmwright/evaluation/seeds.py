@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.core.errors import InputError, PlugInError
-from swarmwright.core.plug_in_code import is_plug_in, place
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.errors import InputError, PlugInError
+from swarmwright.common.plug_in_code import is_plug_in, place
+from swarmwright.common.untrusted import one_line
 from swarmwright.rankings import Ranking
 
 

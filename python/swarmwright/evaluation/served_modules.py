@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core import modules
-from swarmwright.core.errors import InputError, RunError, SimulationError
-from swarmwright.core.modules import Module
-from swarmwright.core.tracebacks import is_installed
+from swarmwright.common import modules
+from swarmwright.common.errors import InputError, RunError, SimulationError
+from swarmwright.common.modules import Module
+from swarmwright.common.tracebacks import is_installed
 from swarmwright.evaluation.machines import LANES, MachineEvaluations
 from swarmwright.evaluation.module_code import ROLES, offered, sha256_of
 from swarmwright.modules.played import PlayedEpisode

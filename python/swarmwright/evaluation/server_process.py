@@ -32,7 +32,7 @@ from typing import Any
 
 from swarmwright import _engine
 from swarmwright.broker.waiting import connect_with_retries
-from swarmwright.core.errors import SwarmwrightError, engine_errors
+from swarmwright.common.errors import SwarmwrightError, engine_errors
 from swarmwright.simulations import catalogue
 from swarmwright.supervision.marked_output import mark_output
 from swarmwright.supervision.process import STACK_SIGNAL

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright import _engine
-from swarmwright.core.arguments import simulation_seed
-from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.arguments import simulation_seed
+from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.random_numbers import Stream
 from swarmwright.display import Caption, Part, Playable, Recording, record
 from swarmwright.display.files import save
 from swarmwright.display.pictures import Pictured, PictureRecording

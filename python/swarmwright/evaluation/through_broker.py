@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core import hash_seed
-from swarmwright.core.engine_types import AttemptRow, Report
-from swarmwright.core.errors import RunError, SimulationError, engine_errors
-from swarmwright.core.server_use import ServerUses
-from swarmwright.core.simulation_names import is_command
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common import hash_seed
+from swarmwright.common.engine_types import AttemptRow, Report
+from swarmwright.common.errors import RunError, SimulationError, engine_errors
+from swarmwright.common.server_use import ServerUses
+from swarmwright.common.simulation_names import is_command
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.evaluation import reports
 from swarmwright.evaluation.base import (
     FIRST,

@@ -4,7 +4,7 @@ import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
 
-from swarmwright.core.engine_types import AttemptRow
+from swarmwright.common.engine_types import AttemptRow
 from swarmwright.evaluation.reports import WARNINGS, Report
 from swarmwright.store import Journal, WarningEntry
 

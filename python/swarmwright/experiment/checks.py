@@ -6,13 +6,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from swarmwright.core import suggestions
-from swarmwright.core.errors import InputError
-from swarmwright.core.options import Options
-from swarmwright.core.problems import MISSING, Report, problems_of, shown
-from swarmwright.core.registry import Registry
-from swarmwright.core.simulation_names import is_command
-from swarmwright.core.yaml import Path_
+from swarmwright.common import suggestions
+from swarmwright.common.errors import InputError
+from swarmwright.common.options import Options
+from swarmwright.common.problems import MISSING, Report, problems_of, shown
+from swarmwright.common.registry import Registry
+from swarmwright.common.simulation_names import is_command
+from swarmwright.common.yaml import Path_
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked, Document, Requirements
 from swarmwright.experiment.evolved import problems
 from swarmwright.experiment.fitness import FitnessExpression
@@ -20,7 +20,7 @@ from swarmwright.experiment.parameter_checks import check_parameters
 from swarmwright.experiment.ranking_checks import check_ranking
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS, MethodOptions
-from swarmwright.plug_ins import REGISTRIES
+from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.representations import Representation
 from swarmwright.representations.parameter_set import ParameterSetOptions
 from swarmwright.representations.team import TeamOptions, check_counts, most, with_groups

@@ -20,12 +20,12 @@ from swarmwright.commands.definition import CommandOptions, Definition
 from swarmwright.commands.fmu_definition import FmuOptions
 from swarmwright.commands.placeholders import IN_A_COMMAND, Template, Values, is_choice, names_in
 from swarmwright.commands.ros_definition import OF_AN_INSTANCE, RosOptions
-from swarmwright.core.problems import Report, shown
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.yaml import Path_
+from swarmwright.common.problems import Report, shown
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.yaml import Path_
 from swarmwright.experiment.expression import ExpressionError
 from swarmwright.experiment.fitness import OWN, FitnessExpression
-from swarmwright.plug_ins import REGISTRIES
+from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.representations.parameter_set import CategoricalParameter, ParameterSetOptions
 from swarmwright.simulations import catalogue
 

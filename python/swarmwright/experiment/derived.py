@@ -7,9 +7,9 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.broker.address import environment_prefix
-from swarmwright.core.errors import InputError
-from swarmwright.core.read_only import plain
-from swarmwright.core.yaml import Source, read
+from swarmwright.common.errors import InputError
+from swarmwright.common.read_only import plain
+from swarmwright.common.yaml import Source, read
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.unavailable import method_of
 from swarmwright.rankings.slow_simulation import SlowOptions

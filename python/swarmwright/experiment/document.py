@@ -7,10 +7,10 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, mo
 
 from swarmwright import _engine
 from swarmwright.broker.address import broker_problem, prefix_problem
-from swarmwright.core.options import Options
-from swarmwright.core.problems import shown
-from swarmwright.core.simulation_names import is_command
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.options import Options
+from swarmwright.common.problems import shown
+from swarmwright.common.simulation_names import is_command
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.launchers import LauncherOptions
 

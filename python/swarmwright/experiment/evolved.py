@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.core.arrays import shortest
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.yaml import Path_
+from swarmwright.common.arrays import shortest
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.yaml import Path_
 from swarmwright.representations.parameter_set import CategoricalParameter, Parameter, RealParameter
 from swarmwright.simulations import catalogue
 

@@ -7,15 +7,15 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, Never, Self
 
-from swarmwright.core.arguments import checked, instance, listed, mapping, path_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import write_text
-from swarmwright.core.flatten import flat
-from swarmwright.core.html import facts
-from swarmwright.core.plain_values import hashable, plain_values
-from swarmwright.core.read_only import read_only
-from swarmwright.core.simulation_names import SimulationName, is_command
-from swarmwright.core.yaml import Source, dump, read
+from swarmwright.common.arguments import checked, instance, listed, mapping, path_of
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import write_text
+from swarmwright.common.flatten import flat
+from swarmwright.common.html import facts
+from swarmwright.common.plain_values import hashable, plain_values
+from swarmwright.common.read_only import read_only
+from swarmwright.common.simulation_names import SimulationName, is_command
+from swarmwright.common.yaml import Source, dump, read
 from swarmwright.experiment.budget import LIMITS, Budget, sets_limit
 from swarmwright.experiment.derived import given_source, steers_agents
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate

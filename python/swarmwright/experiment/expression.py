@@ -14,7 +14,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.ros.expression import parsed
 
 LONGEST = 1000

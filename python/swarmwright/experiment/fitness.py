@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.experiment.expression import (
     BINARY,
     COMPARISONS,
@@ -30,7 +30,7 @@ from swarmwright.experiment.expression import (
 
 if TYPE_CHECKING:
     from swarmwright._engine import Episode
-    from swarmwright.core.engine_types import SceneArrays, SceneFields
+    from swarmwright.common.engine_types import SceneArrays, SceneFields
     from swarmwright.modules.played import PlayedEpisode
 
 OWN = "fitness"

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError
-from swarmwright.core.yaml import Source
+from swarmwright.common.errors import InputError
+from swarmwright.common.yaml import Source
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.settings import SIZES
 from swarmwright.simulations import catalogue

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.groups import Kind, Names
+from swarmwright.common.errors import InputError
+from swarmwright.common.groups import Kind, Names
 from swarmwright.simulations import catalogue
 
 

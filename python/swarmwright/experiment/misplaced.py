@@ -6,9 +6,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import ALIASES
-from swarmwright.core.suggestions import nearest
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import ALIASES
+from swarmwright.common.suggestions import nearest
 from swarmwright.experiment.document import (
     DEFAULT_KINDS,
     Document,
@@ -17,7 +17,7 @@ from swarmwright.experiment.document import (
     Timeouts,
     Validate,
 )
-from swarmwright.plug_ins import REGISTRIES
+from swarmwright.methods.plug_ins import REGISTRIES
 
 
 def _keys(model: type[BaseModel]) -> list[str]:

@@ -5,8 +5,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from swarmwright.core.problems import Report, shown
-from swarmwright.core.yaml import Path_, path_of
+from swarmwright.common.problems import Report, shown
+from swarmwright.common.yaml import Path_, path_of
 from swarmwright.experiment.evolved import unknown
 from swarmwright.simulations import catalogue
 

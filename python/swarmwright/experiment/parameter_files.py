@@ -6,10 +6,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
-from swarmwright.core import yaml
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import near_file, read_bytes
-from swarmwright.core.simulation_names import is_python
+from swarmwright.common import yaml
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import near_file, read_bytes
+from swarmwright.common.simulation_names import is_python
 from swarmwright.simulations import catalogue
 
 _LARGEST_FILE_BYTES = 1 << 26  # bytes

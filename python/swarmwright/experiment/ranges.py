@@ -7,9 +7,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from swarmwright.core.arguments import mapping, number
-from swarmwright.core.errors import InputError
-from swarmwright.core.yaml import dotted_path
+from swarmwright.common.arguments import mapping, number
+from swarmwright.common.errors import InputError
+from swarmwright.common.yaml import dotted_path
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.robots import DEFAULT, robot_of
 from swarmwright.experiment.settings import key_path

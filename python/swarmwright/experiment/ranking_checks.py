@@ -1,7 +1,7 @@
 """Checks of the ranking of an experiment with its method, its validation and its fitness expression."""
 
-from swarmwright.core.plug_in_code import is_plug_in
-from swarmwright.core.problems import Report
+from swarmwright.common.plug_in_code import is_plug_in
+from swarmwright.common.problems import Report
 from swarmwright.experiment.document import AUTO, Checked
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.unavailable import ranking_of

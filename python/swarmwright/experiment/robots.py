@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright import _engine
-from swarmwright.core.yaml import Path_, parse
+from swarmwright.common.yaml import Path_, parse
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.simulations import catalogue
 

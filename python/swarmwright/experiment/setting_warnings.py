@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 
-from swarmwright.core.options import Options
+from swarmwright.common.options import Options
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.start_from import samples_around_start

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright import _engine
-from swarmwright.core.arguments import listed
-from swarmwright.core.arguments import text as argument
-from swarmwright.core.errors import InputError, SwarmwrightError
-from swarmwright.core.problems import shown
-from swarmwright.core.yaml import Path_, Source, dotted_path, parse
+from swarmwright.common.arguments import listed
+from swarmwright.common.arguments import text as argument
+from swarmwright.common.errors import InputError, SwarmwrightError
+from swarmwright.common.problems import shown
+from swarmwright.common.yaml import Path_, Source, dotted_path, parse
 from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.experiment.misplaced import TOP, right_places

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.core.arrays import shortest
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import shown
+from swarmwright.common.arrays import shortest
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import shown
+from swarmwright.common.typing import Genomes
 from swarmwright.experiment.unavailable import method_of
 from swarmwright.representations import Representation
 from swarmwright.representations.controller import Controller, controller_words, genome_beside
 from swarmwright.store import StoreReader
 from swarmwright.store.folder import find_store
-from swarmwright.typing import Genomes
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.random_numbers import Stream
-from swarmwright.core.simulation_names import is_python
-from swarmwright.core.suggestions import unknown
-from swarmwright.core.yaml import Path_, Source, dotted_path, read
+from swarmwright.common.errors import InputError
+from swarmwright.common.random_numbers import Stream
+from swarmwright.common.simulation_names import is_python
+from swarmwright.common.suggestions import unknown
+from swarmwright.common.yaml import Path_, Source, dotted_path, read
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.document import Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, with_source

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, ValidationError
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import problems_of
-from swarmwright.core.yaml import dotted_path
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import problems_of
+from swarmwright.common.typing import Fitness, Genomes
+from swarmwright.common.yaml import dotted_path
 from swarmwright.methods import Method, MethodOptions
-from swarmwright.plug_ins import REGISTRIES
+from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.rankings import Ranking, RankingOptions
 from swarmwright.representations import Representation
-from swarmwright.typing import Fitness, Genomes
 from swarmwright.user_code.copying import FOLDER, Copy, display_name
 from swarmwright.user_code.permission import require_file, trusts_file
 

@@ -6,11 +6,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.errors import InputError, SwarmwrightError
-from swarmwright.core.modules import is_in_file
-from swarmwright.core.problems import Report, shown
-from swarmwright.core.simulation_names import LIBRARIES, is_python
-from swarmwright.core.yaml import Path_, Source
+from swarmwright.common.errors import InputError, SwarmwrightError
+from swarmwright.common.modules import is_in_file
+from swarmwright.common.problems import Report, shown
+from swarmwright.common.simulation_names import LIBRARIES, is_python
+from swarmwright.common.yaml import Path_, Source
 from swarmwright.experiment.checks import check_values
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked
 from swarmwright.experiment.misplaced import with_right_place
@@ -18,7 +18,7 @@ from swarmwright.experiment.parameter_files import is_mission, resolve
 from swarmwright.experiment.start_from import entries
 from swarmwright.experiment.unavailable import UnavailableMethod, UnreadRanking
 from swarmwright.launchers.entries import entries_of, names_launchers
-from swarmwright.plug_ins import REGISTRIES
+from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, of_run
 from swarmwright.store import FILE

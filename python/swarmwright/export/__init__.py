@@ -1,6 +1,6 @@
 """Export of controllers as source code and models. `EXPORTERS` has all formats by their names."""
 
-from swarmwright.core.registry import Registry
+from swarmwright.common.registry import Registry
 from swarmwright.export._base import Exporter, Files, NotInstalledError, file_bytes
 from swarmwright.export.subject import Subject
 

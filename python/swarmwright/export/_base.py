@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core import modules
-from swarmwright.core.errors import InputError
-from swarmwright.core.ranges import shortest_decimal
+from swarmwright.common import modules
+from swarmwright.common.errors import InputError
+from swarmwright.common.ranges import shortest_decimal
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 

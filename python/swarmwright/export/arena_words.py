@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from swarmwright.core.ranges import shortest_decimal
+from swarmwright.common.ranges import shortest_decimal
 from swarmwright.experiment.robots import DEFAULT, robot_of
 
 _E_PUCK = (17.0, 50.0, 90.0, 150.0, 210.0, 270.0, 310.0, 343.0)

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError, RunError, SwarmwrightError
-from swarmwright.core.files import read_bytes
-from swarmwright.core.revision import revision
-from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.teams import TEAM
+from swarmwright.common.arguments import checked
+from swarmwright.common.errors import InputError, RunError, SwarmwrightError
+from swarmwright.common.files import read_bytes
+from swarmwright.common.revision import revision
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.teams import TEAM
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.sequences import Sequences

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.core.errors import SwarmwrightError
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.errors import SwarmwrightError
+from swarmwright.common.untrusted import one_line
 from swarmwright.experiment.experiment import recorded_experiment
 from swarmwright.export.bundle import (
     EVALUATION,

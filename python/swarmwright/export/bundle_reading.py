@@ -4,9 +4,9 @@ import stat
 from collections.abc import Collection
 from pathlib import Path
 
-from swarmwright.core import archives
-from swarmwright.core.errors import InputError
-from swarmwright.core.untrusted import one_line
+from swarmwright.common import archives
+from swarmwright.common.errors import InputError
+from swarmwright.common.untrusted import one_line
 from swarmwright.export.bundle import MANIFEST
 
 _LARGEST_BUNDLE_BYTES = 1 << 28

@@ -9,11 +9,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError, RunError, SwarmwrightError
-from swarmwright.core.json_text import loads
-from swarmwright.core.modules import PYTHON_KIND
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.arguments import checked
+from swarmwright.common.errors import InputError, RunError, SwarmwrightError
+from swarmwright.common.json_text import loads
+from swarmwright.common.modules import PYTHON_KIND
+from swarmwright.common.untrusted import one_line
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, NotInstalledError, file_bytes
 from swarmwright.export.bundle import (

@@ -12,8 +12,8 @@ from textwrap import wrap
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import RunError
-from swarmwright.core.ranges import shortest_decimal
+from swarmwright.common.errors import RunError
+from swarmwright.common.ranges import shortest_decimal
 from swarmwright.export._base import facts
 from swarmwright.export.c_code import Code, Table
 from swarmwright.export.programs import command, run, standard_option, stepped, steps

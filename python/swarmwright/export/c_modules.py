@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from textwrap import dedent, indent
 
-from swarmwright.core import modules
-from swarmwright.core.errors import InputError
-from swarmwright.core.tracebacks import place_of
+from swarmwright.common import modules
+from swarmwright.common.errors import InputError
+from swarmwright.common.tracebacks import place_of
 from swarmwright.export.machine_tables import own_modules
 from swarmwright.export.text import is_reserved, plain, render
 from swarmwright.modules import Behaviour, Condition

@@ -5,8 +5,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swarmwright.core.arguments import checked, text
-from swarmwright.core.errors import RunError
+from swarmwright.common.arguments import checked, text
+from swarmwright.common.errors import RunError
 from swarmwright.export import EXPORTERS
 from swarmwright.export.subject import Subject, subject_of
 from swarmwright.export.text import check_prefix, word_of

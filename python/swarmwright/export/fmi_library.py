@@ -8,8 +8,8 @@ import os
 import subprocess
 from pathlib import Path
 
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.untrusted import one_line
 
 FILE = Path(__file__).parents[1] / "fmu" / "libswarmwright_fmi.so"
 """The library; its source is the crate engine/fmi."""

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.common.errors import InputError, RunError
 from swarmwright.export._base import Exporter, Files, facts, file_bytes
 from swarmwright.export.c import C
 from swarmwright.export.fmu_library import add_library, library

@@ -8,8 +8,8 @@ import numpy as np
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import RunError
-from swarmwright.core.temporary import TemporaryFolder
+from swarmwright.common.errors import RunError
+from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.export.sequences import Sequences
 from swarmwright.fmu.description import described
 from swarmwright.fmu.instances import FmuError, Instance, unpacked

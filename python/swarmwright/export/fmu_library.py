@@ -5,9 +5,9 @@ import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
-from swarmwright.core import archives
-from swarmwright.core.errors import InputError
-from swarmwright.core.temporary import TemporaryFolder
+from swarmwright.common import archives
+from swarmwright.common.errors import InputError
+from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.export._base import Files
 from swarmwright.export.c import LANGUAGE
 from swarmwright.export.fmu_parts import zipped

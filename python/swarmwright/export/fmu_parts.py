@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Iterable
 from xml.etree import ElementTree as ET
 
-from swarmwright.core.ranges import Range
+from swarmwright.common.ranges import Range
 from swarmwright.export._base import Files, file_bytes
 from swarmwright.export.text import identifiers, plain
 from swarmwright.fmu.description import RANGE

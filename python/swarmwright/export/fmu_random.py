@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
-from swarmwright.core.modules import is_modules
+from swarmwright.common.modules import is_modules
 from swarmwright.export.sequences import RANDOM_SENSOR
 from swarmwright.export.subject import RANDOM, Subject
 from swarmwright.export.text import render

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.teams import is_team, parts_of
+from swarmwright.common.errors import InputError
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.teams import is_team, parts_of
 
 
 @dataclass(frozen=True)

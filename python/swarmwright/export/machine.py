@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core import machine_mappings, machine_texts, modules
-from swarmwright.core.automode import text_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.yaml import read
+from swarmwright.common import machine_mappings, machine_texts, modules
+from swarmwright.common.automode import text_of
+from swarmwright.common.errors import InputError
+from swarmwright.common.yaml import read
 from swarmwright.export._base import Exporter, Files, facts
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core import modules
+from swarmwright.common import modules
 from swarmwright.export.subject import Subject
 
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import RunError
+from swarmwright.common.errors import RunError
 from swarmwright.export._base import Exporter, Files, not_exported
 from swarmwright.export.programs import command, run, stepped
 from swarmwright.export.python_arrays import as_bytes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.common.errors import InputError, RunError
 from swarmwright.export._base import Exporter, Files, NotInstalledError, facts
 from swarmwright.export.programs import run
 from swarmwright.export.python_arrays import golden_text

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.common.errors import InputError, RunError
 from swarmwright.export.sequences import Sequences
 
 _TIME_OUT_S = 600

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.groups import DeclaredGroup
+from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.groups import DeclaredGroup
 from swarmwright.experiment.derived import place_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.export.simulation_model import Model, Parameter, check_size, parameters_of, started

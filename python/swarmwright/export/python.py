@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import RunError
+from swarmwright.common.errors import RunError
 from swarmwright.export._base import Exporter, Files
 from swarmwright.export.programs import run, stepped, steps
 from swarmwright.export.python_arrays import as_decimals

@@ -11,13 +11,13 @@ from textwrap import indent
 
 import numpy as np
 
-from swarmwright.core import machine_texts, modules
-from swarmwright.core.activations import of_nodes
-from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
-from swarmwright.core.hebbian import as_meshed
-from swarmwright.core.neat import EXP
-from swarmwright.core.neat import rows as neat_rows
-from swarmwright.core.ranges import shortest_decimal
+from swarmwright.common import machine_texts, modules
+from swarmwright.common.activations import of_nodes
+from swarmwright.common.evostick import STEEP, STEEPNESS, as_layered
+from swarmwright.common.hebbian import as_meshed
+from swarmwright.common.neat import EXP
+from swarmwright.common.neat import rows as neat_rows
+from swarmwright.common.ranges import shortest_decimal
 from swarmwright.export._base import not_exported
 from swarmwright.export.machine_tables import catalogue_of, machine_tables, machine_weights
 from swarmwright.export.python_arrays import Numbers

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.untrusted import one_line
 from swarmwright.export._base import Files, facts
 from swarmwright.export.python_arrays import Numbers, golden_text
 from swarmwright.export.python_code import python_code

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.core import modules
-from swarmwright.core.errors import InputError
-from swarmwright.core.tracebacks import place_of
+from swarmwright.common import modules
+from swarmwright.common.errors import InputError
+from swarmwright.common.tracebacks import place_of
 from swarmwright.export._base import Files, facts
 from swarmwright.export.machine_tables import catalogue_of, own_modules
 from swarmwright.export.subject import Subject

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.export import ros_family
 from swarmwright.export._base import Exporter, Files
 from swarmwright.export.c import C

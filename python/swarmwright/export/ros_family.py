@@ -5,8 +5,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.untrusted import in_json, one_line
+from swarmwright.common.errors import InputError
+from swarmwright.common.untrusted import in_json, one_line
 from swarmwright.experiment.robots import DEFAULT
 from swarmwright.export._base import Files, facts
 from swarmwright.export.arena_words import PRESETS

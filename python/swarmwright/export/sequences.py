@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.by_value import ComparedByValue
-from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.modules import PYTHON_KIND, is_modules
+from swarmwright.common.by_value import ComparedByValue
+from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.modules import PYTHON_KIND, is_modules
 from swarmwright.modules.machine import Swarm
 
 RANDOM_SEQUENCES = 10_000

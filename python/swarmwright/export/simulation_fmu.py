@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.export import fmi_library
 from swarmwright.export._base import Files
 from swarmwright.export.fmu_parts import add_range, add_units, token, unit_name, xml, zipped

@@ -10,10 +10,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.groups import DeclaredGroup
-from swarmwright.core.ranges import Range, ranges_of
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.groups import DeclaredGroup
+from swarmwright.common.ranges import Range, ranges_of
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.export.fmu_parts import named, unit_name
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.hosts import AnyHost

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.commands.ros_definition import RosOptions
-from swarmwright.core.errors import InputError, RunError, SwarmwrightError, engine_errors
-from swarmwright.core.modules import is_modules
-from swarmwright.core.ranges import CONVERSION, Range, ranges_of, shortest_decimal
-from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import InputError, RunError, SwarmwrightError, engine_errors
+from swarmwright.common.modules import is_modules
+from swarmwright.common.ranges import CONVERSION, Range, ranges_of, shortest_decimal
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.warn_once import warn_once
 from swarmwright.export.arena_words import actuator_meaning, robot_in, sensor_meaning
 from swarmwright.export.groups import Member, member_of
 from swarmwright.export.sequences import RANDOM_SENSOR, Sequences, possible_overflows, random_sequences

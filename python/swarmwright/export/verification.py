@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from swarmwright.core.temporary import TemporaryFolder
+from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.sequences import RANDOM_SEQUENCES, difference, random_sequences
 from swarmwright.export.subject import Subject

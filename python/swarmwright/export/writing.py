@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import write_whole
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import write_whole
 from swarmwright.export._base import file_bytes
 from swarmwright.export.text import MARK, has_seal, is_edited
 

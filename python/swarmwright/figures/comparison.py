@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from swarmwright.core.formatting import counted, p_value, shortened
+from swarmwright.common.formatting import counted, p_value, shortened
 from swarmwright.figures.curves import Curve, bands, best_so_far, indicator_so_far, together
 from swarmwright.figures.publishers import current
 from swarmwright.figures.style import (

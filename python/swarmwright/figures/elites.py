@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.untrusted import one_line
 from swarmwright.figures.style import (
     COLORS,
     GRID,

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmwright.core.formatting import counted
+from swarmwright.common.formatting import counted
 from swarmwright.figures.run import title_of
 from swarmwright.figures.style import (
     AXES,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.core.formatting import counted
+from swarmwright.common.formatting import counted
 from swarmwright.figures.curves import bands, together
 from swarmwright.figures.publishers import current
 from swarmwright.figures.run import title_of

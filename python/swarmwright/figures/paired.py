@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmwright.core.formatting import counted, shortened
+from swarmwright.common.formatting import counted, shortened
 from swarmwright.figures.style import (
     COLORS,
     INK,

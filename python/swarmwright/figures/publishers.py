@@ -7,8 +7,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import shown
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import shown
 
 _MM = 1 / 25.4
 """Inches."""

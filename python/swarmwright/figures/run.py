@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.core.formatting import counted
-from swarmwright.core.modules import label_of
+from swarmwright.common.formatting import counted
+from swarmwright.common.modules import label_of
 from swarmwright.figures.cut import far_below
 from swarmwright.figures.publishers import current
 from swarmwright.figures.style import (

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import write_whole
-from swarmwright.core.formatting import shortened
-from swarmwright.core.html import png_of
-from swarmwright.core.plain_figures import plain, warning_of_letters
-from swarmwright.core.untrusted import one_line
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import write_whole
+from swarmwright.common.formatting import shortened
+from swarmwright.common.html import png_of
+from swarmwright.common.plain_figures import plain, warning_of_letters
+from swarmwright.common.untrusted import one_line
+from swarmwright.common.warn_once import warn_once
 from swarmwright.figures.cut import Values, cut
 from swarmwright.figures.publishers import Style, current
 

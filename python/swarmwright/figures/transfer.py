@@ -3,8 +3,8 @@
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core.formatting import counted
-from swarmwright.core.sort_keys import sort_key
+from swarmwright.common.formatting import counted
+from swarmwright.common.sort_keys import sort_key
 from swarmwright.figures.style import INK, SOFT, dress, entitle, look, new_figure, points, styled
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.fmu.description import Description, Variable, for_coupling
 from swarmwright.fmu.ssp import STRUCTURE, System, checked, conversion
 from swarmwright.fmu.units import Unit, units_of

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from swarmwright.core import archives, xml
-from swarmwright.core.errors import InputError, explained
-from swarmwright.core.ranges import Range
-from swarmwright.core.temporary import TemporaryFolder
+from swarmwright.common import archives, xml
+from swarmwright.common.errors import InputError, explained
+from swarmwright.common.ranges import Range
+from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.fmu.conversions import Conversions, inverse_units
 from swarmwright.fmu.terminals import terminals_of
 from swarmwright.fmu.units import Unit

@@ -26,8 +26,8 @@ from fmpy.fmi2 import (
 from fmpy.fmi3 import FMU3Slave
 from fmpy.logging import addLoggerProxy
 
-from swarmwright.core import archives
-from swarmwright.core.errors import InputError
+from swarmwright.common import archives
+from swarmwright.common.errors import InputError
 from swarmwright.fmu.description import STRUCTURAL, Description, Variable, flat
 from swarmwright.fmu.values import native
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.fmu.coupled import Coupled
 from swarmwright.fmu.description import Variable
 from swarmwright.fmu.instances import FmuError, Instance, unpacked

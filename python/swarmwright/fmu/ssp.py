@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree as ET
 
-from swarmwright.core import archives
-from swarmwright.core.errors import InputError, explained
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.temporary import TemporaryFolder
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common import archives
+from swarmwright.common.errors import InputError, explained
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.temporary import TemporaryFolder
+from swarmwright.common.warn_once import warn_once
 from swarmwright.fmu import description as fmus
 from swarmwright.fmu.description import Description, Variable, checked_xml, place, runs_here
 from swarmwright.fmu.layout import stop_time

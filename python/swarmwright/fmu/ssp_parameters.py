@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.fmu.description import INTEGERS, Variable
 from swarmwright.fmu.transformations import BOOLEANS, IDENTITY, SSC, Linear, linear_of, table_of
 from swarmwright.fmu.units import Unit

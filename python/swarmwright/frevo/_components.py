@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Sequence
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.errors import InputError
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.frevo._document import Section
 
 EMERGENCY_EXIT = "emergencyexit.EmergencyExit"

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import first_character
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.xml import Element, read, root_of
+from swarmwright.common.arguments import checked
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import first_character
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.xml import Element, read, root_of
 
 SECTIONS = ("problem", "method", "representation", "ranking")
 """Sections of a session; each names the class of a component."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.experiment.parameter_files import read_object
 from swarmwright.frevo import _java
 from swarmwright.frevo._document import Section

@@ -8,9 +8,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError
-from swarmwright.core.yaml import parse, without_places
+from swarmwright.common.arguments import checked
+from swarmwright.common.errors import InputError
+from swarmwright.common.yaml import parse, without_places
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.validation import check
 from swarmwright.frevo._document import SECTIONS, Section, Session, open_session

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import read_bytes
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import read_bytes
 
 _NULL, _REFERENCE, _CLASS, _OBJECT, _STRING, _ARRAY, _END = 0x70, 0x71, 0x72, 0x73, 0x74, 0x75, 0x78
 _FIRST_HANDLE = 0x7E0000

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.core.arrays import shortest
-from swarmwright.core.xml import Element
+from swarmwright.common.arrays import shortest
+from swarmwright.common.xml import Element
 from swarmwright.frevo._document import attribute_count, attribute_number, members
 
 TAG = "NEAT"

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.core.arrays import shortest
-from swarmwright.core.xml import Element
+from swarmwright.common.arrays import shortest
+from swarmwright.common.xml import Element
 from swarmwright.frevo._components import COMPLETE, HEBBIAN, LAYERS, MACHINE, MESHED, NEAT, THREE_LAYERS
 from swarmwright.frevo._document import (
     Section,

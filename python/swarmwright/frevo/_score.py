@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.files import first_character
+from swarmwright.common.arguments import checked
+from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.files import first_character
 from swarmwright.frevo._components import LAYERS, NEAT, THREE_LAYERS, all_of, check
 from swarmwright.frevo._document import Section, open_session
 from swarmwright.frevo._networks import Network, networks

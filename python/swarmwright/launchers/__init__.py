@@ -5,7 +5,7 @@
 docs/how-to/use-clusters.md.
 """
 
-from swarmwright.core.registry import Registry
+from swarmwright.common.registry import Registry
 from swarmwright.launchers._base import Health, Launcher, LauncherError, LauncherOptions
 from swarmwright.launchers._code import Code
 from swarmwright.launchers._specification import Specification

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from swarmwright.core.errors import RunError
-from swarmwright.core.options import Options
+from swarmwright.common.errors import RunError
+from swarmwright.common.options import Options
 from swarmwright.launchers._specification import Specification
 
 if TYPE_CHECKING:

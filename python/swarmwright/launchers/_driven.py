@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from typing import Any, ClassVar
 from urllib.parse import urlsplit
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.launchers._base import Health, Launcher, LauncherError
 from swarmwright.launchers._slot import GRACE_S
 from swarmwright.launchers._specification import Specification

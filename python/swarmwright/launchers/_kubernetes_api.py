@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.launchers._base import LauncherError
 from swarmwright.launchers._kubernetes_manifests import CONTAINER
 

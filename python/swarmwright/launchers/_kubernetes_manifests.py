@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.launchers._remote import called, prepared
 from swarmwright.launchers._specification import Specification
 

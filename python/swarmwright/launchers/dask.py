@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.launchers._base import LauncherOptions
 from swarmwright.launchers._driven import DrivenLauncher
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import problems_of, shown
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import problems_of, shown
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.launchers import LAUNCHERS
 from swarmwright.launchers._base import LauncherOptions
 

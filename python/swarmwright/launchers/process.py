@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from swarmwright.core.errors import RunError
-from swarmwright.core.temporary import TemporaryFolder
+from swarmwright.common.errors import RunError
+from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.launchers._base import Health, Launcher, LauncherError, LauncherOptions
 from swarmwright.launchers._specification import Specification
 from swarmwright.supervision import Event, News, Output, Supervisor

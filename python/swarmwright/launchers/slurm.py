@@ -15,7 +15,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.launchers._base import Health, Launcher, LauncherError
 from swarmwright.launchers._remote import RemoteOptions, called, prepared, unpacked
 from swarmwright.launchers._specification import Specification

@@ -8,9 +8,9 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.options import Options
-from swarmwright.core.problems import shown
+from swarmwright.common.errors import InputError
+from swarmwright.common.options import Options
+from swarmwright.common.problems import shown
 from swarmwright.launchers._base import Health, Launcher, LauncherError
 from swarmwright.launchers._remote import RemoteOptions
 from swarmwright.launchers._specification import Specification

@@ -6,7 +6,7 @@ An experiment makes its method by `Experiment.new_method()`, which your own loop
 method is a class derived from `Method`: docs/how-to/own-method.md.
 """
 
-from swarmwright.core.registry import Registry
+from swarmwright.common.registry import Registry
 from swarmwright.methods._base import Method, MethodOptions
 
 __all__ = ["METHODS", "Method", "MethodOptions"]

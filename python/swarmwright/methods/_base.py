@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError
-from swarmwright.core.options import Options
-from swarmwright.core.plug_in_code import is_plug_in, numbers
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.errors import InputError
+from swarmwright.common.options import Options
+from swarmwright.common.plug_in_code import is_plug_in, numbers
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.methods._steady import SteadyState
 from swarmwright.representations import Representation
-from swarmwright.typing import Fitness, Genomes
 
 NO_LIMIT = 1_000_000_000
 """As many generations as there can be."""

@@ -3,11 +3,11 @@
 import numpy as np
 from pydantic import Field
 
+from swarmwright.common.typing import Genomes, Limits
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._numbers import center_and_reach, discrete, limits
 from swarmwright.methods.search import KeepsMembers
 from swarmwright.representations import Representation
-from swarmwright.typing import Genomes, Limits
 
 
 class BoxOptions(MethodOptions):

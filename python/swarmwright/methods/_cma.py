@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from swarmwright import _engine
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import logarithm
 from swarmwright.methods._numbers import center_and_reach, discrete

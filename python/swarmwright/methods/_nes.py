@@ -7,11 +7,11 @@ import numpy as np
 from pydantic import Field
 
 from swarmwright import _engine
-from swarmwright.core.random_numbers import Streams
+from swarmwright.common.random_numbers import Streams
+from swarmwright.common.typing import Genome
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import Gaussian, Numbers, logarithm
 from swarmwright.representations import Representation
-from swarmwright.typing import Genome
 
 
 class NesOptions(MethodOptions):

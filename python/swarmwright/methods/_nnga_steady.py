@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.core.random_numbers import Streams
+from swarmwright.common.random_numbers import Streams
+from swarmwright.common.typing import Fitness, Genome, Genomes
 from swarmwright.representations import Representation
-from swarmwright.typing import Fitness, Genome, Genomes
 
 if TYPE_CHECKING:
     from swarmwright.methods.nnga import NngaOptions

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from swarmwright.core.race_tests import Test, ranks_of, survivors
-from swarmwright.core.statistics import mean
-from swarmwright.typing import Fitness, Genome
+from swarmwright.common.statistics import mean
+from swarmwright.common.typing import Fitness, Genome
+from swarmwright.rankings.race_tests import Test, ranks_of, survivors
 
 
 @dataclass(eq=False)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.plug_in_code import is_plug_in, numbers
-from swarmwright.core.random_numbers import Streams
+from swarmwright.common.errors import InputError
+from swarmwright.common.plug_in_code import is_plug_in, numbers
+from swarmwright.common.random_numbers import Streams
+from swarmwright.common.typing import Genome, Genomes
 from swarmwright.representations import Representation
-from swarmwright.typing import Genome, Genomes
 
 if TYPE_CHECKING:
     from swarmwright.methods._base import MethodOptions

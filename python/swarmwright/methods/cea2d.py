@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from swarmwright import _engine
-from swarmwright.core.random_numbers import Streams
+from swarmwright.common.random_numbers import Streams
+from swarmwright.common.typing import Fitness, Genome, Genomes
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.representations import Representation
-from swarmwright.typing import Fitness, Genome, Genomes
 
 
 class Cea2dOptions(MethodOptions):

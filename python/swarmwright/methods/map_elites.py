@@ -7,12 +7,12 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from swarmwright.core.options import Options
+from swarmwright.common.options import Options
+from swarmwright.common.typing import Fitness, Genome, Genomes
 from swarmwright.methods._base import Method, MethodOptions, by_metric
 from swarmwright.methods._numbers import center_and_reach
 from swarmwright.methods.archive import Archive, Axis, Grid, Values
 from swarmwright.representations import Representation
-from swarmwright.typing import Fitness, Genome, Genomes
 
 _MOST_CELLS = 1_000_000
 """Cells of an archive."""

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from swarmwright.core.random_numbers import Streams
+from swarmwright.common.random_numbers import Streams
+from swarmwright.common.typing import Fitness, Genome, Genomes
 from swarmwright.methods._base import Method, MethodOptions, by_metric
 from swarmwright.methods.archive import Values, crowding, ranks
 from swarmwright.representations import Representation
-from swarmwright.typing import Fitness, Genome, Genomes
 
 _ATTEMPTS = 20
 """Times that a child is mutated anew while it is not a new one: there may be few genomes, or no mutations."""

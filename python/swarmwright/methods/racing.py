@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from swarmwright.core.race_tests import Test
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.methods._base import NO_LIMIT, Incumbent, Method, MethodOptions
 from swarmwright.methods._race import Entrant, Race, Rules
+from swarmwright.rankings.race_tests import Test
 from swarmwright.representations import Representation
-from swarmwright.typing import Fitness, Genomes
 
 _SAME_SHARE = 1e-4
 """Two candidates are practically the same when no number of theirs differs by more of its range."""

@@ -5,9 +5,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from swarmwright.common.typing import Fitness, Genome, Genomes
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.representations import Representation
-from swarmwright.typing import Fitness, Genome, Genomes
 
 
 class RandomSearchOptions(MethodOptions):

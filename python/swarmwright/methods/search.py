@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.errors import engine_errors
-from swarmwright.core.processes import use_threads
+from swarmwright.common.errors import engine_errors
+from swarmwright.common.processes import use_threads
+from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.methods._base import Method
-from swarmwright.typing import Fitness, Genomes
 
 
 class SearchMethod(Method):

@@ -4,11 +4,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import SIMULATORS
-from swarmwright.core.suggestions import nearest
-from swarmwright.core.untrusted import one_line
-from swarmwright.core.yaml import dump
+from swarmwright.common.errors import InputError
+from swarmwright.common.simulation_names import SIMULATORS
+from swarmwright.common.suggestions import nearest
+from swarmwright.common.untrusted import one_line
+from swarmwright.common.yaml import dump
 from swarmwright.models._groups import Groups, groups_of
 from swarmwright.models._model import Model
 from swarmwright.models._names import Known

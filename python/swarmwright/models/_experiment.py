@@ -7,8 +7,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.yaml import parse, without_places
+from swarmwright.common.errors import InputError
+from swarmwright.common.yaml import parse, without_places
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.start_from import entry_of
 from swarmwright.experiment.validation import check

@@ -4,11 +4,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core import json_source, xml
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import IS_UTF16, contents, first_character, is_utf16
-from swarmwright.core.simulation_names import simulator_file
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common import json_source, xml
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import IS_UTF16, contents, first_character, is_utf16
+from swarmwright.common.simulation_names import simulator_file
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.models import (
     abstractions,
     behaviour,

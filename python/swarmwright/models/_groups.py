@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-from swarmwright.core.alike import alike
-from swarmwright.core.errors import InputError
-from swarmwright.core.groups import DeclaredGroup
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.alike import alike
+from swarmwright.common.errors import InputError
+from swarmwright.common.groups import DeclaredGroup
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.models._model import Model
 from swarmwright.models._names import Known
 from swarmwright.models._parts import Member, Place, Problems

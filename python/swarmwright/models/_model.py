@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.models._names import Known
 from swarmwright.models._parts import Member, Optimised, Part, Property
 from swarmwright.scxml import StateMachine

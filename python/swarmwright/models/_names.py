@@ -3,8 +3,8 @@
 from collections.abc import Iterable
 from typing import Any
 
-from swarmwright.core.alike import alike, folded
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.alike import alike, folded
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.simulations import catalogue
 
 _ALIASES = {"swarmmembers": ("numAgents", "robots"), "steps": ("maxSteps", "steps")}

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any, Self
 
-from swarmwright.core.alike import alike
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.alike import alike
+from swarmwright.common.untrusted import one_line
 from swarmwright.models._model import Model
 from swarmwright.models._names import Known
 from swarmwright.models._parts import Optimised, Problems

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.problem_lines import ProblemLines
+from swarmwright.common.problem_lines import ProblemLines
 from swarmwright.scxml import StateMachine
 
 _LARGEST_INTEGER = 1 << 24

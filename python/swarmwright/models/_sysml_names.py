@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.models._sysml_features import KEYWORDS, Feature
 from swarmwright.models._sysml_text import Word
 

@@ -13,8 +13,8 @@ from typing import Any
 from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedToken
 from lark.lark import PostLex
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import read_bytes
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import read_bytes
 
 KERML = ".kerml"
 """Suffix of files in KerML, which has other reserved words."""

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.problems import shown
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.yaml import Path_, Source
+from swarmwright.common.problems import shown
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.yaml import Path_, Source
 from swarmwright.models._parts import Part, Problems
 
 WORDS = 'an abstraction description ({"runtime-env": "ROS", "sensors/actuators": [..]})'

@@ -5,7 +5,7 @@ Modelio's CPSwarm modules write one for the problem of a model; FREVO has one be
 
 from pathlib import Path
 
-from swarmwright.core.xml import Element, read
+from swarmwright.common.xml import Element, read
 from swarmwright.models._numbers import number_of, whole_of
 from swarmwright.models._parts import Part, Place, Problems, Property
 

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.problems import shown
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.yaml import Source
+from swarmwright.common.problems import shown
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.yaml import Source
 from swarmwright.models._parts import Optimised, Part, Place, Problems
 
 WORDS = 'OptimisedParameters ({"parameters": [..]})'

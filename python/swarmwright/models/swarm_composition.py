@@ -6,7 +6,7 @@ writes it and the launcher of the CPSwarm workbench reads it.
 
 from pathlib import Path
 
-from swarmwright.core.xml import read
+from swarmwright.common.xml import read
 from swarmwright.models._numbers import whole_of
 from swarmwright.models._parts import Member, Part, Place, Problems
 

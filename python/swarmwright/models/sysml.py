@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.models._parts import Member, Optimised, Part, Place, Problems, Property
 from swarmwright.models._sysml_features import KEYWORDS, SILENT, Feature, feature_of, literal
 from swarmwright.models._sysml_names import Names, TooManyNamesError, Unknown

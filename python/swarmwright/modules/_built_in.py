@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core import modules
+from swarmwright.common import modules
 from swarmwright.modules._base import (
     Behaviour,
     Condition,

@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core import modules
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.tracebacks import is_installed, place_of, shown
+from swarmwright.common import modules
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.tracebacks import is_installed, place_of, shown
 from swarmwright.modules._base import Behaviour, Condition, Numbers, Parameters, RandomNumbers, Senses, pcg4d
 from swarmwright.modules._built_in import below
 from swarmwright.modules.registered import implementation

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.engine_types import SceneArrays, SceneFields
-from swarmwright.core.processes import use_threads
+from swarmwright.common.engine_types import SceneArrays, SceneFields
+from swarmwright.common.processes import use_threads
 from swarmwright.modules.stepping import Robots
 
 

@@ -10,12 +10,12 @@ from typing import Any, Literal, overload
 
 import numpy as np
 
-from swarmwright.core import modules
-from swarmwright.core.errors import InputError
-from swarmwright.core.registry import Registry
-from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.tracebacks import place_of, shown
+from swarmwright.common import modules
+from swarmwright.common.errors import InputError
+from swarmwright.common.registry import Registry
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.tracebacks import place_of, shown
 from swarmwright.modules._base import Behaviour, Condition, Parameter
 
 _LARGEST_LIMIT = 1e6

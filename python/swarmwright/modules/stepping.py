@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.errors import RunError
+from swarmwright.common.errors import RunError
 from swarmwright.modules.machine import Swarm
 
 

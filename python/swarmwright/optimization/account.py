@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from swarmwright.core.statistics import Summary
+from swarmwright.common.statistics import Summary
 from swarmwright.experiment.budget import Budget
 from swarmwright.methods import Method
 from swarmwright.optimization.ahead import Produced

@@ -6,15 +6,15 @@ The record is that of the ordinary loop to the byte. What was computed beyond th
 from typing import NamedTuple, Self
 
 from swarmwright import _engine
-from swarmwright.core.errors import engine_errors
-from swarmwright.core.statistics import Figures
+from swarmwright.common.errors import engine_errors
+from swarmwright.common.statistics import Figures
+from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.evaluation.base import Backend, Progress, Results
 from swarmwright.methods import Method
 from swarmwright.methods.search import SearchMethod
 from swarmwright.rankings import Ranking
 from swarmwright.rankings.absolute import Absolute
 from swarmwright.representations import Representation
-from swarmwright.typing import Fitness, Genomes
 
 
 class Produced(NamedTuple):

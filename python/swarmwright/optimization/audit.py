@@ -15,9 +15,9 @@ import numpy as np
 
 from swarmwright.commands.checking import definition_of_name
 from swarmwright.commands.ros_definition import RosOptions
-from swarmwright.core.errors import SwarmwrightError
-from swarmwright.core.formatting import duration
-from swarmwright.core.simulation_names import SimulationName, is_command, is_environment, is_python
+from swarmwright.common.errors import SwarmwrightError
+from swarmwright.common.formatting import duration
+from swarmwright.common.simulation_names import SimulationName, is_command, is_environment, is_python
 from swarmwright.evaluation.base import AuditedEpisode, Backend, BudgetSpent, Controllers, Progress
 from swarmwright.experiment.derived import has_python_modules
 from swarmwright.experiment.document import AUTO

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.core.errors import PlugInError
-from swarmwright.core.plug_in_code import count, is_plug_in, numbers, place
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.errors import PlugInError
+from swarmwright.common.plug_in_code import count, is_plug_in, numbers, place
+from swarmwright.common.untrusted import one_line
 from swarmwright.methods import Method
 from swarmwright.rankings import Ranking
 from swarmwright.representations import Representation

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.evaluation.base import Backend, Controllers, OnResults, Progress, Results
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.optimization.raced import race
@@ -12,7 +13,6 @@ from swarmwright.optimization.two_simulations import TwoSimulations, descriptor_
 from swarmwright.rankings import Ranking
 from swarmwright.rankings.race import Race
 from swarmwright.rankings.slow_simulation import SlowRanking
-from swarmwright.typing import Fitness, Genomes
 
 
 class Evaluator:

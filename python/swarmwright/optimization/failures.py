@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmwright.core.attempts import NOT_FINISHED, SAME_END_S, is_overtaken, is_server_end
-from swarmwright.core.formatting import counted
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.attempts import NOT_FINISHED, SAME_END_S, is_overtaken, is_server_end
+from swarmwright.common.formatting import counted
+from swarmwright.common.untrusted import one_line
 from swarmwright.evaluation.base import Results
 from swarmwright.store import Journal, WarningEntry
 from swarmwright.store.rows import AttemptEntry

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from swarmwright.core.errors import RunError
-from swarmwright.core.message_kinds import kind_of
+from swarmwright.common.errors import RunError
+from swarmwright.common.message_kinds import kind_of
 from swarmwright.evaluation.base import FIRST, OnResults, Results
 from swarmwright.optimization.failures import failures_of
 from swarmwright.store import Journal

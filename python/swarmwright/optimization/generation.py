@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmwright.core.arguments import described
-from swarmwright.core.errors import InputError
-from swarmwright.core.formatting import duration
-from swarmwright.core.statistics import figures_of, summarize
+from swarmwright.common.arguments import described
+from swarmwright.common.errors import InputError
+from swarmwright.common.formatting import duration
+from swarmwright.common.statistics import figures_of, summarize
 from swarmwright.experiment.budget import Budget, Limit
 from swarmwright.optimization.ahead import Produced
 from swarmwright.store import Evaluated

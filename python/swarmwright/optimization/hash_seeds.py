@@ -4,9 +4,9 @@ import ast
 import logging
 from typing import Any
 
-from swarmwright.core.errors import SwarmwrightError
-from swarmwright.core.hash_seed import RANDOM
-from swarmwright.core.simulation_names import is_command, is_python
+from swarmwright.common.errors import SwarmwrightError
+from swarmwright.common.hash_seed import RANDOM
+from swarmwright.common.simulation_names import is_command, is_python
 from swarmwright.evaluation.base import Backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations.base import Simulation

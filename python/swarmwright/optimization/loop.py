@@ -10,9 +10,10 @@ from contextlib import closing, contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError, PlugInError, RunError
-from swarmwright.core.plug_in_code import is_plug_in, numbers, place
-from swarmwright.core.statistics import means
+from swarmwright.common.errors import InputError, PlugInError, RunError
+from swarmwright.common.plug_in_code import is_plug_in, numbers, place
+from swarmwright.common.statistics import means
+from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.evaluation.seeds import check_seeds
 from swarmwright.experiment.budget import Ended
@@ -34,7 +35,6 @@ from swarmwright.optimization.two_simulations import needed_columns
 from swarmwright.rankings import Ranking
 from swarmwright.representations import Representation
 from swarmwright.store import Evaluated, Journal, StoreReader, StoreWriter
-from swarmwright.typing import Fitness, Genomes
 
 
 class Loop:

@@ -5,7 +5,7 @@ import resource
 from contextlib import suppress
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations import Representation

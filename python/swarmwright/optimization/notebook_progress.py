@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from swarmwright.core.formatting import duration
-from swarmwright.core.notebook import Text, in_notebook
+from swarmwright.common.formatting import duration
+from swarmwright.common.notebook import Text, in_notebook
 from swarmwright.evaluation.base import Progress
 from swarmwright.optimization.generation import Generation, OnGeneration
 

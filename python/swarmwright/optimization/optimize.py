@@ -13,13 +13,13 @@ from typing import Any, NoReturn, SupportsIndex
 
 import numpy as np
 
-from swarmwright.core.arguments import checked, path_of
-from swarmwright.core.errors import InputError, PlugInError, RunError, reworded
-from swarmwright.core.place import Place
-from swarmwright.core.plug_in_code import reported
-from swarmwright.core.processes import use_threads
-from swarmwright.core.simulation_names import is_python
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.arguments import checked, path_of
+from swarmwright.common.errors import InputError, PlugInError, RunError, reworded
+from swarmwright.common.place import Place
+from swarmwright.common.plug_in_code import reported
+from swarmwright.common.processes import use_threads
+from swarmwright.common.simulation_names import is_python
+from swarmwright.common.warn_once import warn_once
 from swarmwright.evaluation.base import HERE, Backend, Progress, Servers, chosen
 from swarmwright.experiment.derived import (
     check_new,

@@ -4,13 +4,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from swarmwright import _engine
-from swarmwright.core.errors import PlugInError, RunError
+from swarmwright.common.errors import PlugInError, RunError
+from swarmwright.common.typing import Genomes
 from swarmwright.evaluation.base import Progress
 from swarmwright.evaluation.code_failures import FailureOf, failed
 from swarmwright.optimization.account import Account
 from swarmwright.optimization.generation import OnGeneration, Told, goes_on
 from swarmwright.store import Evaluated, Journal, StoreWriter
-from swarmwright.typing import Genomes
 
 
 class Recorder:

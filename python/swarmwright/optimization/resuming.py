@@ -8,9 +8,9 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import problems_of
-from swarmwright.core.yaml import dotted_path
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import problems_of
+from swarmwright.common.yaml import dotted_path
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.unavailable import method_of, require

@@ -3,9 +3,9 @@
 import platform
 from collections.abc import Mapping, Sequence
 
-from swarmwright.core.errors import RunError
-from swarmwright.core.plug_in_code import is_plug_in
-from swarmwright.core.revision import revision
+from swarmwright.common.errors import RunError
+from swarmwright.common.plug_in_code import is_plug_in
+from swarmwright.common.revision import revision
 from swarmwright.methods import Method
 from swarmwright.rankings import Ranking
 from swarmwright.representations import Representation

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.core.engine_types import AttemptRow
-from swarmwright.core.errors import InputError, RunError, SimulationError, reworded
-from swarmwright.core.server_use import ServerUses
+from swarmwright.common.engine_types import AttemptRow
+from swarmwright.common.errors import InputError, RunError, SimulationError, reworded
+from swarmwright.common.server_use import ServerUses
 from swarmwright.evaluation.base import (
     HERE,
     AuditedEpisode,

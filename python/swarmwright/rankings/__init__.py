@@ -5,7 +5,7 @@
 custom ranking is a class derived from `Ranking`: docs/how-to/own-ranking.md.
 """
 
-from swarmwright.core.registry import Registry
+from swarmwright.common.registry import Registry
 from swarmwright.rankings._base import Ranking, RankingOptions
 
 __all__ = ["RANKINGS", "Ranking", "RankingOptions"]

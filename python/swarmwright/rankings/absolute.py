@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from swarmwright import _engine
+from swarmwright.common.typing import Fitness
 from swarmwright.rankings._base import Ranking, RankingOptions
-from swarmwright.typing import Fitness
 
 
 class AbsoluteOptions(RankingOptions):

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from swarmwright.core.order import best_first
-from swarmwright.core.statistics import mean
+from swarmwright.common.order import best_first
+from swarmwright.common.statistics import mean
 from swarmwright.rankings.slow_simulation import (
     Episodes,
     Ranked,

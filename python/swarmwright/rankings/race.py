@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from swarmwright.core import statistics
-from swarmwright.core.race_tests import Test, survivors
+from swarmwright.common import statistics
+from swarmwright.common.typing import Fitness
 from swarmwright.rankings._base import Ranking, RankingOptions
-from swarmwright.typing import Fitness
+from swarmwright.rankings.race_tests import Test, survivors
 
 Episodes = NDArray[np.float64]
 _LARGEST_FLOAT = sys.float_info.max

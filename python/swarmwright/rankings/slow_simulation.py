@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
-from swarmwright.core.problems import shown
+from swarmwright.common.problems import shown
+from swarmwright.common.typing import Fitness
 from swarmwright.rankings._base import Ranking, RankingOptions
-from swarmwright.typing import Fitness
 
 METRIC = "slow_fitness"
 """The metric of the record that has the fitness in the slow simulation, NaN where a candidate has none."""

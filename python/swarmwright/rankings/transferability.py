@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from swarmwright.core.order import best_first
+from swarmwright.common.order import best_first
+from swarmwright.common.typing import Fitness
 from swarmwright.rankings.slow_simulation import (
     Episodes,
     Ranked,
@@ -16,7 +17,6 @@ from swarmwright.rankings.slow_simulation import (
     kept_below,
     row_means,
 )
-from swarmwright.typing import Fitness
 
 Values = NDArray[np.float64]
 

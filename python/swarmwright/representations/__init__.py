@@ -6,11 +6,11 @@ included; `REPRESENTATIONS.get("layered")` is the class of one. An experiment ma
 class derived from `Representation`: docs/how-to/own-representation.md.
 """
 
-from swarmwright.core.options import Options
-from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.core.registry import Registry
+from swarmwright.common.options import Options
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.registry import Registry
+from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.representations._base import Representation, RepresentationOptions
-from swarmwright.typing import Genome, Genomes, Limits
 
 __all__ = [
     "REPRESENTATIONS",

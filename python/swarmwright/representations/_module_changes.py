@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 
 _MOVE, _MORE, _LESS, _CHOICE = range(4)
 _Numbers = NDArray[np.float64]

@@ -7,10 +7,10 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, ModelWrapValidatorHandler, ValidationInfo, field_validator, model_validator
 
-from swarmwright.core import machine_mappings, modules
-from swarmwright.core.automode import is_command_line, machine_of, tree_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.yaml import path_of, read
+from swarmwright.common import machine_mappings, modules
+from swarmwright.common.automode import is_command_line, machine_of, tree_of
+from swarmwright.common.errors import InputError
+from swarmwright.common.yaml import path_of, read
 from swarmwright.modules.registered import module
 from swarmwright.representations._base import RepresentationOptions
 

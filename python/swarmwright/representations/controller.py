@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
-from swarmwright.core.activations import in_words
-from swarmwright.core.arguments import checked, mapping, path_of
-from swarmwright.core.arrays import float32_of
-from swarmwright.core.errors import InputError, engine_errors, explained
-from swarmwright.core.files import read_bytes, write_text
-from swarmwright.core.json_text import loads
-from swarmwright.core.modules import ACTUATORS, PYTHON_KIND, SENSORS, is_modules, is_tree
-from swarmwright.core.problems import shown
-from swarmwright.core.teams import is_team, parts_of
+from swarmwright.common.activations import in_words
+from swarmwright.common.arguments import checked, mapping, path_of
+from swarmwright.common.arrays import float32_of
+from swarmwright.common.errors import InputError, engine_errors, explained
+from swarmwright.common.files import read_bytes, write_text
+from swarmwright.common.json_text import loads
+from swarmwright.common.modules import ACTUATORS, PYTHON_KIND, SENSORS, is_modules, is_tree
+from swarmwright.common.problems import shown
+from swarmwright.common.teams import is_team, parts_of
 from swarmwright.modules.machine import Swarm
 from swarmwright.modules.registered import find
 
@@ -218,7 +218,7 @@ class Controller:
 
     def _repr_html_(self) -> str:
         """Return the kind, the sizes and a drawing, for notebooks."""
-        from swarmwright.core.html import facts, picture, png_of
+        from swarmwright.common.html import facts, picture, png_of
         from swarmwright.figures.controllers import figure
 
         values = self.specification

@@ -6,10 +6,10 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.representations._base import RepresentationOptions
 from swarmwright.representations.network import NodeNetwork
-from swarmwright.typing import Genome, Genomes, Limits
 
 
 class HebbianOptions(RepresentationOptions):

@@ -6,10 +6,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from swarmwright.core import modules
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import problems_of
-from swarmwright.core.yaml import read
+from swarmwright.common import modules
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import problems_of
+from swarmwright.common.yaml import read
 from swarmwright.representations.modules import Modules, ModulesOptions
 
 _SENSORS, _ACTUATORS = 9, 2  # of the preset e-puck-rm1.2

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
-from swarmwright.core.arrays import shortest
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import shown
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.arrays import shortest
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import shown
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.representations._base import MANY, Representation, RepresentationOptions, in_parts
-from swarmwright.typing import Genome, Genomes, Limits
 
 _MOST_LEVELS = 1000
 _LARGEST_TABLE = 1_000_000

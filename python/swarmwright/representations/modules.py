@@ -7,14 +7,14 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core import modules
-from swarmwright.core.errors import InputError
-from swarmwright.core.modules import RANGES
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common import modules
+from swarmwright.common.errors import InputError
+from swarmwright.common.modules import RANGES
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.representations._base import Representation, RepresentationOptions, in_parts
 from swarmwright.representations._module_changes import Changes, Layout
 from swarmwright.representations._module_options import ModulesOptions
-from swarmwright.typing import Genome, Genomes, Limits
 
 __all__ = ["Modules", "ModulesOptions"]
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from swarmwright import _engine
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.representations._base import Representation, RepresentationOptions
-from swarmwright.typing import Genome, Genomes, Limits
 
 OUTPUT_RANGE = {
     "tanh": (-1.0, 1.0),

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
-from swarmwright.core.arrays import shortest
-from swarmwright.core.options import Options
-from swarmwright.core.problems import shown
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.arrays import shortest
+from swarmwright.common.options import Options
+from swarmwright.common.problems import shown
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.representations._base import Representation, RepresentationOptions, around, in_parts
-from swarmwright.typing import Genome, Genomes, Limits
 
 _LARGEST_INTEGER = 1 << 24
 """Up to here every integer is a float32."""

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, PrivateAttr, ValidationInfo, model_validator
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.groups import DeclaredGroup
-from swarmwright.core.options import Options
-from swarmwright.core.random_numbers import Stream
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.errors import InputError
+from swarmwright.common.groups import DeclaredGroup
+from swarmwright.common.options import Options
+from swarmwright.common.random_numbers import Stream
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.representations import REPRESENTATIONS
 from swarmwright.representations._base import Representation, RepresentationOptions
-from swarmwright.typing import Genome, Genomes, Limits
 
 _DEFAULT_KIND = "layered"
 _LARGEST_COUNT = 1_000_000

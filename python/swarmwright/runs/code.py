@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import SimulationName, is_environment, is_python
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import InputError
+from swarmwright.common.simulation_names import SimulationName, is_environment, is_python
+from swarmwright.common.warn_once import warn_once
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers.entries import files_of

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.flatten import flat
-from swarmwright.core.problems import shown
-from swarmwright.core.yaml import dump, read
+from swarmwright.common.errors import InputError
+from swarmwright.common.flatten import flat
+from swarmwright.common.problems import shown
+from swarmwright.common.yaml import dump, read
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, stored_experiment
 from swarmwright.store import StoreReader
 

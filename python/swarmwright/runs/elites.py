@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.statistics import means
+from swarmwright.common.errors import InputError
+from swarmwright.common.statistics import means
+from swarmwright.common.typing import Fitness
 from swarmwright.methods.archive import Archive, Axis, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
 from swarmwright.simulations.catalogue import built_in, description
-from swarmwright.typing import Fitness
 
 if TYPE_CHECKING:
     from os import PathLike

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.store import Record, StoreReader
 from swarmwright.store.table import column_of, pyarrow
 

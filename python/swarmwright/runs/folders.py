@@ -4,8 +4,8 @@ import json
 from contextlib import suppress
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import check_utf8
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import check_utf8
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.store import FILE, StoreReader
 from swarmwright.store.lock import is_locked

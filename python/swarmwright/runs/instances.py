@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmwright.core.statistics import mean
+from swarmwright.common.statistics import mean
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.unavailable import method_of
 from swarmwright.rankings.absolute import Absolute

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, SupportsIndex
 
 import numpy as np
 
-from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.files import write_text
-from swarmwright.core.html import table
+from swarmwright.common.arguments import checked
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.files import write_text
+from swarmwright.common.html import table
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.runs.code import used_for

@@ -7,10 +7,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import listed, text
-from swarmwright.core.errors import InputError
-from swarmwright.core.suggestions import unknown
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.arguments import listed, text
+from swarmwright.common.errors import InputError
+from swarmwright.common.suggestions import unknown
+from swarmwright.common.untrusted import one_line
 from swarmwright.runs.run import Run
 from swarmwright.simulations import catalogue
 

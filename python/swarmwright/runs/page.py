@@ -6,9 +6,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import write_text
+from swarmwright.common.arguments import checked
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import write_text
 from swarmwright.display.page import page
 from swarmwright.runs.replay import Replay
 

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock, Timer
 
-from swarmwright.core.errors import InputError, SwarmwrightError
+from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.store.database import FILE as STORE
 
 FILE = "fitness.png"

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, SupportsIndex,
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import checked
-from swarmwright.core.arrays import read_only_array
-from swarmwright.core.by_value import ComparedByValue
-from swarmwright.core.errors import InputError
-from swarmwright.core.html import facts
-from swarmwright.core.statistics import Estimate, estimate, quantile
+from swarmwright.common.arguments import checked
+from swarmwright.common.arrays import read_only_array
+from swarmwright.common.by_value import ComparedByValue
+from swarmwright.common.errors import InputError
+from swarmwright.common.html import facts
+from swarmwright.common.statistics import Estimate, estimate, quantile
+from swarmwright.common.typing import Genomes
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, Servers
 from swarmwright.evaluation.code_failures import failed
 from swarmwright.evaluation.metrics import asked_for
@@ -29,7 +30,6 @@ from swarmwright.rankings import Ranking
 from swarmwright.representations.controller import Controller
 from swarmwright.runs.code import used_for
 from swarmwright.store import Evaluation
-from swarmwright.typing import Genomes
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import checked
-from swarmwright.core.attempts import is_overtaken
-from swarmwright.core.by_value import ComparedByValue
+from swarmwright.common.arguments import checked
+from swarmwright.common.attempts import is_overtaken
+from swarmwright.common.by_value import ComparedByValue
 from swarmwright.evaluation.base import Controllers, Servers
 from swarmwright.evaluation.evaluate import tell_failures
 from swarmwright.evaluation.opening import open_backend

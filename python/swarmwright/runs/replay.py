@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from swarmwright.core.arguments import simulation_seed
-from swarmwright.core.errors import InputError
-from swarmwright.core.flatten import flat
-from swarmwright.core.modules import label_of
+from swarmwright.common.arguments import simulation_seed
+from swarmwright.common.errors import InputError
+from swarmwright.common.flatten import flat
+from swarmwright.common.modules import label_of
 from swarmwright.display import Caption
 from swarmwright.evaluation.module_code import is_in_python
 from swarmwright.evaluation.shown import ShownEpisode, check_shown_on

@@ -11,11 +11,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, SupportsIndex, get_args
 
-from swarmwright.core.arguments import checked, flag, path_of
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.html import facts, picture, png_of
-from swarmwright.core.place import Place
-from swarmwright.core.statistics import Summary
+from swarmwright.common.arguments import checked, flag, path_of
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.html import facts, picture, png_of
+from swarmwright.common.place import Place
+from swarmwright.common.statistics import Summary
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment, stored_experiment
 from swarmwright.rankings.race import RaceOptions

@@ -21,11 +21,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import write_text
-from swarmwright.core.html import table
-from swarmwright.core.statistics import Estimate, estimate
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import write_text
+from swarmwright.common.html import table
+from swarmwright.common.statistics import Estimate, estimate
+from swarmwright.common.typing import Genome
+from swarmwright.common.warn_once import warn_once
 from swarmwright.evaluation.base import Backend, Progress
 from swarmwright.experiment.derived import reports_slow
 from swarmwright.experiment.document import AUTO
@@ -51,7 +52,6 @@ from swarmwright.runs.post_evaluation import (
 )
 from swarmwright.store import Evaluation, StoreReader
 from swarmwright.store.table import column_of
-from swarmwright.typing import Genome
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run

@@ -4,10 +4,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.arrays import shortest
-from swarmwright.core.errors import InputError, SwarmwrightError
-from swarmwright.core.files import contents
-from swarmwright.core.json_text import loads
+from swarmwright.common.arrays import shortest
+from swarmwright.common.errors import InputError, SwarmwrightError
+from swarmwright.common.files import contents
+from swarmwright.common.json_text import loads
 from swarmwright.runs.run import Run
 from swarmwright.store import Evaluation, StoreReader
 from swarmwright.store.verification import Verified

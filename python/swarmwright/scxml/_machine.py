@@ -9,10 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core.alike import alike
-from swarmwright.core.errors import InputError
-from swarmwright.core.problem_lines import ProblemLines
-from swarmwright.core.suggestions import unknown
+from swarmwright.common.alike import alike
+from swarmwright.common.errors import InputError
+from swarmwright.common.problem_lines import ProblemLines
+from swarmwright.common.suggestions import unknown
 from swarmwright.scxml._chart import Assignment, Event, State, Transition
 from swarmwright.scxml._conditions import (
     Above,

@@ -4,12 +4,12 @@ import ast
 import re
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import read_bytes
-from swarmwright.core.problem_lines import ProblemLines
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.xml import Element
-from swarmwright.core.xml import read as read_xml
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import read_bytes
+from swarmwright.common.problem_lines import ProblemLines
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.xml import Element
+from swarmwright.common.xml import read as read_xml
 from swarmwright.scxml._chart import Action, Assignment, Event, State, Transition
 from swarmwright.scxml._conditions import ConditionError, constant, parse
 from swarmwright.scxml._machine import EVENT, StateMachine, in_expression

@@ -12,9 +12,9 @@ from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.core.errors import EpisodeError, InputError, SimulationError, reworded
-from swarmwright.core.tracebacks import is_installed, words_of
-from swarmwright.core.tracebacks import shown as shown_path
+from swarmwright.common.errors import EpisodeError, InputError, SimulationError, reworded
+from swarmwright.common.tracebacks import is_installed, words_of
+from swarmwright.common.tracebacks import shown as shown_path
 
 _STACK = 8000
 """Characters of a traceback that are kept, of its end, which has the exception."""

@@ -8,14 +8,14 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.groups import DeclaredGroup
-from swarmwright.core.simulation_names import MISSIONS, is_command, is_python
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.groups import DeclaredGroup
+from swarmwright.common.simulation_names import MISSIONS, is_command, is_python
+from swarmwright.common.warn_once import warn_once
 from swarmwright.simulations.parameters import filled_in
 
 if TYPE_CHECKING:
-    from swarmwright.core.engine_types import Description
+    from swarmwright.common.engine_types import Description
     from swarmwright.simulations.host import Host
 
 
@@ -261,7 +261,7 @@ def _constructor_names(env: Any) -> list[str]:  # noqa: ANN401 - types of librar
 
 
 def _ranges(of: Any) -> dict[str, list[list[Any] | None]]:  # noqa: ANN401 - a Description or a Group
-    from swarmwright.core.ranges import ranges_of
+    from swarmwright.common.ranges import ranges_of
 
     made = {}
     for which in ("sensor", "actuator"):

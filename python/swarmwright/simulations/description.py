@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
-from swarmwright.core import metric_names
-from swarmwright.core.errors import InputError
-from swarmwright.core.ranges import Range, ranges_of
+from swarmwright.common import metric_names
+from swarmwright.common.errors import InputError
+from swarmwright.common.ranges import Range, ranges_of
 from swarmwright.simulations.base import Described, Simulation
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.groups import Group

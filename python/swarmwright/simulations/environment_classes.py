@@ -2,7 +2,7 @@
 
 import sys
 
-from swarmwright.core.simulation_names import SimulationName
+from swarmwright.common.simulation_names import SimulationName
 
 _GUIDE = "see docs/how-to/use-environments.md"
 

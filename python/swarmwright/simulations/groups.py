@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.groups import DeclaredGroup
-from swarmwright.core.ranges import ranges_of
+from swarmwright.common.errors import InputError
+from swarmwright.common.groups import DeclaredGroup
+from swarmwright.common.ranges import ranges_of
 from swarmwright.simulations.parameters import Parameter
 
 _LARGEST_COUNT = 1_000_000

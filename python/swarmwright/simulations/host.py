@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError
-from swarmwright.core.groups import DeclaredGroup
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import InputError
+from swarmwright.common.groups import DeclaredGroup
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.warn_once import warn_once
 from swarmwright.simulations.base import Described, Simulation
 from swarmwright.simulations.batch_checks import BatchChecks, Many
 from swarmwright.simulations.batches import BatchSimulation
@@ -22,7 +22,7 @@ from swarmwright.simulations.parameters import filled_in
 from swarmwright.simulations.visualization import defines
 
 if TYPE_CHECKING:
-    from swarmwright.core.engine_types import SceneFields
+    from swarmwright.common.engine_types import SceneFields
 
 Seen = tuple[NDArray[np.uint32], NDArray[np.float32], bool]
 """The agents that act next, ascending, (agents, sensors), and whether the episode has ended."""

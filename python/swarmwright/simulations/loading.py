@@ -13,11 +13,11 @@ from multiprocessing import current_process
 from pathlib import Path
 from types import ModuleType
 
-from swarmwright.core.errors import InputError, SwarmwrightError
-from swarmwright.core.files import near_file
-from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.tracebacks import words_of
+from swarmwright.common.errors import InputError, SwarmwrightError
+from swarmwright.common.files import near_file
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.tracebacks import words_of
 from swarmwright.simulations import isolation
 from swarmwright.simulations.base import Described, Simulation
 from swarmwright.simulations.batches import BatchSimulation

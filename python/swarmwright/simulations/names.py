@@ -6,8 +6,8 @@ from pathlib import Path
 from types import ModuleType
 from urllib.parse import quote, unquote, unquote_to_bytes
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import SimulationName
+from swarmwright.common.errors import InputError
+from swarmwright.common.simulation_names import SimulationName
 from swarmwright.user_code.copying import FOLDER as CODE
 from swarmwright.user_code.copying import Copy, Kept, beside
 

@@ -6,8 +6,8 @@ from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
-from swarmwright.core.simulation_names import LIBRARIES, SIMULATORS, simulator_file
-from swarmwright.core.suggestions import did_you_mean, nearest
+from swarmwright.common.simulation_names import LIBRARIES, SIMULATORS, simulator_file
+from swarmwright.common.suggestions import did_you_mean, nearest
 from swarmwright.simulations import catalogue
 
 _MOST_FILES = 200

@@ -9,9 +9,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from swarmwright.core import hash_seed
-from swarmwright.core.errors import InputError, SwarmwrightError
-from swarmwright.core.temporary import TemporaryFolder
+from swarmwright.common import hash_seed
+from swarmwright.common.errors import InputError, SwarmwrightError
+from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.names import name_of

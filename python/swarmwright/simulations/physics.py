@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmwright.core.simulation_names import MISSIONS
+from swarmwright.common.simulation_names import MISSIONS
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import MISSIONS
+from swarmwright.common.errors import InputError
+from swarmwright.common.simulation_names import MISSIONS
 from swarmwright.simulations.calls import Calls, check_methods, short
 from swarmwright.simulations.description import check_determinism
 from swarmwright.simulations.physics import (

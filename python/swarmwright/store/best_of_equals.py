@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from swarmwright.core.statistics import means
+from swarmwright.common.statistics import means
 from swarmwright.store.generations import Generations, Row
 
 

@@ -11,8 +11,8 @@ from contextlib import closing, contextmanager
 from functools import lru_cache
 from pathlib import Path
 
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.open_files import more_open_files, no_more_files
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.open_files import more_open_files, no_more_files
 from swarmwright.store import digests
 
 FILE = "run.sqlite"

@@ -4,8 +4,8 @@ import os
 import shlex
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import check_utf8
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import check_utf8
 from swarmwright.store.database import FILE, NEW
 from swarmwright.store.lock import LOCK, is_locked, who_else
 from swarmwright.user_code.copying import FOLDER as CODE

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError
-from swarmwright.core.order import best_first
-from swarmwright.core.statistics import Summary
+from swarmwright.common.errors import InputError
+from swarmwright.common.order import best_first
+from swarmwright.common.statistics import Summary
 from swarmwright.store import digests
 from swarmwright.store.blocks import COLUMNS, EvaluationsDigest, Record, Sample, decoded, of_columns
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.common.errors import InputError, RunError
 
 LOCK = "run.lock"
 """A file that users have no reason to edit or replace; it exists while a process works on the run.

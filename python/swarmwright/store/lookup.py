@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.by_value import ComparedByValue
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.json_text import loads
-from swarmwright.core.order import best_first
+from swarmwright.common.by_value import ComparedByValue
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.json_text import loads
+from swarmwright.common.order import best_first
+from swarmwright.common.typing import Genome
 from swarmwright.store.best_of_equals import BestOfEquals
 from swarmwright.store.blocks import Record, joined
 from swarmwright.store.generations import Generations, Row
-from swarmwright.typing import Genome
 
 
 @dataclass(frozen=True, eq=False)

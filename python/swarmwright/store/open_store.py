@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Self
 
-from swarmwright.core.errors import RunError
+from swarmwright.common.errors import RunError
 from swarmwright.store.database import FILE, NEW, connect, create, errors, reopen
 
 _LONGEST_WAIT_S = 60.0

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.store.blocks import Record
 from swarmwright.store.database import connect_to_read, errors, reading_on
 from swarmwright.store.generations import Generations, Row

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.core.revision import revision
-from swarmwright.core.simulation_names import SimulationName, is_environment
+from swarmwright.common.revision import revision
+from swarmwright.common.simulation_names import SimulationName, is_environment
 from swarmwright.user_code.copying import Copy, with_files
 
 if TYPE_CHECKING:

@@ -11,12 +11,13 @@ from typing import Any, Self, SupportsIndex
 
 import numpy as np
 
-from swarmwright.core.channels import problem_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.json_text import loads
-from swarmwright.core.place import Place
-from swarmwright.core.server_use import ServerUse, read
-from swarmwright.core.statistics import Summary
+from swarmwright.common.channels import problem_of
+from swarmwright.common.errors import InputError
+from swarmwright.common.json_text import loads
+from swarmwright.common.place import Place
+from swarmwright.common.server_use import ServerUse, read
+from swarmwright.common.statistics import Summary
+from swarmwright.common.typing import Genome
 from swarmwright.store import journal, pieces
 from swarmwright.store.best_of_equals import BestOfEquals
 from swarmwright.store.blocks import Record, joined
@@ -33,7 +34,6 @@ from swarmwright.store.rows import (
     Session,
     journal_line,
 )
-from swarmwright.typing import Genome
 
 
 class StoreReader:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.attempts import is_overtaken
-from swarmwright.core.engine_types import AttemptRow
-from swarmwright.core.statistics import Summary
-from swarmwright.typing import Fitness, Genomes
+from swarmwright.common.attempts import is_overtaken
+from swarmwright.common.engine_types import AttemptRow
+from swarmwright.common.statistics import Summary
+from swarmwright.common.typing import Fitness, Genomes
 
 
 class Evaluated(NamedTuple):

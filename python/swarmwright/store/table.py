@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.arrays import read_only_array
-from swarmwright.core.errors import InputError
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.common.arrays import read_only_array
+from swarmwright.common.errors import InputError
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.store.blocks import Record
 
 Column = NDArray[Any]

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from swarmwright.core.errors import InputError, SwarmwrightError
+from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.store.database import FILE, FormatError, checked_facts, reading
 from swarmwright.store.folder import without_store
 from swarmwright.store.generations import (

@@ -12,12 +12,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright import _engine
-from swarmwright.core.arrays import shortest
-from swarmwright.core.errors import InputError, RunError, SwarmwrightError
-from swarmwright.core.files import write_text
-from swarmwright.core.server_use import ServerUses, together, written
-from swarmwright.core.tracebacks import located, words_of
-from swarmwright.core.yaml import dump
+from swarmwright.common.arrays import shortest
+from swarmwright.common.errors import InputError, RunError, SwarmwrightError
+from swarmwright.common.files import write_text
+from swarmwright.common.server_use import ServerUses, together, written
+from swarmwright.common.tracebacks import located, words_of
+from swarmwright.common.yaml import dump
 from swarmwright.representations import Representation
 from swarmwright.store.database import BEST, FILE, FRONT, NEW, code_of, seal_facts, transaction
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store

@@ -10,8 +10,8 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Self
 
 from swarmwright import _engine
-from swarmwright.core.errors import RunError
-from swarmwright.core.server_use import ServerUses
+from swarmwright.common.errors import RunError
+from swarmwright.common.server_use import ServerUses
 from swarmwright.supervision import Ended, Event, News, Output, Supervisor
 from swarmwright.supervision.supervisor import START_S
 

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
-from swarmwright.core import untrusted
+from swarmwright.common import untrusted
 from swarmwright.supervision.marked_output import MARK
 
 MOST_KEPT_LINES = 1000

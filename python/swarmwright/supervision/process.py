@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from swarmwright.core import hash_seed
+from swarmwright.common import hash_seed
 from swarmwright.supervision.progress import Progress
 from swarmwright.supervision.server_exit import ServerExit, split
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.core.tracebacks import is_installed, shown
+from swarmwright.common.tracebacks import is_installed, shown
 
 _EXTERNAL_SIGNALS = {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
 """Signals by which people, and systems that run out of memory, end processes."""

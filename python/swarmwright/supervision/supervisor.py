@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core.errors import RunError
+from swarmwright.common.errors import RunError
 from swarmwright.supervision.news import Ended, Event, News, Restarted
 from swarmwright.supervision.output import Output
 from swarmwright.supervision.place import LONGEST_PAUSE_S, Limits, Place, quotas

@@ -5,13 +5,13 @@ from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from swarmwright import _engine
-from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import MISSIONS, SIMULATORS
-from swarmwright.core.suggestions import unknown
+from swarmwright.common.arguments import checked
+from swarmwright.common.errors import InputError
+from swarmwright.common.simulation_names import MISSIONS, SIMULATORS
+from swarmwright.common.suggestions import unknown
 
 if TYPE_CHECKING:
-    from swarmwright.core.engine_types import Mission
+    from swarmwright.common.engine_types import Mission
 
 
 def names() -> list[str]:

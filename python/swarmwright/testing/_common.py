@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.descriptions import described
-from swarmwright.core.options import Options
-from swarmwright.core.registry import Registry
+from swarmwright.common.descriptions import described
+from swarmwright.common.options import Options
+from swarmwright.common.registry import Registry
+from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.methods import Method
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.typing import Fitness, Genomes
 
 SHAPES = ((1, 1), (4, 1), (10, 2), (3, 5))
 """(sensors, actuators) that representations are tried with."""

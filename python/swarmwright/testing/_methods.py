@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
+from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.methods import METHODS, Method
 from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.testing._common import check_options, representation, synthetic_metrics, without_options
 from swarmwright.testing._replay import check_replay
 from swarmwright.testing._samples import BoundedGenes, Choices
 from swarmwright.testing._steady import check_steady_state
-from swarmwright.typing import Fitness, Genomes
 
 _GENERATIONS = 6
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core import modules
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common import modules
+from swarmwright.common.random_numbers import Stream
 from swarmwright.modules import Behaviour, Condition, RandomNumbers, Senses
 from swarmwright.modules.machine import called, random_words
 from swarmwright.modules.registered import implementation, module

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from swarmwright.common.typing import Fitness
 from swarmwright.methods import METHODS, Method
 from swarmwright.testing._common import synthetic_metrics
-from swarmwright.typing import Fitness
 
 _CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from swarmwright.testing import _replay; _replay.main()"  # noqa: E501 - one line of a command
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.core.modules import PYTHON_KIND, weight_count
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.modules import PYTHON_KIND, weight_count
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Genome, Genomes
 from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.representations.controller import Controller
 from swarmwright.testing._common import SHAPES, check_options, representation
-from swarmwright.typing import Genome, Genomes
 
 
 def check_representation(kind: str, options: Mapping[str, Any] | None = None) -> None:

@@ -4,9 +4,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
+from swarmwright.common.typing import Genome, Limits
 from swarmwright.representations import Representation, RepresentationOptions
-from swarmwright.typing import Genome, Limits
 
 _GENES = 12
 _VALUES = 4

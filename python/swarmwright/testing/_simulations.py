@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.suggestions import unknown
+from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.suggestions import unknown
 from swarmwright.simulations import other_process
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.batches import BatchSimulation

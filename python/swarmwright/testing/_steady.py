@@ -5,10 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
+from swarmwright.common.typing import Genome
 from swarmwright.methods import Method
 from swarmwright.representations import Representation
-from swarmwright.typing import Genome
 
 _GENERATIONS = 3
 

@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import SimulationName, is_command, is_environment
+from swarmwright.common.errors import InputError
+from swarmwright.common.simulation_names import SimulationName, is_command, is_environment
 from swarmwright.user_code.copying import Copy, Kept, beside
 from swarmwright.user_code.data_files import with_data
 from swarmwright.user_code.parts import Part, Source, is_plug_in, of_plug_in, of_simulation

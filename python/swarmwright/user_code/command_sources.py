@@ -10,8 +10,8 @@ from pathlib import Path
 from swarmwright.commands import work_files
 from swarmwright.commands.definition import Definition
 from swarmwright.commands.process import resolved_word
-from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import SimulationName
+from swarmwright.common.errors import InputError
+from swarmwright.common.simulation_names import SimulationName
 from swarmwright.user_code.imports import Walk
 
 _SYSTEM = ("/usr", "/bin", "/lib", "/sbin", "/etc", "/dev", "/proc")

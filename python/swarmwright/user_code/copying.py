@@ -11,11 +11,11 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any, Self
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import read_bytes
-from swarmwright.core.json_text import loads
-from swarmwright.core.modules import is_in_file
-from swarmwright.core.simulation_names import SimulationName
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import read_bytes
+from swarmwright.common.json_text import loads
+from swarmwright.common.modules import is_in_file
+from swarmwright.common.simulation_names import SimulationName
 from swarmwright.user_code.parts import Part, part_of
 
 FOLDER = "code"

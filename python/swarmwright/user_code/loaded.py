@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from types import CodeType, ModuleType
 from typing import Any
 
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.warn_once import warn_once
 from swarmwright.user_code.changes import near
 from swarmwright.user_code.parts import Part, Source
 

@@ -1,6 +1,6 @@
 """Warnings about source that has changed since a run."""
 
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.warn_once import warn_once
 from swarmwright.user_code.changes import near, summary
 from swarmwright.user_code.copying import Copy, Kept
 from swarmwright.user_code.parts import Part

@@ -7,9 +7,9 @@ from importlib.metadata import PackageNotFoundError, packages_distributions, ver
 from pathlib import Path
 from typing import Any, Self
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.modules import label_of
-from swarmwright.core.simulation_names import SimulationName
+from swarmwright.common.errors import InputError
+from swarmwright.common.modules import label_of
+from swarmwright.common.simulation_names import SimulationName
 from swarmwright.user_code.imports import Walk
 
 SECTIONS = ("controller", "method", "ranking")
@@ -151,7 +151,7 @@ def of_plug_in(section: str, kind: str) -> Part | None:
 
         found = OF_MODULES[what].module(kind)
         return None if found is None else Part.of_module(section, kind, found)
-    from swarmwright.plug_ins import REGISTRIES  # noqa: PLC0415 - NumPy, not for --help
+    from swarmwright.methods.plug_ins import REGISTRIES  # noqa: PLC0415 - NumPy, not for --help
 
     module = REGISTRIES[section].module(kind)
     return None if module is None else Part.of_module(section, kind, module)

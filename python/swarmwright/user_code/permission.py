@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import SimulationName, is_command
+from swarmwright.common.errors import InputError
+from swarmwright.common.simulation_names import SimulationName, is_command
 from swarmwright.user_code import trust
 from swarmwright.user_code.changes import Choice
 from swarmwright.user_code.copying import Copy, Kept

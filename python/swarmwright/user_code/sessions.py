@@ -8,7 +8,7 @@ import types
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from swarmwright.core.simulation_names import SimulationName
+from swarmwright.common.simulation_names import SimulationName
 
 PYTHON = "python"
 """Whose version decides whether fingerprints can be compared: bytecode differs between versions."""

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import InputError
+from swarmwright.common.warn_once import warn_once
 
 Ask = Callable[[str], bool]
 """Asks a person a question, which may have several lines; whether the answer is yes."""

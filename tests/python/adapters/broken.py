@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from swarmwright.core.errors import SimulationError
+from swarmwright.common.errors import SimulationError
 
 SPACE = spaces.Box(-1, 1, (2,), np.float32)
 

@@ -10,7 +10,7 @@ import pytest
 
 from swarmwright import Experiment, InputError
 from swarmwright.adapters.ros import RosSimulation
-from swarmwright.core.errors import engine_errors
+from swarmwright.common.errors import engine_errors
 from swarmwright.ros.episodes import _filled
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.host import Host

@@ -8,8 +8,8 @@ from gymnasium import spaces
 
 from swarmwright import InputError
 from swarmwright.adapters._spaces import actuators, sensors, with_mask
-from swarmwright.core.errors import SimulationError
-from swarmwright.core.ranges import Range
+from swarmwright.common.errors import SimulationError
+from swarmwright.common.ranges import Range
 
 
 def test_bounded_numbers_are_scaled_and_others_stay() -> None:

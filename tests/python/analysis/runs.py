@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from swarmwright import Experiment, Run
-from swarmwright.core.place import Place
-from swarmwright.core.statistics import Summary, figures_of, summarize
+from swarmwright.common.place import Place
+from swarmwright.common.statistics import Summary, figures_of, summarize
 from swarmwright.store import Record
 from swarmwright.store.table import RecordTable
 

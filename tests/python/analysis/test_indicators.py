@@ -13,7 +13,7 @@ from swarmwright import Experiment, InputError, Run, compare, optimize
 from swarmwright.analysis import indicators
 from swarmwright.analysis.indicators import quick_indicators, shared_indicators
 from swarmwright.analysis.sweep.result import sweep
-from swarmwright.core.statistics import mean
+from swarmwright.common.statistics import mean
 from tests.python.analysis.runs import KnownRun
 
 BASE: dict[str, Any] = {

@@ -22,7 +22,7 @@ from swarmwright import (
     post_evaluate,
 )
 from swarmwright.cli import run as run_command
-from swarmwright.core.statistics import estimate
+from swarmwright.common.statistics import estimate
 
 NOISY: dict[str, Any] = {
     "simulation": "minisim",

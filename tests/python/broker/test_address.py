@@ -3,7 +3,7 @@
 import pytest
 
 from swarmwright.broker.address import broker_problem, environment_prefix
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 
 @pytest.mark.parametrize(

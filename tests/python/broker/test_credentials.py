@@ -10,14 +10,14 @@ import pytest
 
 from swarmwright.broker import credentials
 from swarmwright.broker.credentials import CREDENTIALS, check_environment, place
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from tests.conftest import environment
 
 # What of the engine reads the environment is tested beside it; here is who fills it.
 ASK = """
 import os, sys
 from swarmwright.broker.credentials import from_keyring
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 try:
     from_keyring(sys.argv[1])
 except InputError as error:

@@ -20,7 +20,7 @@ from swarmwright.broker.mosquitto import (
     hosts,
     write_configuration,
 )
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 
 def write(folder: Path, prefixes: tuple[str, ...] = ()) -> Path:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright.broker.passwords import set_password
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 
 def test_users_are_added_and_changed(tmp_path: Path) -> None:

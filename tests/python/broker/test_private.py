@@ -16,7 +16,7 @@ import pytest
 from swarmwright import Experiment, _engine
 from swarmwright.broker.credentials import place
 from swarmwright.broker.private import start_private
-from swarmwright.core.errors import RunError, engine_errors
+from swarmwright.common.errors import RunError, engine_errors
 from swarmwright.evaluation.launched.access import embedded
 from swarmwright.evaluation.opening import open_backend
 from tests.conftest import STATE

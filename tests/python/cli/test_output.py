@@ -14,7 +14,7 @@ from swarmwright.cli import _runs
 from swarmwright.cli._output import Output, finite
 from swarmwright.cli._progress import Stall
 from swarmwright.cli.servers import HEADINGS, row
-from swarmwright.core.formatting import duration
+from swarmwright.common.formatting import duration
 from tests.conftest import PROGRAM
 
 values = st.recursive(

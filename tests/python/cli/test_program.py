@@ -11,7 +11,7 @@ import pytest
 from swarmwright import __version__
 from swarmwright.cli._commands import COMMANDS, SECTIONS
 from swarmwright.cli._commands import program as click_program
-from swarmwright.core.revision import revision
+from swarmwright.common.revision import revision
 
 pytestmark = pytest.mark.slow
 

@@ -21,7 +21,7 @@ from swarmwright import (
     resume,
     simulate,
 )
-from swarmwright.core import warn_once
+from swarmwright.common import warn_once
 from swarmwright.evaluation.evaluate import episode
 from swarmwright.simulations import catalogue
 from tests.python.cli.test_services import events

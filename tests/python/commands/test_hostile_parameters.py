@@ -10,7 +10,7 @@ from swarmwright import Experiment, InputError
 from swarmwright.adapters.command import CommandSimulation
 from swarmwright.commands import placeholders
 from swarmwright.commands.placeholders import Place, Template, Values
-from swarmwright.core.errors import engine_errors
+from swarmwright.common.errors import engine_errors
 from swarmwright.simulations.host import Host
 from tests.python.commands.processes import Traced
 

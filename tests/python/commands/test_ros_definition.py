@@ -10,8 +10,8 @@ import pytest
 from swarmwright import Experiment, InputError
 from swarmwright.commands.checking import definition_of_name
 from swarmwright.commands.ros_definition import RosOptions
-from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.yaml import dump
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.yaml import dump
 from swarmwright.simulations import catalogue
 
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmwright.core.engine_types import BodyFields, SceneFields
+from swarmwright.common.engine_types import BodyFields, SceneFields
 
 WIDTH, HEIGHT, STEPS = 13.0, 7.0, 12
 

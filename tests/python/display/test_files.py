@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from swarmwright import InputError
-from swarmwright.core import warn_once
+from swarmwright.common import warn_once
 from swarmwright.display import Body, Part, Recording, Scene, Shown, record
 from swarmwright.display.files import FORMATS, save
 from tests.python.display.test_page_swarm import MODULES, NETWORK, TEAM

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from swarmwright.core.state_colors import DISTINCT_STATES, STATE_COLORS, state_color
 from swarmwright.display import Body, Patch, Recording, Scene
 from swarmwright.display._look import (
     DARK,
@@ -30,6 +29,7 @@ from swarmwright.display._look import (
 from swarmwright.display._look import STATES as OF_CONTROLLERS
 from swarmwright.display.drawing import Picture
 from swarmwright.display.files import save
+from swarmwright.display.state_colors import DISTINCT_STATES, STATE_COLORS, state_color
 
 STATES = ("free", "carrying", "charging", "waiting")
 

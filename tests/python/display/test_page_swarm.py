@@ -13,8 +13,8 @@ from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
-from swarmwright.core.groups import Kind
-from swarmwright.core.modules import State, Transition, weights_of
+from swarmwright.common.groups import Kind
+from swarmwright.common.modules import State, Transition, weights_of
 from swarmwright.display import (
     Bodies,
     Body,

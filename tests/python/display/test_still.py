@@ -7,7 +7,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from swarmwright import Controller, Experiment, _engine
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.display import Body, Recording, Scene, Wall, record
 from swarmwright.display._ground import cell_step
 from swarmwright.display.drawing import LEFT, RIGHT, STATUS, WIDTH, Picture

@@ -13,7 +13,6 @@ from matplotlib.path import Path as Line
 from PIL import Image
 
 from swarmwright import InputError
-from swarmwright.core.state_colors import state_color
 from swarmwright.display import Bodies, Body, Part, Ray, Recording, Scale, Scene, Shown, Style
 from swarmwright.display._look import (
     BLUE,
@@ -30,6 +29,7 @@ from swarmwright.display._look import (
 )
 from swarmwright.display.drawing import Picture
 from swarmwright.display.files import save
+from swarmwright.display.state_colors import state_color
 from tests.python.display.test_page_swarm import MODULES, TEAM, lit, swarm
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swarmwright import _engine
-from swarmwright.core.modules import State, Transition, weights_of
+from swarmwright.common.modules import State, Transition, weights_of
 from swarmwright.display._bodies import scene_of
 from swarmwright.display._text import SIGNS, with_states
 from swarmwright.display.terminal import CLEAR_BELOW, HIDE_CURSOR, SHOW_CURSOR, play

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, _engine, evaluate, optimize
-from swarmwright.core import engine_types
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common import engine_types
+from swarmwright.common.random_numbers import Stream
 from swarmwright.evaluation import reports
 from swarmwright.experiment.document import Faults, Timeouts
 from swarmwright.store import Attempt, AttemptEntry

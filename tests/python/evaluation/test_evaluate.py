@@ -19,7 +19,7 @@ from swarmwright import (
     optimize,
     simulate,
 )
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.opening import open_backend
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Controller, Experiment, InputError, RunError, evaluate, optimize, simulate
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 
 LINE = Experiment.from_mapping(
     {

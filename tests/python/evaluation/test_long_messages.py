@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Episodes, Experiment, Simulation, SimulationError, optimize, simulate
-from swarmwright.core.errors import EpisodeError
+from swarmwright.common.errors import EpisodeError
 
 LONG = ["z" * 3000, "é\n" * 1500, "name\udcff" + "\x1b" * 1990]
 

@@ -9,7 +9,7 @@ import pytest
 
 from swarmwright import Experiment, Run, RunError, _engine, evaluate, optimize
 from swarmwright._engine import InputError
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.simulations import catalogue
 from tests.python.records import same_record
 

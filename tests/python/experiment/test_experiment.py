@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError, evaluate, optimize, templates
-from swarmwright.core.yaml import Source, dump, parse
+from swarmwright.common.yaml import Source, dump, parse
 from swarmwright.experiment.validation import check
 
 

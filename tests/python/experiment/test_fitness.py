@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError, RunError, evaluate, optimize, simulate
 from swarmwright.cli._commands import program
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.expression import ExpressionError

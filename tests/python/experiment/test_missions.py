@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from swarmwright import Experiment, InputError, optimize, post_evaluate, templates
 from swarmwright.cli._commands import program
-from swarmwright.core.yaml import parse
+from swarmwright.common.yaml import parse
 from swarmwright.experiment.validation import check
 
 MISSION = """\

@@ -8,7 +8,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from swarmwright import Experiment, InputError, templates
-from swarmwright.core.yaml import parse
+from swarmwright.common.yaml import parse
 from swarmwright.experiment.reference import reference
 
 GOOD: list[dict[str, Any]] = [

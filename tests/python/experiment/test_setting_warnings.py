@@ -105,7 +105,7 @@ def test_a_nest_that_is_its_own_source_is_warned_of(nest: str, count: int) -> No
 def test_a_run_begins_with_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("swarmwright.core.warn_once._given", set())
+    monkeypatch.setattr("swarmwright.common.warn_once._given", set())
     method = {"population": 4, "generations": 1, "in_flight": 3}
     experiment = Experiment.from_mapping({"simulation": "minisim", "method": method, "servers": "local"})
     assert optimize(experiment, out=tmp_path / "run").generations == 1

@@ -11,7 +11,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, evaluate, templates
 from swarmwright.analysis.sweep import Sweep
-from swarmwright.core.yaml import parse
+from swarmwright.common.yaml import parse
 from swarmwright.experiment.budget import Budget
 
 FILE = """\

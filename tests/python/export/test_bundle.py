@@ -17,7 +17,7 @@ import pytest
 
 import swarmwright
 from swarmwright import InputError, Run
-from swarmwright.core.revision import revision
+from swarmwright.common.revision import revision
 from swarmwright.export import EXPORTERS
 from swarmwright.export.bundle import _anywhere, episodes_of, export_bundle
 from swarmwright.export.bundle_verification import verify_bundle

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.common.errors import InputError, RunError
 from swarmwright.export import EXPORTERS, Exporter, c_family
 from swarmwright.export.c import LANGUAGE, C, loaded_files, loaded_weights
 from swarmwright.export.cpp import Cpp

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import InputError
-from swarmwright.core.errors import RunError
+from swarmwright.common.errors import RunError
 from swarmwright.export import fmi_library
 
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from swarmwright import InputError
-from swarmwright.core import machine_mappings, modules
-from swarmwright.core.automode import tree_of
-from swarmwright.core.yaml import read
+from swarmwright.common import machine_mappings, modules
+from swarmwright.common.automode import tree_of
+from swarmwright.common.yaml import read
 from swarmwright.export.machine import Machine
 from swarmwright.export.sequences import difference
 from swarmwright.export.writing import write

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, RunError, optimize
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.export import Exporter
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmwright.core.errors import RunError
+from swarmwright.common.errors import RunError
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
 from swarmwright.export.programs import run, stepped, steps

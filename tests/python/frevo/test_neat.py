@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Controller, InputError, frevo, optimize
-from swarmwright.core.xml import read
+from swarmwright.common.xml import read
 from swarmwright.frevo._document import open_session
 from swarmwright.frevo._neat import neat_network
 from swarmwright.frevo._networks import networks

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.typing import Genomes
 from swarmwright.methods import METHODS, Method
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.typing import Genomes
 
 Points = NDArray[np.float64]
 Function = Callable[[Points], NDArray[np.float64]]

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.core.order import best_first
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.order import best_first
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Fitness, Genome, Genomes
 from swarmwright.methods._nnga_steady import SteadyMembers
 from swarmwright.methods.cea2d import Cea2d
 from swarmwright.methods.nnga import Nnga, NngaOptions
 from swarmwright.representations import Representation
-from swarmwright.typing import Fitness, Genome, Genomes
 
 MANY = ("initials", "mutations", "crossovers", "matings", "distances_among")
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from benchmarks import against_cma
 from benchmarks.against_cma import Case, cases
 from swarmwright import Experiment, _engine, evaluate
-from swarmwright.core.random_numbers import Streams
+from swarmwright.common.random_numbers import Streams
 from swarmwright.methods import METHODS
 from swarmwright.methods._cma import Cma
 from swarmwright.testing._samples import BoundedGenes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.methods import Method
 from swarmwright.representations import Representation
 from swarmwright.testing import check_method

@@ -7,10 +7,10 @@ import pytest
 from pydantic import ValidationError
 
 from swarmwright import InputError
+from swarmwright.common.typing import Genomes
 from swarmwright.methods import METHODS, Method
 from swarmwright.methods.archive import Archive
 from swarmwright.methods.map_elites import MapElites
-from swarmwright.typing import Genomes
 from tests.python.methods.functions import new, sphere, ten_genes
 
 MEASURES = {"x": {"range": [-5, 5], "bins": 20}, "y": {"range": [-5, 5], "bins": 20}}

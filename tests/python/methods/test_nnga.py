@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
+from swarmwright.common.typing import Genome, Genomes
 from swarmwright.methods import METHODS
 from swarmwright.methods.nnga import Nnga, NngaOptions, Shares
 from swarmwright.representations.layered import Layered, LayeredOptions
 from swarmwright.testing._common import representation
-from swarmwright.typing import Genome, Genomes
 
 
 def new(seed: int = 1, **options: Any) -> Nnga:

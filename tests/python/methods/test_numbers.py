@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.methods._numbers import limits
 from swarmwright.testing._samples import BoundedGenes
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError
+from swarmwright.common.typing import Genome
 from swarmwright.methods import METHODS
-from swarmwright.typing import Genome
 from tests.python.methods.functions import new, sphere
 
 STEADY = sorted(kind for kind in METHODS.built_in if METHODS.get(kind).steady_state)

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError
-from swarmwright.core.registry import Registry
+from swarmwright.common.registry import Registry
 from swarmwright.methods import METHODS
-from swarmwright.plug_ins import REGISTRIES
+from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.representations import REPRESENTATIONS
 from swarmwright.representations.layered import Layered, LayeredOptions
 from swarmwright.testing._samples import Choices

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from swarmwright import Controller
+from swarmwright.common.typing import Genome
 from swarmwright.methods import Method
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.typing import Genome
 from tests.python.methods.functions import new
 
 CASES = np.array([[0, 0], [0, 1], [1, 0], [1, 1]], dtype=np.float32)

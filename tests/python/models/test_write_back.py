@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from swarmwright import InputError, Run, models, optimize
-from swarmwright.core.xml import read as read_xml
+from swarmwright.common.xml import read as read_xml
 from swarmwright.models import _files as models_files
 from tests.python.models.conftest import Edited
 from tests.python.models.test_behaviour import WALK

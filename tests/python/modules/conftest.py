@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmwright.core import warn_once
+from swarmwright.common import warn_once
 from swarmwright.modules import BEHAVIOURS, CONDITIONS, registered
 from swarmwright.simulations import loading, names
 

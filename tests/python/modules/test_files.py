@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from swarmwright import Controller, Experiment, InputError, Run, RunError, optimize, resume, simulate
 from swarmwright.cli._commands import program
 from swarmwright.cli._main import run as run_program
-from swarmwright.core.modules import states_of
+from swarmwright.common.modules import states_of
 from swarmwright.evaluation.module_code import is_in_python
 from swarmwright.experiment.derived import has_python_modules
 from swarmwright.export.exporting import export_controller

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swarmwright import Controller, Experiment, InputError
-from swarmwright.core.modules import BUILT_IN, PYTHON_KIND
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.modules import BUILT_IN, PYTHON_KIND
+from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.evaluation import python_modules
 from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.python_modules import ModulesBackend

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Controller, Experiment, InputError, RunError, evaluate
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.experiment.derived import has_python_modules
 from swarmwright.representations.modules import Modules, ModulesOptions
 from tests.python.modules.conftest import CODE, POINTS

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, resume
-from swarmwright.plug_ins import REGISTRIES
+from swarmwright.methods.plug_ins import REGISTRIES
 from tests.python.methods.needed import method_of
 from tests.python.records import same_record
 

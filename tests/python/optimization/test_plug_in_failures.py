@@ -11,8 +11,8 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, RunError, optimize, resume
 from swarmwright.cli._main import run as swarmwright
-from swarmwright.core.errors import PlugInError
-from swarmwright.plug_ins import REGISTRIES
+from swarmwright.common.errors import PlugInError
+from swarmwright.methods.plug_ins import REGISTRIES
 
 CODE = '''
 from typing import Literal

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from swarmwright.core import machine_mappings, machine_texts, modules
-from swarmwright.core.automode import machine_of, text_of, tree_of
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common import machine_mappings, machine_texts, modules
+from swarmwright.common.automode import machine_of, text_of, tree_of
+from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.representations.modules import ModulesOptions
 from tests.python.representations.machines import AUTOMODE, machines
 

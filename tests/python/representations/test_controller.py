@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Controller, InputError, _engine
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.representations import controller as controllers
 from swarmwright.representations.controller import ControlledEpisodes, controller_words
 from swarmwright.testing._common import representation

@@ -5,7 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from swarmwright import Controller
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.representations.hebbian import Hebbian, HebbianOptions
 from swarmwright.testing import check_representation
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Controller, Experiment, InputError, simulate
-from swarmwright.core import modules
-from swarmwright.core.yaml import dump
+from swarmwright.common import modules
+from swarmwright.common.yaml import dump
 
 
 @pytest.mark.parametrize("form", ["machine", "tree"])

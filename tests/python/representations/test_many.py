@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Genome, Genomes
 from swarmwright.representations import REPRESENTATIONS, Representation, _base, mealy_fsm
 from swarmwright.representations.mealy_fsm import MealyFsm, MealyFsmOptions
-from swarmwright.typing import Genome, Genomes
 from tests.python.methods.plain import plain
 
 REAL = {"type": "real", "range": [0.5, 2.0]}

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swarmwright import Controller, Experiment, InputError, _engine
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.representations.mealy_fsm import MealyFsm, MealyFsmOptions
 
 SEEDS = st.integers(0, 2**63)

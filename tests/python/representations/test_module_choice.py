@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from swarmwright.core import machine_mappings, modules
-from swarmwright.core.random_numbers import Streams
+from swarmwright.common import machine_mappings, modules
+from swarmwright.common.random_numbers import Streams
 from swarmwright.testing import check_representation
 from tests.python.representations.machines import machines
 

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from swarmwright.core import machine_mappings, modules
-from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.core.yaml import dump
+from swarmwright.common import machine_mappings, modules
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.yaml import dump
 from swarmwright.representations.modules import Modules, ModulesOptions
 from swarmwright.testing import check_representation
 from tests.python.representations.machines import AUTOMODE, TREE, machines

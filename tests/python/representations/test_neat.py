@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from swarmwright import Controller, InputError
-from swarmwright.core.random_numbers import Streams
+from swarmwright.common.random_numbers import Streams
 from swarmwright.representations.neat import Neat, NeatOptions
 from swarmwright.testing import check_representation
 

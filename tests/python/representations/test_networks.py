@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from swarmwright import Controller, Experiment, InputError, _engine
-from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Genome
 from swarmwright.representations import REPRESENTATIONS
 from swarmwright.representations.controller import controller_words
 from swarmwright.representations.layered import Layered, LayeredOptions
 from swarmwright.representations.network import NodeNetwork
-from swarmwright.typing import Genome
 
 KINDS = ["layered", "fully_meshed"]
 SIZES = st.integers(1, 6)

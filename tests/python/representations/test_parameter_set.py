@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import Controller, InputError
-from swarmwright.core.arrays import shortest
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.arrays import shortest
+from swarmwright.common.random_numbers import Stream
 from swarmwright.representations.parameter_set import ParameterSet, ParameterSetOptions, _power
 from swarmwright.testing import check_representation
 

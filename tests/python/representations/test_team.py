@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swarmwright import InputError
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.representations.team import Team, TeamOptions
 from swarmwright.testing import check_representation
 

@@ -12,7 +12,7 @@ import pytest
 from swarmwright import Experiment, InputError, Run, optimize, repeat, resume, transfer
 from swarmwright.analysis.sweep import Sweep
 from swarmwright.cli._runs import saved_lines
-from swarmwright.core.statistics import mean
+from swarmwright.common.statistics import mean
 from swarmwright.methods.nsga2 import Nsga2Options
 from swarmwright.store import StoreReader
 from swarmwright.store.best_of_equals import BestOfEquals

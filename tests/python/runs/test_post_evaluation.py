@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Controller, Experiment, InputError, Run, evaluate, optimize, post_evaluate
-from swarmwright.core.statistics import estimate
+from swarmwright.common.statistics import estimate
 from swarmwright.runs.post_evaluation import unseen_seeds
 
 NOISY: dict[str, Any] = {

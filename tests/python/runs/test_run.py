@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from swarmwright import Experiment, InputError, Run, optimize, repeat, resume
-from swarmwright.core.revision import revision
-from swarmwright.core.statistics import quantile
+from swarmwright.common.revision import revision
+from swarmwright.common.statistics import quantile
 from swarmwright.runs import picture
 from swarmwright.runs.folders import default_folder
 from tests.python.records import EXPERIMENT, change_numbers, seal

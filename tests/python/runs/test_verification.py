@@ -11,7 +11,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, resume
 from swarmwright.cli._main import run as swarmwright
-from swarmwright.core.arrays import shortest
+from swarmwright.common.arrays import shortest
 from swarmwright.runs.verification import verify
 from swarmwright.store.verification import verify as verify_store
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from swarmwright import Controller, InputError, scxml
-from swarmwright.core.xml import Element
-from swarmwright.core.xml import read as read_xml
+from swarmwright.common.xml import Element
+from swarmwright.common.xml import read as read_xml
 
 NUMBERS = [-1.0, -0.5, 0.0, 0.1, 0.2, 0.5, 1.0]
 SENSORS, ACTUATORS = ["left", "right"], ["speed", "turn"]

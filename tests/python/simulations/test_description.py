@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Episodes, Experiment, InputError, Parameter, Simulation
-from swarmwright.core.simulation_names import is_python
+from swarmwright.common.simulation_names import is_python
 from swarmwright.experiment.derived import check_new
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.description import describe, misspelt

@@ -20,7 +20,7 @@ from swarmwright import (
     post_evaluate,
     simulate,
 )
-from swarmwright.core.errors import SimulationError
+from swarmwright.common.errors import SimulationError
 from swarmwright.figures.controllers import figure
 from swarmwright.runs.replay import Replay
 from swarmwright.simulations.description import describe

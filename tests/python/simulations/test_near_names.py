@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Experiment, InputError, optimize, simulate
-from swarmwright.core.simulation_names import _SIMULATOR_FILES, SIMULATORS
+from swarmwright.common.simulation_names import _SIMULATOR_FILES, SIMULATORS
 from swarmwright.models._files import load
 from swarmwright.simulations.near_names import alike, unknown_simulation
 

@@ -89,7 +89,7 @@ def test_it_is_replayed(tmp_path: Path) -> None:
     ],
 )
 def test_a_scene_that_is_none(scene: str, words: str, tmp_path: Path) -> None:
-    from swarmwright.core.errors import engine_errors
+    from swarmwright.common.errors import engine_errors
 
     episode = replay(scene, tmp_path / "run").episode()
     with pytest.raises(RunError, match=words), engine_errors():

@@ -235,7 +235,7 @@ def test_episodes_of_very_many_steps_are_named_once(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr("swarmwright.simulations.host._MANY_STEPS", 5)
-    monkeypatch.setattr("swarmwright.core.warn_once._given", set())
+    monkeypatch.setattr("swarmwright.common.warn_once._given", set())
     for steps in (5, 8, 9):
         one = Experiment.from_mapping({"simulation": Walk, "parameters": {"trouble": "", "steps": steps}})
         simulate(one, servers="in-process")
@@ -243,7 +243,7 @@ def test_episodes_of_very_many_steps_are_named_once(
         assert len(warned) == (steps > 5), "none that ends with that step"
     assert warned[0].startswith("Walk: an episode has not ended after 5 steps; does done() become true?")
     caplog.clear()
-    monkeypatch.setattr("swarmwright.core.warn_once._given", set())
+    monkeypatch.setattr("swarmwright.common.warn_once._given", set())
     monkeypatch.setattr(Walk, "most_steps", 1_000_000, raising=False)
     simulate(one, servers="in-process")
     assert not caplog.messages, "it is declared"

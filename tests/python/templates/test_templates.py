@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Experiment, InputError, templates
-from swarmwright.core.yaml import parse
+from swarmwright.common.yaml import parse
 from swarmwright.experiment.validation import check
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmwright.core import warn_once
+from swarmwright.common import warn_once
 from swarmwright.user_code import trust
 
 GATHER = '''

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, Run, RunError, compare, optimize, post_evaluate, resume, sweep
-from swarmwright.core import warn_once
+from swarmwright.common import warn_once
 from swarmwright.store.database import seal_facts
 from swarmwright.testing import check_method, check_ranking
 from swarmwright.user_code import trust

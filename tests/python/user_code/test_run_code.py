@@ -383,8 +383,8 @@ def test_an_edited_file_is_imported_anew(project: Path) -> None:
 
 @pytest.mark.parametrize("installed", [True, False])
 def test_a_plug_in_that_was_edited(installed: bool, project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from swarmwright.core.registry import Registry
-    from swarmwright.plug_ins import REGISTRIES
+    from swarmwright.common.registry import Registry
+    from swarmwright.methods.plug_ins import REGISTRIES
     from swarmwright.rankings import RANKINGS
 
     site = project / "site"

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError, Run, optimize, post_evaluate, repeat, resume, simulate
-from swarmwright.core import warn_once
+from swarmwright.common import warn_once
 from swarmwright.store.database import seal_facts
 from swarmwright.user_code import trust
 from swarmwright.user_code.permission import require_named

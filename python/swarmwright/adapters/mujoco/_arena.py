@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 Points = NDArray[np.float64]  # (n, 2)
 

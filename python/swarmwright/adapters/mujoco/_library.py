@@ -2,7 +2,7 @@
 
 import os
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 _DRAWING_ADVICE = (
     "without a screen, install OSMesa (Debian's package libosmesa6) and PyOpenGL, and set MUJOCO_GL=osmesa; "

@@ -16,8 +16,8 @@ from PIL import Image
 from swarmwright.adapters.mujoco import undrawable
 from swarmwright.adapters.mujoco._library import cannot_draw
 from swarmwright.adapters.mujoco._robots import Robots
-from swarmwright.core.errors import InputError, SwarmwrightError
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.errors import InputError, SwarmwrightError
+from swarmwright.common.untrusted import one_line
 from swarmwright.representations.controller import Controller
 from swarmwright.runs.code import used_for
 from swarmwright.runs.run import Run

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 
 _LIBRARIES = ("core", "network", "mobility", "propagation", "wifi")
 _RATES = {1.0: "DsssRate1Mbps", 2.0: "DsssRate2Mbps", 5.5: "DsssRate5_5Mbps", 11.0: "DsssRate11Mbps"}

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.temporary import TemporaryFolder
+from swarmwright.common.errors import InputError
+from swarmwright.common.temporary import TemporaryFolder
 
 _INPUTS = ("net-file", "route-files", "additional-files")
 _SHORT = {"n": "net-file", "net": "net-file", "r": "route-files", "a": "additional-files", "l": "log"}

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.adapters.sumo._traffic import Traffic
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.simulations.parameters import Parameter
 
 _FOR_EVER_S = 1e6

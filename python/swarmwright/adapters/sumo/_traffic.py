@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.adapters.sumo._files import Outputs, checked
-from swarmwright.core.errors import EpisodeError, InputError
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import EpisodeError, InputError
+from swarmwright.common.warn_once import warn_once
 from swarmwright.display import Body, Scene, Wall
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.parameters import Parameter

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.adapters.sumo._traffic import Traffic
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.simulations.parameters import Parameter
 
 _ALL_CHECKS, _NO_CHECKS = 31, 32

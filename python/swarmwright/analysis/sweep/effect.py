@@ -6,8 +6,8 @@ from contextlib import suppress
 from typing import Any
 
 from swarmwright.analysis.sweep.variants import Variant, changed
-from swarmwright.core.errors import InputError
-from swarmwright.core.yaml import dotted_path
+from swarmwright.common.errors import InputError
+from swarmwright.common.yaml import dotted_path
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.settings import key_path, parse_settings
 

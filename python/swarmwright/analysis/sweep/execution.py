@@ -11,7 +11,7 @@ from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.jobs import shares
 from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, UnreadableRunError, reason
 from swarmwright.analysis.sweep_folders import as_missing, as_unreadable
-from swarmwright.core.errors import InputError
+from swarmwright.common.errors import InputError
 from swarmwright.evaluation.base import HERE, Servers
 from swarmwright.optimization.generation import Generation
 from swarmwright.runs import picture

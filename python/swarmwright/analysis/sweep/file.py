@@ -9,11 +9,11 @@ from typing import Any, Self, TypeGuard
 
 from swarmwright.analysis.sweep.effect import require_effect
 from swarmwright.analysis.sweep.variants import MOST_RUNS, Variant, variants_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import near_file
-from swarmwright.core.problems import shown
-from swarmwright.core.suggestions import unknown_key
-from swarmwright.core.yaml import Source, read
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import near_file
+from swarmwright.common.problems import shown
+from swarmwright.common.suggestions import unknown_key
+from swarmwright.common.yaml import Source, read
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.settings import parse_settings
 from swarmwright.runs.folders import RUNS

@@ -5,8 +5,8 @@ from contextlib import suppress
 
 from swarmwright import _engine
 from swarmwright.broker.credentials import from_keyring
-from swarmwright.core.errors import InputError, PlugInError
-from swarmwright.core.plug_in_code import reported
+from swarmwright.common.errors import InputError, PlugInError
+from swarmwright.common.plug_in_code import reported
 from swarmwright.evaluation import here
 from swarmwright.evaluation.base import HERE, Servers, chosen
 from swarmwright.experiment.derived import with_environment

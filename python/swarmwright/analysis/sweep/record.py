@@ -15,8 +15,8 @@ from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.recorded import with_names
 from swarmwright.analysis.sweep.run import Task
 from swarmwright.analysis.sweep.variants import Variant
-from swarmwright.core.errors import InputError
-from swarmwright.core.files import write_whole
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import write_whole
 from swarmwright.experiment.experiment import ELSEWHERE
 from swarmwright.store.folder import SWEEP
 

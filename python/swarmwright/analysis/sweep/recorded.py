@@ -13,10 +13,10 @@ from swarmwright.analysis.sweep.file import are_seeds
 from swarmwright.analysis.sweep.run import comparable
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.analysis.sweep_folders import names_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.modules import is_in_file
-from swarmwright.core.simulation_names import is_python
-from swarmwright.core.yaml import dotted_path
+from swarmwright.common.errors import InputError
+from swarmwright.common.modules import is_in_file
+from swarmwright.common.simulation_names import is_python
+from swarmwright.common.yaml import dotted_path
 from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.derived import check_new
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, recorded_experiment

@@ -21,11 +21,11 @@ from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.analysis.sweep.run import Task, tasks
 from swarmwright.analysis.sweep_folders import variant_of
-from swarmwright.core.arguments import checked, path_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.formatting import duration
-from swarmwright.core.html import facts, table
-from swarmwright.core.notebook import Text, in_notebook
+from swarmwright.common.arguments import checked, path_of
+from swarmwright.common.errors import InputError
+from swarmwright.common.formatting import duration
+from swarmwright.common.html import facts, table
+from swarmwright.common.notebook import Text, in_notebook
 from swarmwright.evaluation.base import Servers
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs.metric_curves import Names

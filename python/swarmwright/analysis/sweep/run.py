@@ -12,10 +12,10 @@ from typing import Any, Self
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.analysis.sweep_folders import names_of
-from swarmwright.core.errors import InputError, SwarmwrightError
-from swarmwright.core.files import contents
-from swarmwright.core.json_text import loads
-from swarmwright.core.simulation_names import SimulationName
+from swarmwright.common.errors import InputError, SwarmwrightError
+from swarmwright.common.files import contents
+from swarmwright.common.json_text import loads
+from swarmwright.common.simulation_names import SimulationName
 from swarmwright.evaluation import opening
 from swarmwright.evaluation.base import HERE, Chosen, Progress, Servers, chosen
 from swarmwright.experiment.budget import LIMITS

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.analysis.labels import label_alone, labels_of, name_of
-from swarmwright.core.errors import InputError
-from swarmwright.core.problems import shown
-from swarmwright.core.yaml import Source
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import shown
+from swarmwright.common.yaml import Source
 from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.derived import check_new
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.settings import assign, kept_options, key_path
-from swarmwright.plug_ins import REGISTRIES
+from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.simulations.names import absolute
 
 MOST_RUNS = 100_000

@@ -23,7 +23,7 @@ from typing import Any
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, reason
 from swarmwright.analysis.sweep.variants import Variant
-from swarmwright.core.errors import SwarmwrightError
+from swarmwright.common.errors import SwarmwrightError
 from swarmwright.evaluation import reports as incidents
 from swarmwright.experiment.experiment import recorded_experiment
 from swarmwright.optimization.generation import Generation

@@ -16,8 +16,8 @@ from typing import IO, Any
 from swarmwright.analysis.sweep.execution import Listener, finished
 from swarmwright.analysis.sweep.run import Task
 from swarmwright.analysis.sweep.variants import Variant
-from swarmwright.core import hash_seed
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.common import hash_seed
+from swarmwright.common.errors import InputError, RunError
 from swarmwright.evaluation import reports
 from swarmwright.evaluation.base import Servers
 from swarmwright.optimization.generation import Generation

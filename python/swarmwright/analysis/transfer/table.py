@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.analysis.table import columns, number, pair_mapping, pairs_table
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.untrusted import one_line
 
 if TYPE_CHECKING:
     from swarmwright.analysis.transfer.result import Transfer
-    from swarmwright.core.correlation import Correlation
-    from swarmwright.core.statistics import Estimate
+    from swarmwright.common.correlation import Correlation
+    from swarmwright.common.statistics import Estimate
     from swarmwright.runs.transfer.transferred import Transferred
 
 _CANDIDATES = 15

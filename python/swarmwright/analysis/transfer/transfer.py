@@ -10,9 +10,9 @@ from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.significance import FEW_RUNS
 from swarmwright.analysis.tasks import by_task, different_tasks, untested
 from swarmwright.analysis.transfer.result import Transfer
-from swarmwright.core.arguments import checked, integer, listed, text
-from swarmwright.core.errors import InputError
-from swarmwright.core.formatting import counted
+from swarmwright.common.arguments import checked, integer, listed, text
+from swarmwright.common.errors import InputError
+from swarmwright.common.formatting import counted
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
 from swarmwright.experiment.targets import OtherSimulation, Target, is_same, targets_of

@@ -2,11 +2,11 @@
 
 import json
 
+from swarmwright.common import metric_names
 from swarmwright.conformance._client import shown
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
-from swarmwright.core import metric_names
 
 
 def names(server: Server) -> list[str]:

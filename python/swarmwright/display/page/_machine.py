@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.core.teams import is_team
+from swarmwright.common.teams import is_team
 from swarmwright.display._machine import machine_of
 from swarmwright.display._part import Part
 from swarmwright.display._trace import Trace

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.engine_types import SceneFields
-from swarmwright.core.errors import InputError
+from swarmwright.common.engine_types import SceneFields
+from swarmwright.common.errors import InputError
 from swarmwright.display._episode import Playable
 from swarmwright.display.pictures._text import as_text
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.untrusted import one_line
+from swarmwright.common.untrusted import one_line
 
 _SHADES = " .:-=+*#%@"
 """From dark to bright."""

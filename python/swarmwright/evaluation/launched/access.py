@@ -13,9 +13,9 @@ from urllib.parse import urlsplit
 from swarmwright import _engine
 from swarmwright.broker.mosquitto import Account, access_rules
 from swarmwright.broker.private import new_account, start_private
-from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.open_files import allow_more_open_files
-from swarmwright.core.temporary import TemporaryFolder
+from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.open_files import allow_more_open_files
+from swarmwright.common.temporary import TemporaryFolder
 
 _CERTIFICATE_DAYS = 366
 """Term of the certificate, which is made for one run."""

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from swarmwright.core.formatting import amount
-from swarmwright.core.server_use import ServerUse
+from swarmwright.common.formatting import amount
+from swarmwright.common.server_use import ServerUse
 from swarmwright.evaluation.launched.scaling import Scaling
 from swarmwright.launchers import Health, Launcher, LauncherError, LauncherOptions
 

@@ -4,8 +4,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import SimulationName, is_command, is_python
+from swarmwright.common.errors import InputError
+from swarmwright.common.simulation_names import SimulationName, is_command, is_python
 from swarmwright.launchers import Code, LauncherOptions
 from swarmwright.simulations.names import environment_held
 from swarmwright.user_code import data_files, trust

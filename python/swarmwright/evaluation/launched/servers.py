@@ -11,8 +11,8 @@ from types import TracebackType
 from typing import Any, Self, cast
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError, RunError, engine_errors
-from swarmwright.core.server_use import ServerUse
+from swarmwright.common.errors import InputError, RunError, engine_errors
+from swarmwright.common.server_use import ServerUse
 from swarmwright.evaluation.base import BudgetSpent
 from swarmwright.evaluation.launched.access import Access
 from swarmwright.evaluation.launched.entry import Entry, LaunchedServer

@@ -10,9 +10,9 @@ from typing import Any
 
 from swarmwright.broker.address import for_other_machines
 from swarmwright.broker.credentials import check_environment, prepare
-from swarmwright.core.errors import InputError
-from swarmwright.core.server_use import ServerUse, ServerUses
-from swarmwright.core.simulation_names import is_python
+from swarmwright.common.errors import InputError
+from swarmwright.common.server_use import ServerUse, ServerUses
+from swarmwright.common.simulation_names import is_python
 from swarmwright.evaluation.launched.access import Access, Credentials, embedded, own_address
 from swarmwright.evaluation.launched.entry import Entry
 from swarmwright.evaluation.launched.packing import check_here, packed

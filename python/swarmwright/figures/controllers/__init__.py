@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core import hebbian, neat
-from swarmwright.core.errors import InputError
-from swarmwright.core.evostick import as_layered
-from swarmwright.core.modules import is_modules
-from swarmwright.core.plain_figures import plain
-from swarmwright.core.teams import is_team
+from swarmwright.common import hebbian, neat
+from swarmwright.common.errors import InputError
+from swarmwright.common.evostick import as_layered
+from swarmwright.common.modules import is_modules
+from swarmwright.common.plain_figures import plain
+from swarmwright.common.teams import is_team
 from swarmwright.figures.controllers.names import Names
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.state_colors import state_color
+from swarmwright.display.state_colors import state_color
 from swarmwright.figures.style import INK, PAPER, SOFT, new_figure
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core.machine_texts import condition_words, name_of, words_of
-from swarmwright.core.modules import State, is_tree, states_of
+from swarmwright.common.machine_texts import condition_words, name_of, words_of
+from swarmwright.common.modules import State, is_tree, states_of
 from swarmwright.figures.controllers.diagram import Arrow, Diagram, Node, figure_with_list
 from swarmwright.figures.style import COLORS, INK, PAPER, SOFT, new_figure
 

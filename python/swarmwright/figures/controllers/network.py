@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.core.activations import in_words
+from swarmwright.common.activations import in_words
 from swarmwright.figures.controllers.names import Names
 from swarmwright.figures.controllers.weights import (
     NEGATIVE,

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.state_colors import colored_states
-from swarmwright.core.teams import parts_of
+from swarmwright.common.teams import parts_of
+from swarmwright.display.state_colors import colored_states
 from swarmwright.figures.style import new_figure
 
 if TYPE_CHECKING:

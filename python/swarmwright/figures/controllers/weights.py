@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core import neat
+from swarmwright.common import neat
 
 if TYPE_CHECKING:
     from matplotlib.colors import LinearSegmentedColormap

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.warn_once import warn_once
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.warn_once import warn_once
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.derived import place_of
 from swarmwright.experiment.experiment import Experiment

@@ -8,8 +8,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError, RunError, reworded
-from swarmwright.core.random_numbers import Streams
+from swarmwright.common.errors import InputError, RunError, reworded
+from swarmwright.common.random_numbers import Streams
+from swarmwright.common.typing import Genomes
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.evaluation.here import needs_no_servers, require_here
 from swarmwright.evaluation.opening import open_backend, open_once
@@ -19,7 +20,6 @@ from swarmwright.runs.post_evaluation import evaluated
 from swarmwright.runs.transfer.transferred import Candidate
 from swarmwright.simulations import catalogue
 from swarmwright.store import Evaluation
-from swarmwright.typing import Genomes
 
 Values = NDArray[np.float64]
 Where = tuple[str | None, Servers | None]

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.by_value import ComparedByValue
-from swarmwright.core.correlation import Correlation, rank_correlation
-from swarmwright.core.statistics import Estimate, estimate
+from swarmwright.common.by_value import ComparedByValue
+from swarmwright.common.correlation import Correlation, rank_correlation
+from swarmwright.common.statistics import Estimate, estimate
 from swarmwright.rankings import Ranking
 
 if TYPE_CHECKING:

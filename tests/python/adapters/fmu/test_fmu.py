@@ -26,9 +26,9 @@ from swarmwright import (
     resume,
     simulate,
 )
-from swarmwright.core import warn_once
-from swarmwright.core.errors import engine_errors
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common import warn_once
+from swarmwright.common.errors import engine_errors
+from swarmwright.common.random_numbers import Stream
 from swarmwright.evaluation.base import Servers
 from swarmwright.export import EXPORTERS
 from swarmwright.export.writing import write

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import InputError
-from swarmwright.core import archives
+from swarmwright.common import archives
 from swarmwright.fmu import description
 from swarmwright.fmu.description import described
 from swarmwright.fmu.instances import FmuError, unpacked

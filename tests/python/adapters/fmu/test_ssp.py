@@ -10,7 +10,7 @@ from pythonfmu.builder import FmuBuilder
 
 from swarmwright import Experiment, InputError, Run, RunError, evaluate, optimize
 from swarmwright.cli import run
-from swarmwright.core.random_numbers import Stream
+from swarmwright.common.random_numbers import Stream
 from swarmwright.fmu.coupled import Coupled
 from swarmwright.fmu.ssp import Algorithm, described, system_of
 from tests.data.fmu.battery import Battery

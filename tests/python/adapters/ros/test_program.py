@@ -18,7 +18,7 @@ import pytest
 
 from swarmwright import InputError, Simulation
 from swarmwright.commands.ros_definition import PROGRAM, RosOptions
-from swarmwright.core.yaml import dump
+from swarmwright.common.yaml import dump
 from swarmwright.simulations.loading import load
 
 pytestmark = pytest.mark.timeout(60)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, optimize, simulate
-from swarmwright.core import warn_once
+from swarmwright.common import warn_once
 from tests.python.adapters.sumo.roads import crossing, drivers, flows, ring, written
 from tests.python.records import same_record
 

@@ -8,7 +8,7 @@ import pytest
 from swarmwright import Experiment, InputError
 from swarmwright.analysis.sweep import Sweep, tasks
 from swarmwright.analysis.sweep.file import _seeds
-from swarmwright.core.yaml import Source
+from swarmwright.common.yaml import Source
 from swarmwright.experiment.budget import Budget
 
 BASE = """\

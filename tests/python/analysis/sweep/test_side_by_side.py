@@ -13,7 +13,7 @@ from swarmwright import Experiment, Generation, InputError, Run, _engine
 from swarmwright.analysis.sweep import Sweep, Variant, tasks
 from swarmwright.analysis.sweep.jobs import shares
 from swarmwright.analysis.sweep.remaining import Status
-from swarmwright.core.errors import PlugInError
+from swarmwright.common.errors import PlugInError
 from swarmwright.methods import METHODS
 from swarmwright.supervision.local_servers import processors
 from tests.python.cli.processes import children, gone
@@ -180,7 +180,7 @@ def test_a_plug_in_that_fails_does_not_end_the_sweep(
         raise raised
 
     monkeypatch.setattr(_engine, "servers", lambda *_, **__: [])
-    monkeypatch.setattr("swarmwright.core.plug_in_code.failure", lambda error: PlugInError(str(error)))
+    monkeypatch.setattr("swarmwright.common.plug_in_code.failure", lambda error: PlugInError(str(error)))
     run = experiment()
     monkeypatch.setattr(Experiment, "representation", fail)
     assert shares([run], 2, None, broker=embedded_broker, servers=None) == [None]

@@ -9,7 +9,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, RunError, _engine, optimize, resume
 from swarmwright.broker.mosquitto import write_configuration
-from swarmwright.core.server_use import ServerUse
+from swarmwright.common.server_use import ServerUse
 from swarmwright.evaluation.launched import scaling, servers
 from swarmwright.evaluation.launched.access import embedded
 from swarmwright.evaluation.launched.entry import Entry, LaunchedServer

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, FancyArrowPatch
 
-from swarmwright.core.modules import states_of
-from swarmwright.core.state_colors import state_color
+from swarmwright.common.modules import states_of
+from swarmwright.display.state_colors import state_color
 from swarmwright.figures import controllers
 from swarmwright.figures.controllers import figure
 from swarmwright.figures.controllers.diagram import Arrow, Diagram, Node, figure_with_list

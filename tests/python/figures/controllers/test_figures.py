@@ -15,8 +15,8 @@ from matplotlib.patches import FancyArrowPatch
 from PIL import Image
 
 from swarmwright import InputError
-from swarmwright.core.machine_texts import condition_words, words_of
-from swarmwright.core.modules import states_of
+from swarmwright.common.machine_texts import condition_words, words_of
+from swarmwright.common.modules import states_of
 from swarmwright.figures.controllers import Names, figure
 from swarmwright.figures.controllers.transitions import transitions
 from swarmwright.figures.style import save

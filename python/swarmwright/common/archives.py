@@ -1,0 +1,103 @@
+"""Reads zip archives from others within limits: a small one can unpack to any size."""
+
+import re
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from swarmwright.common.errors import InputError
+from swarmwright.common.untrusted import one_line
+
+_UNPACKED_BYTES = 1 << 28
+"""That any archive may unpack to."""
+_UNPACKED_TIMES = 20
+"""Of its own size, that a larger one may: libraries and tables in FMUs shrink to a third or a tenth."""
+_MOST_ENTRIES = 100_000
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Those whose output can be limited; FMI and SSP allow no others."""
+_DRIVE = re.compile(r"[A-Za-z]:")
+DAMAGED = (
+    zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError,
+)  # fmt: skip
+"""What `zipfile` raises for archives that are damaged or encrypted."""
+
+
+@contextmanager
+def opened(path: Path, kind: str) -> Iterator[zipfile.ZipFile]:
+    """Open an archive that has been checked; all that its entries unpack to is within the limits.
+
+    kind: what it is to be, for messages, such as "an FMU".
+
+    Raises InputError for one that cannot be read, is damaged, encrypted or too large, or has names outside of
+    its folder; also for what is found while it is open.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            infos = archive.infolist()
+            for info in infos:
+                _check(path, info)
+            if len(infos) > _MOST_ENTRIES:
+                raise InputError(f"{path}: has {len(infos):,} entries, more than {_MOST_ENTRIES:,}")
+            check_size(path, unpacked_bytes(archive), "unpacks to")
+            yield archive
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except DAMAGED as error:
+        raise InputError(f"{path}: is not {kind}, or is damaged: {error}") from error
+
+
+def unpacked_bytes(archive: zipfile.ZipFile) -> int:
+    """Return the bytes that an archive unpacks to; `zipfile` stops where an entry has more than it says."""
+    return sum(info.file_size for info in archive.infolist())
+
+
+def check_size(path: Path, size: int, what: str) -> None:
+    """Raise InputError where an archive, or those inside it, unpack to too much.
+
+    Args:
+        path: the archive.
+        size: what it unpacks to, bytes.
+        what: words before the size, such as "unpacks to".
+    """
+    limit = max(_UNPACKED_BYTES, _UNPACKED_TIMES * path.stat().st_size)
+    if size > limit:
+        raise InputError(
+            f"{path}: {what} {size >> 20:,} MiB, more than {_UNPACKED_BYTES >> 20} MiB and {_UNPACKED_TIMES} "
+            "times its own size; if you trust it, pack its content again without compression (zip -0 -r)"
+        )
+
+
+def content(archive: zipfile.ZipFile, path: Path, name: str, largest: int) -> bytes:
+    """Return an entry of an archive. Raises InputError where it is missing or larger than so many bytes."""
+    try:
+        info = archive.getinfo(name)
+    except KeyError:
+        raise InputError(f"{path}: has no {name}") from None
+    if info.file_size > largest:
+        raise InputError(
+            f"{path}: {name} has {info.file_size >> 20:,} MiB, more than {largest >> 20} MiB, the limit"
+        )
+    # Without a size, zipfile unpacks more than the entry says, and cuts it off afterwards.
+    with archive.open(info) as file:
+        return file.read(info.file_size) + file.read(1)
+
+
+def is_outside(name: str) -> bool:
+    """Whether some programs would unpack an entry of this name to a place outside of the folder."""
+    return name.startswith("/") or "\\" in name or bool(_DRIVE.match(name)) or ".." in name.split("/")
+
+
+def _check(path: Path, info: zipfile.ZipInfo) -> None:
+    name = one_line(info.filename)
+    if is_outside(info.filename):
+        raise InputError(
+            f"{path}: {name}: is not a name inside a folder (absolute, with .., a backslash or a drive "
+            "letter); do not unpack this archive"
+        )
+    if info.compress_type not in _METHODS:
+        raise InputError(
+            f"{path}: {name}: is compressed by method {info.compress_type}; expected deflate or none, as "
+            "`zip` writes"
+        )

@@ -1,0 +1,237 @@
+"""Validation errors in the words of a person who wrote an experiment file."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from typing import Any, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import check_utf8
+from swarmwright.common.suggestions import did_you_mean, unknown_key
+from swarmwright.common.yaml import Path_, parse
+
+Report = Callable[[Path_, str], None]
+"""Takes a problem: where, what."""
+MISSING = "is missing"
+"""What is said of a key that is not there."""
+_WANTED = {
+    "int_type": "an integer",
+    "int_from_float": "an integer",
+    "int_parsing": "an integer",
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "dict_type": "a mapping (key: value)",
+    "model_type": "a mapping (key: value)",
+    "model_attributes_type": "a mapping (key: value)",
+}
+_OTHER_NAMES = {
+    "noise step": "sigma sigma0 std",
+    "noise": "noise_std",
+    "step": "stepsize step_size",
+    "decay": "weight_decay l2_coeff",
+    "probability": "mutation_rate",
+    "population": "popsize pop_size population_size pop num_population mu lambda",
+    "generations": "n_gen ngen maxiter max_iter "
+    "iterations num_generations max_generations n_generations epochs",
+    "evaluations": "maxfevals max_evaluations n_evals n_eval max_evals n_trials",
+    "evaluations generations": "budget",
+    "seconds": "time max_time",
+    "seconds timeouts": "timeout",
+    "target": "ftarget fitness_threshold goal",
+    "restart": "restarts",
+    "hidden": "layers hidden_layers hidden_size hidden_sizes num_hidden n_hidden nodes",
+    "episodes": "n_episodes num_episodes trials repeats",
+    "seed": "random_state random_seed rng_seed",
+    "simulation": "env environment simulator problem",
+    "method": "algorithm optimizer optimiser solver",
+    "controller": "network representation policy",
+    "servers": "workers n_jobs processes num_workers",
+    "kind": "name type",
+    "validate": "validation test held_out post_evaluation",
+    "start_from": "warm_start initial init x0 resume_from checkpoint",
+}
+"""What a key may be called here, the likelier one first: what other libraries call it."""
+ALIASES: Mapping[str, tuple[str, ...]] = {
+    other: tuple(ours.split()) for ours, others in _OTHER_NAMES.items() for other in others.split()
+}
+"""What other libraries call a key -> the names that it may have here."""
+_OF_KIND = {
+    "openai_es": {"step": "lr learning_rate"},
+    "pgpe": {"step": "lr learning_rate center_learning_rate", "rate": "stdev_learning_rate"},
+    "snes": {"rate": "lr learning_rate"},
+    "xnes": {"rate": "lr learning_rate"},
+    "de": {
+        "factor": "f mutation_factor differential_weight scale_factor",
+        "rate": "cr crossover_rate crossover_probability",
+        "base": "strategy variant",
+        "mutate": "mutation_rate",
+    },
+    "pso": {
+        "inertia": "w omega inertia_weight",
+        "own": "c1 phip cognitive",
+        "social": "c2 phig",
+        "fastest": "v_max vmax max_velocity max_velocity_rate",
+    },
+}
+"""Kind of a section -> what keys of that kind are called elsewhere, before what all of them are called."""
+_LIMITS = {
+    "greater_than_equal": ("ge", "at least"),
+    "greater_than": ("gt", "greater than"),
+    "less_than_equal": ("le", "at most"),
+    "less_than": ("lt", "less than"),
+    "multiple_of": ("multiple_of", "a multiple of"),
+}
+_LENGTHS = {"too_short": ("min_length", "at least"), "too_long": ("max_length", "at most")}
+
+
+def shown(value: Any, limit: int = 60) -> str:  # noqa: ANN401 - any value of a file
+    """Return a value as it would be written in a YAML file, shortened."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Mapping):
+        return "a mapping"
+    text = repr(value)
+    return text if len(text) <= limit else f"{text[: limit - 3]}..."
+
+
+def problems_of(error: ValidationError, model: type[BaseModel], at: Path_ = ()) -> list[tuple[Path_, str]]:
+    """Return (path, message) for everything pydantic found wrong with a section at `at`."""
+    return [_problem(dict(found), model, at) for found in error.errors(include_url=False)]
+
+
+def _problem(found: dict[str, Any], model: type[BaseModel], at: Path_) -> tuple[Path_, str]:
+    """Return path and message. That of a section as a whole may begin with the key that is to be changed."""
+    path, message = (*at, *found["loc"]), _message(found, model)
+    key, colon, rest = message.partition(": ")
+    section = found.get("input")
+    if found["type"] == "value_error" and colon and isinstance(section, Mapping) and key in section:
+        return (*path, key), rest
+    return path, message
+
+
+def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
+    kind: str = found["type"]
+    context: dict[str, Any] = found.get("ctx", {})
+    value = found.get("input")
+    if kind == "missing":
+        return MISSING
+    if kind == "extra_forbidden":
+        return _unknown_key(str(found["loc"][-1]), model_at(model, found["loc"][:-1]))
+    if kind == "list_type":
+        return _no_list(value, model_at(model, found["loc"][:-1]), str(found["loc"][-1]))
+    if kind in _WANTED:
+        return f"must be {_WANTED[kind]}, not {shown(value)}"
+    if kind in _LIMITS:
+        name, words = _LIMITS[kind]
+        limit = context[name]
+        whole = int(limit) if isinstance(limit, float) and limit.is_integer() else limit
+        return f"must be {words} {whole}, not {shown(value)}"
+    if kind == "literal_error":
+        choices = str(context["expected"]).replace("'", "").replace(" or ", ", ").split(", ")
+        hint = did_you_mean(value, choices) if isinstance(value, str) else ""
+        return f"must be one of {', '.join(choices)}, not {shown(value)}{hint}"
+    if kind == "string_too_short":
+        return "must not be empty"
+    if kind in _LENGTHS:
+        name, words = _LENGTHS[kind]
+        return f"must have {words} {context[name]} item(s)"
+    if kind == "union_tag_not_found":
+        return f"{str(context['discriminator']).strip(chr(39))} is missing"
+    if kind == "union_tag_invalid":
+        choices = str(context["expected_tags"]).replace("'", "").split(", ")
+        hint = did_you_mean(str(context["tag"]), choices)
+        key = str(context["discriminator"]).strip("'")
+        return f"{key} must be one of {', '.join(choices)}, not {shown(context['tag'])}{hint}"
+    if kind in {"value_error", "assertion_error"}:
+        return str(context["error"])
+    return _not_utf8(value) if kind == "string_unicode" else f"{found['msg']} (given: {shown(value)})"
+
+
+def _not_utf8(value: Any) -> str:  # noqa: ANN401 - any value of a file
+    """Say that text has bytes of a file's name that are not characters."""
+    try:
+        check_utf8(str(value))
+    except InputError as error:
+        return str(error)
+    return f"must be text, not {shown(value)}"
+
+
+def _no_list(value: Any, section: type[BaseModel] | None, key: str) -> str:  # noqa: ANN401 - any value of a file
+    """Say that a value is not a list, and how the key is written: with the value in it if that is valid."""
+    field = None if section is None else section.model_fields.get(key)
+    if section is None or field is None:  # an item of a list, or a section that is not known
+        return f"must be a list, not {shown(value)}"
+    names = ("min_length", "max_length")
+    lengths = [getattr(one, name) for one in field.metadata for name in names if hasattr(one, name)]
+    count = f" of {lengths[0]} items" if len(lengths) == len(names) and len(set(lengths)) == 1 else ""
+    forms = (items for items in _lists_of(value) if _is_valid(section, key, items))
+    form = next((f"; write [{', '.join(map(shown, items))}]" for items in forms), "")
+    return f"must be a list{count}, not {shown(value)}{form}"
+
+
+def _is_valid(section: type[BaseModel], key: str, value: Any) -> bool:  # noqa: ANN401 - any value of a file
+    """Return whether a section has nothing against the value of a key, whatever it has against others."""
+    try:
+        section.model_validate({key: value})
+    except ValidationError as error:
+        return not any(found["loc"][:1] == (key,) for found in error.errors(include_url=False))
+    return True
+
+
+def _lists_of(value: Any) -> Iterator[list[Any]]:  # noqa: ANN401 - any value of a file
+    """Yield the lists that a value without brackets may stand for: of its items (`8, 4`), or of itself."""
+    if isinstance(value, str) and "," in value:
+        with suppress(InputError):
+            listed = parse(f"[{value}]", "")
+            if isinstance(listed.values, list) and not listed.problems:
+                yield listed.values
+    if isinstance(value, int | float | str):
+        yield [value]
+
+
+def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
+    if model is None:
+        return "unknown key"
+    keys = [field.alias or name for name, field in model.model_fields.items()]
+    folded, kind = key.casefold(), getattr(model.model_fields.get("kind"), "default", None)
+    of_kind = [name for name, others in _OF_KIND.get(str(kind), {}).items() if folded in others.split()]
+    other = next((name for name in (*of_kind, *ALIASES.get(folded, ())) if name in keys), None)
+    if other is not None:
+        return f"unknown key; it is called '{other}' here"
+    if folded == "files" and "servers" in keys:
+        return (
+            "unknown key; files that the simulation reads are named in the section servers, such as "
+            "servers: {launcher: process, count: 4, files: [map.json]}"
+        )
+    return unknown_key(key, keys)
+
+
+def model_at(model: type[BaseModel], path: tuple[str | int, ...]) -> type[BaseModel] | None:
+    """Return the model of the section at `path` below `model`; None where that is not a section."""
+    rest = list(path)
+    while rest:
+        key = str(rest.pop(0))
+        fields = model.model_fields
+        field = fields.get(key) or next((one for one in fields.values() if one.alias == key), None)
+        inner = None if field is None else _inner(field.annotation)
+        if inner is None:
+            return None
+        model, several = inner
+        if several:
+            if not rest:
+                return None
+            rest.pop(0)  # the index of an item, or its name
+    return model
+
+
+def _inner(annotation: Any) -> tuple[type[BaseModel], bool] | None:  # noqa: ANN401 - any type
+    """Return the model in a field's type, and whether the field has several of them, in a list or mapping."""
+    for part in (annotation, *get_args(annotation)):
+        if isinstance(part, type) and issubclass(part, BaseModel):
+            return part, get_origin(annotation) in {list, dict}
+    return None

@@ -1,0 +1,211 @@
+"""Names of simulations: titles, classes in Python, environments of other libraries, and commands.
+
+`minisim` is a title, `path/to/file.py:Class` and `package.module:Class` name a class,
+`library:environment?option=value&option=value` an environment, and `command:{..}`, `ros:{..}` or `fmu:{..}`,
+a JSON object, a command, robots of a ROS system or an FMU, which experiments write as a mapping.
+"""
+
+import ast
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from swarmwright.common.errors import InputError
+
+LIBRARIES = {"gymnasium": "Gymnasium", "pettingzoo": "PettingZoo", "vmas": "Vmas"}
+"""Library, which is the adapter's module, too -> its class."""
+
+MISSIONS = "arena-"
+"""What the titles of the arena's missions in other simulators begin with."""
+
+SIMULATORS = {
+    "arena-argos": "docs/how-to/attach-argos.md",
+    "arena-enki": "docs/how-to/attach-enki.md",
+    "arena-gazebo": "docs/how-to/attach-gazebo.md",
+    "arena-gz": "docs/how-to/attach-gazebo.md",
+    "arena-mujoco": "docs/how-to/attach-mujoco.md",
+    "arena-stage": "docs/how-to/attach-stage.md",
+    "argos": "docs/how-to/attach-argos.md",
+    "stage": "docs/how-to/attach-stage.md",
+}
+"""Titles that servers of other simulators have, as they come with Swarmwright -> page that describes them."""
+
+_SIMULATOR_FILES = {
+    ".argos": ("ARGoS", "attach-argos.md"),
+    ".sdf": ("Gazebo", "attach-gazebo.md"),
+    ".world": ("Gazebo or Stage", "attach-gazebo.md and docs/how-to/attach-stage.md"),
+    ".sumocfg": ("SUMO", "attach-sumo.md"),
+    ".net.xml": ("SUMO", "attach-sumo.md"),
+    ".rou.xml": ("SUMO", "attach-sumo.md"),
+    ".wbt": ("Webots", "attach-webots.md"),
+    ".ttt": ("CoppeliaSim", "attach-coppeliasim.md"),
+    ".urdf": ("robots in PyBullet, Gazebo and others", "attach-pybullet.md"),
+    ".mjcf": ("MuJoCo", "attach-mujoco.md"),
+    ".launch": ("ROS", "attach-ros.md"),
+}
+"""Ending of a file that a simulator reads -> the simulator, and the page that attaches it."""
+
+_ENVIRONMENT = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]*)(?:\?(\S*))?")
+_DEFINED = re.compile(r"(command|fmu|ros):\{")
+_CLASS = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
+
+
+def simulator_file(name: str) -> str | None:
+    """Say that a file belongs to a simulator, and which page attaches that; None for other files."""
+    for ending, (simulator, page) in _SIMULATOR_FILES.items():
+        if name.lower().endswith(ending):
+            return f"is a file of {simulator}; docs/how-to/{page} shows how to attach the simulator"
+    return None
+
+
+@dataclass(frozen=True)
+class SimulationName:
+    """The parts of a simulation's name."""
+
+    COMMAND: ClassVar[str] = "command:"
+    """What a command's name begins with."""
+    ROS: ClassVar[str] = "ros:"
+    """What the name of robots of a ROS system begins with."""
+    FMU: ClassVar[str] = "fmu:"
+    """What the name of an FMU begins with."""
+    DEFINITION: ClassVar[str] = "swarmwright-command.json"
+    """The file of a command's definition, which exists in copies only."""
+
+    text: str
+    """The whole name."""
+    library: str
+    """Of an environment: gymnasium, pettingzoo or vmas; else empty."""
+    place: str
+    """Of a class: the path of its file, or its module. Of an environment: what its library calls it."""
+    member: str
+    """Of a class: what it is called in its file or module."""
+    query: str
+    """Of an environment: what follows the question mark."""
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Take a name apart; any text that names neither a class, an environment nor a command is a title."""
+        if _DEFINED.match(text):
+            folder = json.loads(text.partition(":")[2]).get("folder", ".")
+            return cls(text, "", str(Path(folder) / cls.DEFINITION), "", "")
+        match = _ENVIRONMENT.fullmatch(text)
+        if match is not None:
+            return cls(text, match[1], match[2], "", match[3] or "")
+        place, _, member = text.rpartition(":")
+        return cls(text, "", place, member, "")
+
+    @property
+    def is_environment(self) -> bool:
+        """Whether it is an environment of another library."""
+        return bool(self.library)
+
+    @property
+    def is_command(self) -> bool:
+        """Whether a command runs it: it is one, or a ROS system or an FMU, which a program drives."""
+        return _DEFINED.match(self.text) is not None
+
+    @property
+    def prefix(self) -> str:
+        """What the names of its kind begin with, up to the colon."""
+        return f"{self.text.partition(':')[0]}:"
+
+    @property
+    def definition(self) -> dict[str, Any]:
+        """What an experiment says of a command, every default left out."""
+        values: dict[str, Any] = json.loads(self.text.partition(":")[2])
+        return values
+
+    @property
+    def is_python(self) -> bool:
+        """Whether Python runs it: it is a class, an environment or a command, not a title."""
+        return self.is_environment or self.is_command or _CLASS.fullmatch(self.text) is not None
+
+    @property
+    def file(self) -> Path | None:
+        """The file of a class that is named by it, or where a command's definition would be; else None."""
+        if self.is_command:
+            return Path(self.place)
+        return Path(self.place) if self.place.endswith(".py") and not self.is_environment else None
+
+    @property
+    def module(self) -> str:
+        """The module that is imported for a class or environment, as far as the name has one; else empty."""
+        if self.is_command:
+            return ""
+        if self.library == "gymnasium":
+            return self.place.rpartition(":")[0]
+        return "" if self.file is not None else self.place
+
+    @property
+    def label(self) -> str:
+        """What figures and folders call it: title, class or program, or the end of an environment's name."""
+        if self.is_command:
+            return _program(self.definition)
+        return self.text.rpartition(":")[2] if self.is_python else self.text
+
+    def in_file(self, file: str | Path) -> str:
+        """Return the name of the same class in another file, or of the same command in its folder."""
+        if self.is_command:
+            values = {**self.definition, "folder": Path(file).parent.as_posix()}
+            return f"{self.prefix}{json.dumps(values, sort_keys=True, separators=(',', ':'))}"
+        return f"{file}:{self.member}"
+
+    def options(self) -> dict[str, Any]:
+        """Return the options of an environment.
+
+        Raises InputError for options that are not `name=value`, or are given twice.
+        """
+        options = {}
+        for part in filter(None, self.query.split("&")):
+            key, equals, value = part.partition("=")
+            if not equals or not key.isidentifier():
+                raise InputError(
+                    f"{self.text}: {part!r} found after the question mark, expected option=value"
+                )
+            if key in options:
+                raise InputError(f"{self.text}: the option {key} is given twice; leave one")
+            options[key] = _value(value)
+        return options
+
+
+def is_environment(name: str) -> bool:
+    """Whether a simulation is named as an environment of another library."""
+    return SimulationName.parse(name).is_environment
+
+
+def is_python(name: str) -> bool:
+    """Whether a simulation is named by its class, or as another library's environment, not by a title."""
+    return SimulationName.parse(name).is_python
+
+
+def is_command(name: str) -> bool:
+    """Whether a command runs a simulation."""
+    return SimulationName.parse(name).is_command
+
+
+def _program(definition: dict[str, Any]) -> str:
+    """Return what a command is called: its title, or the script or program that it starts."""
+    if "title" in definition:
+        return str(definition["title"])
+    if "fmu" in definition:
+        return re.sub(r"[^\w.-]", "_", Path(definition["fmu"]).stem) or "fmu"
+    if "ros" in definition:
+        return f"ros{definition['ros']}"
+    words = [Path(word) for word in definition["command"] if not word.startswith("-")]
+    scripts = [
+        word for word in words if word.suffix in {".py", ".sh", ".jl", ".m", ".js", ".rb", ".R", ".lua"}
+    ]
+    name = (scripts or words)[0].stem
+    return re.sub(r"[^\w.-]", "_", name) or "command"
+
+
+def _value(text: str) -> Any:  # noqa: ANN401 - any value that JSON has
+    """Return a value written as in JSON or Python, else as text."""
+    for read in (json.loads, ast.literal_eval):
+        try:
+            return read(text)
+        except (ValueError, SyntaxError):
+            continue
+    return text

@@ -1,0 +1,197 @@
+"""XML with line numbers, read without external access and with bounded memory.
+
+Files may name a DTD; it is not fetched. Declarations of an internal DTD are refused, nothing else needs
+it: entities, which expand to text of any length, and attributes with defaults, which every element then has.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import contents, first_character_of
+
+_MOST_NODES = 2_000_000
+"""Elements and attributes of a file; each takes about 400 bytes."""
+_DEEPEST_NESTING = 50
+"""Levels of nesting."""
+
+
+@dataclass
+class Element:
+    """An element: its name, attributes, text, elements inside, and its position."""
+
+    file: str
+    line: int
+    tag: str
+    attributes: dict[str, str]
+    children: list["Element"] = field(default_factory=list)
+    text: str = ""
+
+    def error(self, message: str) -> InputError:
+        """Return an error about this element, to be raised."""
+        return InputError(f"{self.file}:{self.line}: <{self.tag}>: {message}")
+
+    def all(self, tag: str) -> list["Element"]:
+        """Return the elements directly inside of this name."""
+        return [child for child in self.children if child.tag == tag]
+
+    def one(self, tag: str) -> "Element":
+        """Return the only element of this name directly inside; raise InputError unless there is one."""
+        found = self.all(tag)
+        if len(found) != 1:
+            raise self.error(f"{len(found) or 'no'} <{tag}> inside; expected one")
+        return found[0]
+
+    def attribute(self, name: str) -> str:
+        """Return an attribute; raise InputError when it is missing."""
+        if name not in self.attributes:
+            raise self.error(f"the attribute {name} is missing")
+        return self.attributes[name]
+
+    def walk(self) -> Iterator["Element"]:
+        """Yield this element and everything inside, in the file's order."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
+
+
+class _RootFoundError(Exception):
+    """The root element has begun."""
+
+
+class _Builder:
+    def __init__(self, name: str, most: int, deepest: int) -> None:
+        self.name, self.most, self.deepest = name, most, deepest
+        self.open: list[Element] = []
+        self._texts: list[list[str]] = []
+        self._count = 0
+        self.root: Element | None = None
+        self.parser = expat.ParserCreate()
+        self.parser.buffer_text = True
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._text
+        self.parser.EntityDeclHandler = self._entity
+        self.parser.SkippedEntityHandler = self._entity
+        self.parser.AttlistDeclHandler = self._declared
+        # Without a handler for external entities expat leaves the DTD alone, and skips what that may declare.
+        self.parser.SetParamEntityParsing(expat.XML_PARAM_ENTITY_PARSING_NEVER)
+
+    def begin(self, tag: str, attributes: dict[str, str]) -> None:
+        """Note the root element, and read no further."""
+        self.root = Element(self.name, self.parser.CurrentLineNumber, tag, attributes)
+        raise _RootFoundError
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        element = Element(self.name, self.parser.CurrentLineNumber, tag, attributes)
+        self._count += 1 + len(attributes)
+        if self._count > self.most:
+            raise element.error(f"the file has more than {self.most} elements and attributes")
+        if len(self.open) >= self.deepest:
+            raise element.error(f"nested more than {self.deepest} deep")
+        if self.open:
+            self.open[-1].children.append(element)
+        else:
+            self.root = element
+        self.open.append(element)
+        self._texts.append([])
+
+    def _end(self, _tag: str) -> None:
+        self.open.pop().text = "".join(self._texts.pop())
+
+    def _text(self, text: str) -> None:
+        self._texts[-1].append(text)
+
+    def _declared(self, element: str, attribute: str, *_rest: object) -> None:
+        line = self.parser.CurrentLineNumber
+        raise InputError(
+            f"{self.name}:{line}: declares the attribute {attribute} of <{element}> in a DTD, which is not "
+            "supported; write the attribute where it is used"
+        )
+
+    def _entity(self, entity: str, *_rest: object) -> None:
+        line = self.parser.CurrentLineNumber
+        raise InputError(
+            f"{self.name}:{line}: uses the entity {entity} of a DTD, which is not supported; write its text"
+        )
+
+
+class _Counter(_Builder):
+    """Keeps of the elements only those that are open, without what is inside."""
+
+    def __init__(self, name: str, most: int, deepest: int) -> None:
+        super().__init__(name, most, deepest)
+        self.parser.CommentHandler = self._other
+        self.parser.ProcessingInstructionHandler = self._other
+
+    def _end(self, tag: str) -> None:
+        super()._end(tag)
+        if self.open:
+            self.open[-1].children.clear()
+
+    def _text(self, text: str) -> None:
+        """Leave the text out."""
+
+    def _other(self, *_: object) -> None:
+        self._count += 1
+
+
+def check(data: bytes, name: str, most: int, deepest: int) -> None:
+    """Check XML for other parsers: these keep all of it, and may expand or fetch entities.
+
+    Args:
+        data: the file's content.
+        name: of the file, for messages.
+        most: elements, attributes, comments and processing instructions.
+        deepest: levels of nesting.
+
+    Raises InputError, with file and line, for what is not valid, too much, or declared in a DTD.
+    """
+    _feed(_Counter(name, most, deepest), data)
+
+
+def read(path: Path) -> Element:
+    """Return the root element of an XML file.
+
+    Raises InputError, with file and line, when it cannot be read or is not valid XML.
+    """
+    builder = _parsed(path)
+    assert builder.root is not None  # expat finds no document without one
+    return builder.root
+
+
+def root_of(path: Path) -> Element:
+    """Return an XML file's root element without what is inside; what follows need not be valid.
+
+    Raises InputError, with file and line, when it cannot be read or has none.
+    """
+    root = _parsed(path, stop=True).root
+    assert root is not None  # as above
+    return root
+
+
+def _parsed(path: Path, *, stop: bool = False) -> _Builder:
+    """Return the builder that has read a file; stop: to the start of its root element only."""
+    data = contents(path)
+    first = first_character_of(data)
+    if first not in {"", "<"}:
+        raise InputError(f"{path}: is not XML, which begins with '<', not with {first!r}")
+    builder = _Builder(str(path), _MOST_NODES, _DEEPEST_NESTING)
+    if stop:
+        builder.parser.StartElementHandler = builder.begin
+    with suppress(_RootFoundError):
+        _feed(builder, data)
+    return builder
+
+
+def _feed(builder: _Builder, data: bytes) -> None:
+    try:
+        builder.parser.Parse(data, True)
+    except expat.ExpatError as error:
+        reason = expat.errors.messages[error.code]
+        raise InputError(f"{builder.name}:{error.lineno}: is not valid XML: {reason}") from None
+    except (LookupError, ValueError) as error:  # an unknown encoding
+        raise InputError(f"{builder.name}:1: is not valid XML: {error}") from None
