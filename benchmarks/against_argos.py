@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swarmwright import Experiment, _engine
-from swarmwright.figures.style import COLORS, INK, dress, new_figure
+from swarmwright.display.figures.style import COLORS, INK, dress, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.methods import METHODS
-from swarmwright.representations import REPRESENTATIONS
 
 Points = NDArray[np.float64]
 SEEDS = range(1, 12)

@@ -18,8 +18,8 @@ from swarmwright import compare
 from swarmwright.analysis.significance import difference, holm
 from swarmwright.analysis.table import number
 from swarmwright.common.formatting import p_value
-from swarmwright.figures.comparison import apart
-from swarmwright.figures.style import COLORS, PAPER, SOFT, dress, new_figure, save
+from swarmwright.display.figures.comparison import apart
+from swarmwright.display.figures.style import COLORS, PAPER, SOFT, dress, new_figure, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

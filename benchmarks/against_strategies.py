@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.against_cma import REACH, SEEDS, Points, ellipsoid, rastrigin, rosenbrock, sphere
+from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.methods import METHODS
-from swarmwright.representations import REPRESENTATIONS
 
 LIMIT = 200_000
 """Evaluations, after which the target is missed."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.measurement import Samples
 from swarmwright import _engine
-from swarmwright.representations.modules import Modules, ModulesOptions
+from swarmwright.controllers.kinds.modules.representation import Modules, ModulesOptions
 
 ARGOS_RATE = 87_000.0
 """Robot-steps/s of ARGoS 3 on a core, 20 e-pucks with all of these sensors: the better end of 70,000 to

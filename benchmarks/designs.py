@@ -20,7 +20,7 @@ from scipy import stats
 
 from benchmarks.kept import finished, read, write
 from swarmwright import Experiment, Run, transfer
-from swarmwright.figures.style import COLORS, INK, dress, new_figure
+from swarmwright.display.figures.style import COLORS, INK, dress, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

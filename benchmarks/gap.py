@@ -24,7 +24,7 @@ from benchmarks.missions import chosen
 from benchmarks.places import PLACES, PREFIX, Place, running
 from benchmarks.processes import Broker, embedded
 from swarmwright import Run, transfer
-from swarmwright.figures.style import COLORS, INK, dress, new_figure
+from swarmwright.display.figures.style import COLORS, INK, dress, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,8 +6,8 @@ import time
 import numpy as np
 
 from benchmarks.measurement import Samples
+from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.methods import METHODS, Method
-from swarmwright.representations import REPRESENTATIONS
 
 CANDIDATES = 1000
 SENSORS, HIDDEN, ACTUATORS = 9, 9, 1

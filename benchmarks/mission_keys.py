@@ -18,7 +18,7 @@ from swarmwright.display._bodies import Bodies
 from swarmwright.display._ground import frame, lay
 from swarmwright.display._look import BORDER, rgb
 from swarmwright.display._robots import robots
-from swarmwright.figures.style import COLORS, INK, new_figure
+from swarmwright.display.figures.style import COLORS, INK, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

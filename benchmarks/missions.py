@@ -31,7 +31,7 @@ from benchmarks.processes import Broker, embedded
 from swarmwright import Experiment, Run, post_evaluate
 from swarmwright.analysis.significance import holm
 from swarmwright.common.statistics import Estimate, estimate
-from swarmwright.figures.style import COLORS, INK, dress, new_figure
+from swarmwright.display.figures.style import COLORS, INK, dress, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

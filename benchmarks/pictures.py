@@ -26,12 +26,12 @@ from benchmarks.missions import (
 from benchmarks.places import PLACES, Place, running
 from benchmarks.processes import Broker, embedded
 from swarmwright import Run
+from swarmwright.controllers.controller import Controller
 from swarmwright.display import Bodies, Recording, Scene
 from swarmwright.display._ground import lay
 from swarmwright.display._look import rgb
 from swarmwright.display._robots import robots
-from swarmwright.figures.style import COLORS, INK, new_figure
-from swarmwright.representations.controller import Controller
+from swarmwright.display.figures.style import COLORS, INK, new_figure
 from swarmwright.runs.replay import Replay
 
 if TYPE_CHECKING:

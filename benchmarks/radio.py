@@ -17,7 +17,7 @@ from scipy import stats
 
 from benchmarks.kept import finished
 from swarmwright import Experiment, post_evaluate
-from swarmwright.figures.style import COLORS, dress, new_figure
+from swarmwright.display.figures.style import COLORS, dress, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

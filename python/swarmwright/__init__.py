@@ -75,19 +75,20 @@ if TYPE_CHECKING:
         environments,
         frevo,
         methods,
-        modules,
         rankings,
-        representations,
         results,
         templates,
         testing,
     )
+    from swarmwright import controllers as representations
     from swarmwright.adapters.command import CommandSimulation
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.paired import ControllerComparison, compare_controllers
     from swarmwright.analysis.sweep.result import SweepResult, sweep
     from swarmwright.analysis.transfer.result import Transfer
     from swarmwright.analysis.transfer.transfer import transfer
+    from swarmwright.controllers import modules
+    from swarmwright.controllers.controller import Controller
     from swarmwright.evaluation.episodes import Episodes
     from swarmwright.evaluation.evaluate import EvaluatedEpisodes, evaluate, evaluate_episodes, simulate
     from swarmwright.experiment.experiment import Experiment
@@ -96,7 +97,6 @@ if TYPE_CHECKING:
     from swarmwright.export.bundle_verification import verify_bundle
     from swarmwright.export.exporting import Exported, export_controller
     from swarmwright.optimization.optimize import Generation, optimize, resume
-    from swarmwright.representations.controller import Controller
     from swarmwright.runs.learning_curve import LearningCurve, learning_curve
     from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, post_evaluate
     from swarmwright.runs.repeat import Repeated, repeat
@@ -175,7 +175,7 @@ _LAZY = {
     "BundleVerification": "export.bundle_report",
     "CommandSimulation": "adapters.command",
     "Comparison": "analysis.comparison",
-    "Controller": "representations.controller",
+    "Controller": "controllers.controller",
     "ControllerComparison": "analysis.paired",
     "Episodes": "evaluation.episodes",
     "EvaluatedEpisodes": "evaluation.evaluate",
@@ -210,12 +210,19 @@ _LAZY = {
     "transfer": "analysis.transfer.transfer",
     "verify_bundle": "export.bundle_verification",
 }
-_MODULES = frozenset(
-    {
-        *("callbacks", "display", "environments", "frevo", "methods", "modules", "rankings"),
-        *("representations", "results", "templates", "testing"),
-    }
-)
+_MODULES = {
+    "callbacks": "callbacks",
+    "display": "display",
+    "environments": "environments",
+    "frevo": "frevo",
+    "methods": "methods",
+    "modules": "controllers.modules",
+    "rankings": "rankings",
+    "representations": "controllers",
+    "results": "results",
+    "templates": "templates",
+    "testing": "testing",
+}
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - PEP 562: any of the names above
@@ -225,7 +232,7 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401 - PEP 562: any of the names a
         value = __getattr__("_engine").__version__
     elif name in _MODULES:
         installation.check_system()
-        value = import_module(f"swarmwright.{name}")
+        value = import_module(f"swarmwright.{_MODULES[name]}")
     elif name in _LAZY:
         installation.check_system()
         value = getattr(import_module(f"swarmwright.{_LAZY[name]}"), name)

@@ -14,17 +14,17 @@ from pydantic import Field
 
 import swarmwright as sw
 from swarmwright.common.typing import Fitness
-from swarmwright.methods import Method, MethodOptions
-from swarmwright.methods.nnga import NngaOptions
-from swarmwright.rankings import Ranking, RankingOptions
-from swarmwright.representations import (
+from swarmwright.controllers import (
     Genome,
     Genomes,
     Representation,
     RepresentationOptions,
     Stream,
 )
-from swarmwright.representations.layered import LayeredOptions
+from swarmwright.controllers.kinds.layered import LayeredOptions
+from swarmwright.methods import Method, MethodOptions
+from swarmwright.methods.nnga import NngaOptions
+from swarmwright.rankings import Ranking, RankingOptions
 
 
 class SampleOptions(MethodOptions):

@@ -2,8 +2,8 @@
 
 from pathlib import PurePosixPath
 
+from swarmwright.controllers.controller import Controller
 from swarmwright.export import EXPORTERS, Subject, c, file_bytes
-from swarmwright.representations.controller import Controller
 
 PREFIX = "controller"
 _MAIN = {"json": ".json", "c": ".c", "cpp": ".hpp", "python": ".py", "onnx": ".onnx"}

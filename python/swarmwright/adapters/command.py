@@ -29,8 +29,8 @@ from swarmwright.commands.stepwise import Start
 from swarmwright.common.errors import EpisodeError, InputError, explained
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.temporary import private_place, remove
+from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.fitness import OWN, FitnessExpression
-from swarmwright.representations.controller import Controller
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.parameters import Parameter
 from swarmwright.user_code.command_sources import digest

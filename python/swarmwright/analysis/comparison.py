@@ -219,7 +219,7 @@ class Comparison:
 
         Raises InputError for another style or width, and for a metric that a run has not recorded.
         """
-        from swarmwright.figures.publishers import Page, on
+        from swarmwright.display.figures.publishers import Page, on
 
         with on(Page.of(style, width, title)):
             return self._drawn(x, metrics)
@@ -227,8 +227,8 @@ class Comparison:
     def _drawn(self, x: str, metrics: Names | None) -> "Figure":
         """Return `figure` for the present page."""
         from swarmwright.analysis.designs import designs_of
-        from swarmwright.figures.comparison import draw
-        from swarmwright.figures.metrics import of_groups, runs_of, title_of_groups
+        from swarmwright.display.figures.comparison import draw
+        from swarmwright.display.figures.metrics import of_groups, runs_of, title_of_groups
 
         designs = designs_of(self.tasks, self.labels)
         if metrics is None:
@@ -254,7 +254,7 @@ class Comparison:
 
         Raises InputError as `figure`, and for another ending or a file that cannot be written.
         """
-        from swarmwright.figures.style import save
+        from swarmwright.display.figures.style import save
 
         figure = self.figure(x=x, metrics=metrics, style=style, width=width, title=title)
         return save(figure, Path(path))

@@ -27,9 +27,9 @@ from swarmwright.common.html import preformatted
 from swarmwright.common.problems import shown
 from swarmwright.common.statistics import Estimate, estimate
 from swarmwright.common.untrusted import one_line
+from swarmwright.controllers.controller import Controller
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.experiment import Experiment, experiment_of
-from swarmwright.representations.controller import Controller
 from swarmwright.runs.choice import choose
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import EPISODES, ControllerEvaluation, Where, of_controllers
@@ -175,7 +175,7 @@ class ControllerComparison(ComparedByValue):
 
     def figure(self) -> "Figure":
         """Return a matplotlib figure: fitness of the first over the second, and every difference."""
-        from swarmwright.figures.paired import draw
+        from swarmwright.display.figures.paired import draw
 
         return draw(self)
 
@@ -185,7 +185,7 @@ class ControllerComparison(ComparedByValue):
 
         Raises InputError for another ending or a file that cannot be written.
         """
-        from swarmwright.figures.style import save
+        from swarmwright.display.figures.style import save
 
         return save(self.figure(), Path(path))
 

@@ -397,7 +397,7 @@ def _audit_words(audit: Mapping[str, int]) -> str:
 def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines of a state machine or behaviour tree, for a team of each group's controller."""
     from swarmwright.common.teams import parts_of
-    from swarmwright.representations.controller import controller_words
+    from swarmwright.controllers.controller import controller_words
 
     if is_modules(specification):
         yield from controller_text(specification).splitlines()

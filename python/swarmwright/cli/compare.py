@@ -115,8 +115,8 @@ def command(
     from swarmwright.cli._experiments import experiment_of
     from swarmwright.cli._progress import episodes as shown_episodes
     from swarmwright.cli.evaluate import NOT_EVALUATED, settable
+    from swarmwright.display.figures import style
     from swarmwright.experiment.settings import refuse_seed
-    from swarmwright.figures import style
     from swarmwright.runs.post_evaluation import Where
 
     output = Output(as_json=as_json)

@@ -53,8 +53,8 @@ def command(
     candidate of a run is drawn unless another is named.
     """
     from swarmwright import Controller, Run
-    from swarmwright.figures import style
-    from swarmwright.figures.controllers import figure
+    from swarmwright.controllers.figures import figure
+    from swarmwright.display.figures import style
     from swarmwright.runs.choice import choose
 
     output = Output(as_json=as_json)

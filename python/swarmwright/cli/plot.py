@@ -13,7 +13,7 @@ from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOptio
 
 if TYPE_CHECKING:
     from swarmwright.cli._comparison import Compared
-    from swarmwright.figures.publishers import Page
+    from swarmwright.display.figures.publishers import Page
     from swarmwright.runs.metric_curves import Names
 
 
@@ -86,7 +86,7 @@ def command(
     count: they are named, tables have their number, and the exit status is 1.
     """
     from swarmwright.cli._comparison import Compared, single_run
-    from swarmwright.figures.publishers import Page, on
+    from swarmwright.display.figures.publishers import Page, on
 
     what = Compared.of(options)
     page = Page.of(style, width, title)
@@ -106,9 +106,9 @@ def _asked(metrics: tuple[str, ...]) -> "Names | None":
 def _draw_one(output: Output, folder: Path, file: Path, x: str, metrics: "Names | None") -> None:
     from swarmwright import InputError, Run
     from swarmwright.common.formatting import counted
-    from swarmwright.figures import style
-    from swarmwright.figures.metrics import draw as of_metrics
-    from swarmwright.figures.run import draw
+    from swarmwright.display.figures import style
+    from swarmwright.display.figures.metrics import draw as of_metrics
+    from swarmwright.display.figures.run import draw
     from swarmwright.runs.diversity import diversity
     from swarmwright.runs.metric_curves import MetricCurves, names_of
 
@@ -145,8 +145,8 @@ def _draw_several(
     metrics: "Names | None",
 ) -> int:
     from swarmwright.cli._comparison import show_comparison
-    from swarmwright.figures import style
-    from swarmwright.figures.publishers import on
+    from swarmwright.display.figures import style
+    from swarmwright.display.figures.publishers import on
 
     style.check(file)
     comparison, status = show_comparison(output, runs, what)

@@ -126,8 +126,8 @@ def command(
     from swarmwright.analysis.table_files import CSV, check
     from swarmwright.cli._comparison import run_folders
     from swarmwright.cli._progress import episodes
+    from swarmwright.display.figures import style
     from swarmwright.experiment.ranges import Range
-    from swarmwright.figures import style
 
     output = Output(as_json=as_json)
     show_warnings()

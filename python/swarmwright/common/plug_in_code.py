@@ -14,8 +14,13 @@ from swarmwright.common.tracebacks import is_installed, shown
 from swarmwright.common.untrusted import one_line
 
 _PACKAGE = "swarmwright"
-_SORTS = ("methods", "rankings", "representations", "launchers")
-"""Packages whose base classes plug-ins derive from."""
+_SORTS = (
+    "swarmwright.controllers._base",
+    "swarmwright.launchers",
+    "swarmwright.methods",
+    "swarmwright.rankings",
+)
+"""Modules and packages whose base classes plug-ins derive from."""
 
 
 def is_plug_in(kind: type) -> bool:
@@ -27,8 +32,7 @@ def _is_component(kind: type) -> bool:
     """Whether a class is that of a plug-in."""
     if not is_plug_in(kind):
         return False
-    parts = (base.__module__.split(".") for base in kind.__mro__)
-    return any(part[0] == _PACKAGE and len(part) > 1 and part[1] in _SORTS for part in parts)
+    return any(f"{base.__module__}.".startswith(f"{sort}.") for base in kind.__mro__ for sort in _SORTS)
 
 
 def failure(error: BaseException) -> PlugInError | None:

@@ -17,7 +17,7 @@ from swarmwright.conformance._json import Json
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Steer
 from swarmwright.conformance.rules import Failure, Skip
-from swarmwright.representations import REPRESENTATIONS
+from swarmwright.controllers import REPRESENTATIONS
 
 TOOL = "conformance/a"
 OTHER = "conformance/b"

@@ -16,11 +16,11 @@ from swarmwright.common.plug_in_code import is_plug_in, numbers, place
 from swarmwright.common.server_use import ServerUses
 from swarmwright.common.typing import Genomes
 from swarmwright.common.yaml import dotted_path
+from swarmwright.controllers import Representation
 from swarmwright.experiment.document import MOST_SERVERS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.launchers.entries import WORDS, Entries, entries_of, of_text, with_files
-from swarmwright.representations import Representation
 from swarmwright.store import Journal, WarningEntry
 
 Servers = int | str | Mapping[str, Any] | Sequence[Any]

@@ -14,6 +14,7 @@ from swarmwright.common.arrays import float32_of
 from swarmwright.common.by_value import same
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.processes import use_threads
+from swarmwright.controllers.controller import ControlledEpisodes, Controller
 from swarmwright.display import Caption, Recording, Scene
 from swarmwright.display.files import save
 from swarmwright.display.pictures import Pictures
@@ -21,7 +22,6 @@ from swarmwright.display.pictures import save as save_pictures
 from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.experiment.fitness import Fault
-from swarmwright.representations.controller import ControlledEpisodes, Controller
 from swarmwright.simulations import catalogue, near_names
 
 

@@ -18,6 +18,7 @@ from swarmwright.common.plug_in_code import reported
 from swarmwright.common.random_numbers import Stream
 from swarmwright.common.simulation_names import is_python
 from swarmwright.common.untrusted import one_line
+from swarmwright.controllers.controller import Controller
 from swarmwright.evaluation.base import HERE, Backend, Controllers, Progress, Results, Servers
 from swarmwright.evaluation.code_failures import failed
 from swarmwright.evaluation.here import is_here
@@ -31,7 +32,6 @@ from swarmwright.experiment.derived import has_python_modules, place_of, steers_
 from swarmwright.experiment.evolved import unknown
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.rankings.slow_simulation import SlowOptions
-from swarmwright.representations.controller import Controller
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
 from swarmwright.user_code.loaded import warn_of_edits

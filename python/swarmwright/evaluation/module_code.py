@@ -8,8 +8,8 @@ from swarmwright.common import modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.modules import PYTHON_KIND, Catalogue, Module
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.modules import Condition
-from swarmwright.modules.registered import REGISTRIES, module, name_of
+from swarmwright.controllers.modules import Condition
+from swarmwright.controllers.modules.registered import REGISTRIES, module, name_of
 from swarmwright.simulations.loading import code_in
 from swarmwright.user_code import trust
 from swarmwright.user_code.parts import of_plug_in, part_of

@@ -10,6 +10,7 @@ from swarmwright import _engine
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.processes import use_threads
 from swarmwright.common.typing import Fitness
+from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.evaluation.base import Progress
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.evaluation.seeds import seeds_of
@@ -17,7 +18,6 @@ from swarmwright.experiment.derived import evaluation_key
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.unavailable import ranking_of
 from swarmwright.rankings.absolute import Absolute
-from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.simulations import catalogue
 
 _MOST_EXPERIMENTS = 16

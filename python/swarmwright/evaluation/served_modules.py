@@ -14,9 +14,9 @@ from swarmwright.common import modules
 from swarmwright.common.errors import InputError, RunError, SimulationError
 from swarmwright.common.modules import Module
 from swarmwright.common.tracebacks import is_installed
+from swarmwright.controllers.modules.played import PlayedEpisode
 from swarmwright.evaluation.machines import LANES, MachineEvaluations
 from swarmwright.evaluation.module_code import ROLES, offered, sha256_of
-from swarmwright.modules.played import PlayedEpisode
 
 _STACK = 8000
 """Characters of a traceback that are kept, of its end."""

@@ -9,6 +9,8 @@ from swarmwright import _engine
 from swarmwright.common.arguments import simulation_seed
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.random_numbers import Stream
+from swarmwright.controllers.controller import Controller, controller_words
+from swarmwright.controllers.modules.played import PlayedEpisode
 from swarmwright.display import Caption, Part, Playable, Recording, record
 from swarmwright.display.files import save
 from swarmwright.display.pictures import Pictured, PictureRecording
@@ -21,8 +23,6 @@ from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.fitness import JudgedEpisode
 from swarmwright.experiment.kinds import kinds
-from swarmwright.modules.played import PlayedEpisode
-from swarmwright.representations.controller import Controller, controller_words
 from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:

@@ -13,6 +13,9 @@ from swarmwright.common.problems import MISSING, Report, problems_of, shown
 from swarmwright.common.registry import Registry
 from swarmwright.common.simulation_names import is_command
 from swarmwright.common.yaml import Path_
+from swarmwright.controllers import Representation
+from swarmwright.controllers.kinds.parameter_set import ParameterSetOptions
+from swarmwright.controllers.kinds.team import TeamOptions, check_counts, most, with_groups
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked, Document, Requirements
 from swarmwright.experiment.evolved import problems
 from swarmwright.experiment.fitness import FitnessExpression
@@ -21,9 +24,6 @@ from swarmwright.experiment.ranking_checks import check_ranking
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.methods.plug_ins import REGISTRIES
-from swarmwright.representations import Representation
-from swarmwright.representations.parameter_set import ParameterSetOptions
-from swarmwright.representations.team import TeamOptions, check_counts, most, with_groups
 from swarmwright.simulations import catalogue
 
 

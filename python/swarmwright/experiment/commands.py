@@ -23,10 +23,10 @@ from swarmwright.commands.ros_definition import OF_AN_INSTANCE, RosOptions
 from swarmwright.common.problems import Report, shown
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.yaml import Path_
+from swarmwright.controllers.kinds.parameter_set import CategoricalParameter, ParameterSetOptions
 from swarmwright.experiment.expression import ExpressionError
 from swarmwright.experiment.fitness import OWN, FitnessExpression
 from swarmwright.methods.plug_ins import REGISTRIES
-from swarmwright.representations.parameter_set import CategoricalParameter, ParameterSetOptions
 from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 from swarmwright.common.arrays import shortest
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.yaml import Path_
-from swarmwright.representations.parameter_set import CategoricalParameter, Parameter, RealParameter
+from swarmwright.controllers.kinds.parameter_set import CategoricalParameter, Parameter, RealParameter
 from swarmwright.simulations import catalogue
 
 _TRIED_SHARE = 0.4391

@@ -16,6 +16,7 @@ from swarmwright.common.plain_values import hashable, plain_values
 from swarmwright.common.read_only import read_only
 from swarmwright.common.simulation_names import SimulationName, is_command
 from swarmwright.common.yaml import Source, dump, read
+from swarmwright.controllers import REPRESENTATIONS, Representation, RepresentationOptions
 from swarmwright.experiment.budget import LIMITS, Budget, sets_limit
 from swarmwright.experiment.derived import given_source, steers_agents
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
@@ -37,7 +38,6 @@ from swarmwright.launchers.entries import Entries, written
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.rankings import Ranking, RankingOptions
 from swarmwright.rankings.slow_simulation import SlowOptions
-from swarmwright.representations import REPRESENTATIONS, Representation, RepresentationOptions
 from swarmwright.simulations.names import name_of
 from swarmwright.simulations.near_names import no_experiment
 from swarmwright.store import StoreReader

@@ -31,7 +31,7 @@ from swarmwright.experiment.expression import (
 if TYPE_CHECKING:
     from swarmwright._engine import Episode
     from swarmwright.common.engine_types import SceneArrays, SceneFields
-    from swarmwright.modules.played import PlayedEpisode
+    from swarmwright.controllers.modules.played import PlayedEpisode
 
 OWN = "fitness"
 """The name of the simulation's own fitness."""

@@ -12,9 +12,9 @@ from swarmwright.common.arrays import shortest
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import shown
 from swarmwright.common.typing import Genomes
+from swarmwright.controllers import Representation
+from swarmwright.controllers.controller import Controller, controller_words, genome_beside
 from swarmwright.experiment.unavailable import method_of
-from swarmwright.representations import Representation
-from swarmwright.representations.controller import Controller, controller_words, genome_beside
 from swarmwright.store import StoreReader
 from swarmwright.store.folder import find_store
 

@@ -16,10 +16,10 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.problems import problems_of
 from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.common.yaml import dotted_path
+from swarmwright.controllers import Representation
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.rankings import Ranking, RankingOptions
-from swarmwright.representations import Representation
 from swarmwright.user_code.copying import FOLDER, Copy, display_name
 from swarmwright.user_code.permission import require_file, trusts_file
 

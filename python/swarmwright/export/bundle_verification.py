@@ -129,7 +129,7 @@ def _subject(
     report: BundleVerification,
 ) -> Subject:
     """Return the controller, with episodes that have been compared with what the engine's controller does."""
-    from swarmwright.representations.controller import Controller  # noqa: PLC0415 - loads the engine
+    from swarmwright.controllers.controller import Controller  # noqa: PLC0415 - loads the engine
 
     specification = loads(files[CONTROLLER])
     if specification.get("kind") == PYTHON_KIND:

@@ -9,10 +9,10 @@ from textwrap import dedent, indent
 from swarmwright.common import modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.tracebacks import place_of
+from swarmwright.controllers.modules import Behaviour, Condition
+from swarmwright.controllers.modules.registered import implementation
 from swarmwright.export.machine_tables import own_modules
 from swarmwright.export.text import is_reserved, plain, render
-from swarmwright.modules import Behaviour, Condition
-from swarmwright.modules.registered import implementation
 
 _SENSES = {
     "proximity_x": 0,

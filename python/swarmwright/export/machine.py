@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common import machine_mappings, machine_texts, modules
-from swarmwright.common.automode import text_of
 from swarmwright.common.errors import InputError
 from swarmwright.common.yaml import read
+from swarmwright.controllers.automode import text_of
+from swarmwright.controllers.modules.registered import module
 from swarmwright.export._base import Exporter, Files, facts
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.modules.registered import module
 
 _EDITABLE = "it can be edited and evaluated, or evolution start from it"
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from onnx import ModelProto, NodeProto, TensorProto, checker, helper, numpy_helper
 
 from swarmwright.common.activations import of_nodes
-from swarmwright.common.evostick import STEEP, STEEPNESS, as_layered
+from swarmwright.controllers.kinds.evostick.network import STEEP, STEEPNESS, as_layered
 from swarmwright.export._base import not_exported
 from swarmwright.export.machine_tables import machine_tables
 from swarmwright.export.subject import Subject

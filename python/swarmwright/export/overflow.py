@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.evostick import STEEP
+from swarmwright.controllers.kinds.evostick.network import STEEP
 from swarmwright.export.python import module_of
 from swarmwright.export.sequences import OVERFLOWING, Sequences
 from swarmwright.export.subject import Subject

@@ -13,11 +13,11 @@ import numpy as np
 
 from swarmwright.common import machine_texts, modules
 from swarmwright.common.activations import of_nodes
-from swarmwright.common.evostick import STEEP, STEEPNESS, as_layered
-from swarmwright.common.hebbian import as_meshed
-from swarmwright.common.neat import EXP
-from swarmwright.common.neat import rows as neat_rows
 from swarmwright.common.ranges import shortest_decimal
+from swarmwright.controllers.kinds.evostick.network import STEEP, STEEPNESS, as_layered
+from swarmwright.controllers.kinds.hebbian.meshed import as_meshed
+from swarmwright.controllers.kinds.neat.specification import EXP
+from swarmwright.controllers.kinds.neat.specification import rows as neat_rows
 from swarmwright.export._base import not_exported
 from swarmwright.export.machine_tables import catalogue_of, machine_tables, machine_weights
 from swarmwright.export.python_arrays import Numbers

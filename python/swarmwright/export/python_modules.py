@@ -9,11 +9,11 @@ from pathlib import Path
 from swarmwright.common import modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.tracebacks import place_of
+from swarmwright.controllers.modules.registered import Kind, implementation
 from swarmwright.export._base import Files, facts
 from swarmwright.export.machine_tables import catalogue_of, own_modules
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import MARK, plain, render
-from swarmwright.modules.registered import Kind, implementation
 from swarmwright.user_code import trust
 from swarmwright.user_code.copying import Copy
 from swarmwright.user_code.parts import Part, distributions
@@ -21,8 +21,13 @@ from swarmwright.user_code.parts import Part, distributions
 _CODE = "code"
 """Where the copies lie, in the folder beside the controller."""
 _SWARMWRIGHT = Path(__file__).parents[1]
+_STAND_IN_ROOT = f'''"""What modules import. {MARK}."""
+
+from swarmwright.controllers import modules as modules
+'''
 _STAND_IN = ("Behaviour", "Condition", "Parameter", "RandomNumbers", "Senses")
-"""What the exported folder has of `swarmwright.modules`."""
+"""What the exported folder has of `swarmwright.controllers.modules`."""
+_STAND_IN_MODULES = ("swarmwright.controllers", "swarmwright.controllers.modules")
 
 
 @dataclass(frozen=True)
@@ -104,9 +109,10 @@ def own_python(subject: Subject, prefix: str) -> OwnPython:
                 },
             ),
             f"{prefix}_modules/_apart.py": copy_of(_SWARMWRIGHT / "simulations" / "isolation.py"),
-            f"{prefix}_modules/{_CODE}/swarmwright/__init__.py": f'"""What modules import. {MARK}."""\n',
-            f"{prefix}_modules/{_CODE}/swarmwright/modules.py": copy_of(
-                _SWARMWRIGHT / "modules" / "_base.py"
+            f"{prefix}_modules/{_CODE}/swarmwright/__init__.py": _STAND_IN_ROOT,
+            f"{prefix}_modules/{_CODE}/swarmwright/controllers/__init__.py": f'"""{MARK}."""\n',
+            f"{prefix}_modules/{_CODE}/swarmwright/controllers/modules.py": copy_of(
+                _SWARMWRIGHT / "controllers" / "modules" / "_base.py"
             ),
             **{f"{prefix}_modules/{_CODE}/{place}": files[place] for place in sorted(files)},
         },
@@ -184,7 +190,7 @@ def _check_imports(source: _Source) -> None:
         for line, name in _of_swarmwright(ast.parse(data)):
             raise InputError(
                 f"{place}:{line}: imports {name}, which an exported controller does not have: it has only "
-                f"{', '.join(_STAND_IN)} of swarmwright.modules; "
+                f"{', '.join(_STAND_IN)} of swarmwright.controllers.modules; "
                 "import the rest within functions or under `if __name__ == '__main__':`"
             )
 
@@ -198,10 +204,14 @@ def _of_swarmwright(tree: ast.AST) -> Iterator[tuple[int, str]]:
             yield from _of_swarmwright(ast.Module(node.orelse, []))
         elif isinstance(node, ast.Import):
             for alias in node.names:
-                if alias.name.startswith("swarmwright.") and alias.name != "swarmwright.modules":
+                if alias.name.startswith("swarmwright.") and alias.name not in _STAND_IN_MODULES:
                     yield node.lineno, alias.name
         elif isinstance(node, ast.ImportFrom):
-            allowed = {"swarmwright": ("modules",), "swarmwright.modules": _STAND_IN}
+            allowed = {
+                "swarmwright": ("modules",),
+                "swarmwright.controllers": ("modules",),
+                "swarmwright.controllers.modules": _STAND_IN,
+            }
             module = node.module or ""
             if not node.level and module.partition(".")[0] == "swarmwright":
                 for alias in node.names:

@@ -7,13 +7,13 @@ from typing import Any
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.untrusted import in_json, one_line
+from swarmwright.controllers.controller import controller_words
 from swarmwright.experiment.robots import DEFAULT
 from swarmwright.export._base import Files, facts
 from swarmwright.export.arena_words import PRESETS
 from swarmwright.export.c import C
 from swarmwright.export.subject import RANDOM, Channel, Subject
 from swarmwright.export.text import MARK, c_literal, quoted, render
-from swarmwright.representations.controller import controller_words
 
 _SHARED = (
     "control.cpp",

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright import scxml
+from swarmwright.controllers import scxml
 from swarmwright.export._base import Exporter, Files, facts, not_exported
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject

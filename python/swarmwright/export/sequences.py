@@ -13,7 +13,7 @@ from swarmwright import _engine
 from swarmwright.common.by_value import ComparedByValue
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.modules import PYTHON_KIND, is_modules
-from swarmwright.modules.machine import Swarm
+from swarmwright.controllers.modules.machine import Swarm
 
 RANDOM_SEQUENCES = 10_000
 LONGEST = 30

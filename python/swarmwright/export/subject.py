@@ -15,11 +15,11 @@ from swarmwright.common.modules import is_modules
 from swarmwright.common.ranges import CONVERSION, Range, ranges_of, shortest_decimal
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.warn_once import warn_once
+from swarmwright.controllers.controller import controller_words
 from swarmwright.export.arena_words import actuator_meaning, robot_in, sensor_meaning
 from swarmwright.export.groups import Member, member_of
 from swarmwright.export.sequences import RANDOM_SENSOR, Sequences, possible_overflows, random_sequences
 from swarmwright.export.text import plain
-from swarmwright.representations.controller import controller_words
 from swarmwright.runs.choice import choose
 from swarmwright.simulations import catalogue
 
@@ -316,7 +316,7 @@ def _facts(run: "Run", chosen: "Choice") -> tuple[tuple[str, str], ...]:
 
 
 def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], ...]) -> Subject:
-    from swarmwright.representations.controller import Controller  # noqa: PLC0415 - loads the engine
+    from swarmwright.controllers.controller import Controller  # noqa: PLC0415 - loads the engine
 
     options = run.experiment.controller.model_dump().get("parameters", {})
     options = options if isinstance(options, dict) else {}  # a plug-in may have other ones

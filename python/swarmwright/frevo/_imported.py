@@ -11,6 +11,7 @@ from typing import Any
 from swarmwright.common.arguments import checked
 from swarmwright.common.errors import InputError
 from swarmwright.common.yaml import parse, without_places
+from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.validation import check
 from swarmwright.frevo._document import SECTIONS, Section, Session, open_session
@@ -19,7 +20,6 @@ from swarmwright.frevo._mapped import EMERGENCY_EXIT, Line, Mapped, one_line
 from swarmwright.frevo._mapping import Instead, map_session
 from swarmwright.methods import METHODS
 from swarmwright.rankings import RANKINGS
-from swarmwright.representations import REPRESENTATIONS
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, relative_name
 

@@ -15,8 +15,8 @@ from swarmwright.common.options import Options
 from swarmwright.common.plug_in_code import is_plug_in, numbers
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.common.typing import Fitness, Genomes
+from swarmwright.controllers import Representation
 from swarmwright.methods._steady import SteadyState
-from swarmwright.representations import Representation
 
 NO_LIMIT = 1_000_000_000
 """As many generations as there can be."""

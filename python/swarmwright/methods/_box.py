@@ -4,10 +4,10 @@ import numpy as np
 from pydantic import Field
 
 from swarmwright.common.typing import Genomes, Limits
+from swarmwright.controllers import Representation
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._numbers import center_and_reach, discrete, limits
 from swarmwright.methods.search import KeepsMembers
-from swarmwright.representations import Representation
 
 
 class BoxOptions(MethodOptions):

@@ -8,11 +8,11 @@ from pydantic import Field
 
 from swarmwright import _engine
 from swarmwright.common.random_numbers import Stream
+from swarmwright.controllers import Representation
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import logarithm
 from swarmwright.methods._numbers import center_and_reach, discrete
 from swarmwright.methods.search import SearchMethod
-from swarmwright.representations import Representation
 
 
 class CmaOptions(MethodOptions):

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.controllers import Representation
 from swarmwright.methods._numbers import center_and_reach, discrete, limits
 from swarmwright.methods.search import SearchMethod
-from swarmwright.representations import Representation
 
 Numbers = NDArray[np.float64]
 

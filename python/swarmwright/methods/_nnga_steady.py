@@ -9,7 +9,7 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.common.random_numbers import Streams
 from swarmwright.common.typing import Fitness, Genome, Genomes
-from swarmwright.representations import Representation
+from swarmwright.controllers import Representation
 
 if TYPE_CHECKING:
     from swarmwright.methods.nnga import NngaOptions

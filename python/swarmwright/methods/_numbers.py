@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.representations import Representation
-from swarmwright.representations.team import Team
+from swarmwright.controllers import Representation
+from swarmwright.controllers.kinds.team import Team
 
 _LARGEST_GENE = float(np.finfo(np.float32).max)
 

@@ -12,7 +12,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.plug_in_code import is_plug_in, numbers
 from swarmwright.common.random_numbers import Streams
 from swarmwright.common.typing import Genome, Genomes
-from swarmwright.representations import Representation
+from swarmwright.controllers import Representation
 
 if TYPE_CHECKING:
     from swarmwright.methods._base import MethodOptions

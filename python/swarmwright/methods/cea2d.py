@@ -12,8 +12,8 @@ from pydantic import Field, model_validator
 from swarmwright import _engine
 from swarmwright.common.random_numbers import Streams
 from swarmwright.common.typing import Fitness, Genome, Genomes
+from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions
-from swarmwright.representations import Representation
 
 
 class Cea2dOptions(MethodOptions):

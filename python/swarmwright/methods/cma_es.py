@@ -2,9 +2,9 @@
 
 from typing import ClassVar, Literal
 
+from swarmwright.controllers import Representation
 from swarmwright.methods._cma import Cma, CmaOptions
 from swarmwright.methods._numbers import beyond_covariance
-from swarmwright.representations import Representation
 
 _MOST_GENES = 5000
 """Genes for which a covariance matrix is affordable."""

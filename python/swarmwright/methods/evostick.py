@@ -6,10 +6,10 @@ import numpy as np
 from pydantic import Field
 
 from swarmwright import _engine
+from swarmwright.controllers import Representation
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._numbers import center_and_reach, discrete, limits
 from swarmwright.methods.search import SearchMethod
-from swarmwright.representations import Representation
 
 
 class EvostickOptions(MethodOptions):

@@ -9,10 +9,10 @@ from pydantic import Field, field_validator, model_validator
 
 from swarmwright.common.options import Options
 from swarmwright.common.typing import Fitness, Genome, Genomes
+from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions, by_metric
 from swarmwright.methods._numbers import center_and_reach
 from swarmwright.methods.archive import Archive, Axis, Grid, Values
-from swarmwright.representations import Representation
 
 _MOST_CELLS = 1_000_000
 """Cells of an archive."""

@@ -9,9 +9,9 @@ from pydantic import Field, field_validator
 
 from swarmwright.common.random_numbers import Streams
 from swarmwright.common.typing import Fitness, Genome, Genomes
+from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions, by_metric
 from swarmwright.methods.archive import Values, crowding, ranks
-from swarmwright.representations import Representation
 
 _ATTEMPTS = 20
 """Times that a child is mutated anew while it is not a new one: there may be few genomes, or no mutations."""

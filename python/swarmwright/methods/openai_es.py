@@ -5,9 +5,9 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from swarmwright import _engine
+from swarmwright.controllers import Representation
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import Pairs
-from swarmwright.representations import Representation
 
 
 class OpenaiEsOptions(MethodOptions):

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from swarmwright.common.registry import Registry
+from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.methods import METHODS
 from swarmwright.rankings import RANKINGS
-from swarmwright.representations import REPRESENTATIONS
 
 REGISTRIES: Mapping[str, Registry[Any]] = {
     "controller": REPRESENTATIONS,

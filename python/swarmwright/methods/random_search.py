@@ -6,8 +6,8 @@ import numpy as np
 from pydantic import Field
 
 from swarmwright.common.typing import Fitness, Genome, Genomes
+from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions
-from swarmwright.representations import Representation
 
 
 class RandomSearchOptions(MethodOptions):

@@ -3,10 +3,10 @@
 import math
 from typing import ClassVar, Literal
 
+from swarmwright.controllers import Representation
 from swarmwright.methods._gaussian import logarithm
 from swarmwright.methods._nes import Nes, NesOptions
 from swarmwright.methods._numbers import beyond_covariance
-from swarmwright.representations import Representation
 
 _MOST_GENES = 500
 """Genes for which a matrix exponential is affordable."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.yaml import parse, without_places
+from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.start_from import entry_of
 from swarmwright.experiment.validation import check
@@ -18,7 +19,6 @@ from swarmwright.models._files import files_of
 from swarmwright.models._files import load as load_part
 from swarmwright.models._model import Model
 from swarmwright.models._names import title_of
-from swarmwright.representations import REPRESENTATIONS
 from swarmwright.simulations.names import absolute
 
 

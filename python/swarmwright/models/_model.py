@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from swarmwright.common.errors import InputError
+from swarmwright.controllers.scxml import StateMachine
 from swarmwright.models._names import Known
 from swarmwright.models._parts import Member, Optimised, Part, Property
-from swarmwright.scxml import StateMachine
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.common.problem_lines import ProblemLines
-from swarmwright.scxml import StateMachine
+from swarmwright.controllers.scxml import StateMachine
 
 _LARGEST_INTEGER = 1 << 24
 

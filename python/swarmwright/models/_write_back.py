@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape, unescape
 
-from swarmwright import scxml
 from swarmwright.common import json_source
 from swarmwright.common.alike import alike
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import read_bytes
+from swarmwright.controllers import scxml
 from swarmwright.export.scxml import Scxml
 from swarmwright.export.subject import Subject, subject_of
 from swarmwright.export.writing import write

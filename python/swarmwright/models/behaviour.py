@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from swarmwright import scxml
+from swarmwright.controllers import scxml
 from swarmwright.models._parts import Part
 
 ROOTS = ("scxml",)

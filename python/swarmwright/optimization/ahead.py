@@ -9,12 +9,12 @@ from swarmwright import _engine
 from swarmwright.common.errors import engine_errors
 from swarmwright.common.statistics import Figures
 from swarmwright.common.typing import Fitness, Genomes
+from swarmwright.controllers import Representation
 from swarmwright.evaluation.base import Backend, Progress, Results
 from swarmwright.methods import Method
 from swarmwright.methods.search import SearchMethod
 from swarmwright.rankings import Ranking
 from swarmwright.rankings.absolute import Absolute
-from swarmwright.representations import Representation
 
 
 class Produced(NamedTuple):

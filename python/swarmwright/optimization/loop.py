@@ -14,6 +14,7 @@ from swarmwright.common.errors import InputError, PlugInError, RunError
 from swarmwright.common.plug_in_code import is_plug_in, numbers, place
 from swarmwright.common.statistics import means
 from swarmwright.common.typing import Fitness, Genomes
+from swarmwright.controllers import Representation
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.evaluation.seeds import check_seeds
 from swarmwright.experiment.budget import Ended
@@ -33,7 +34,6 @@ from swarmwright.optimization.recorder import Recorder
 from swarmwright.optimization.strayed import strayed
 from swarmwright.optimization.two_simulations import needed_columns
 from swarmwright.rankings import Ranking
-from swarmwright.representations import Representation
 from swarmwright.store import Evaluated, Journal, StoreReader, StoreWriter
 
 

@@ -6,9 +6,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from swarmwright.common.errors import InputError
+from swarmwright.controllers import Representation
 from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.representations import Representation
 
 LARGE_POPULATION = 100_000
 """Candidates of a generation from which on slow steps are logged."""

@@ -20,6 +20,7 @@ from swarmwright.common.plug_in_code import reported
 from swarmwright.common.processes import use_threads
 from swarmwright.common.simulation_names import is_python
 from swarmwright.common.warn_once import warn_once
+from swarmwright.controllers import Representation
 from swarmwright.evaluation.base import HERE, Backend, Progress, Servers, chosen
 from swarmwright.experiment.derived import (
     check_new,
@@ -41,7 +42,6 @@ from swarmwright.optimization.resuming import Resumption, prolonged
 from swarmwright.optimization.steady_state import SteadyLoop
 from swarmwright.optimization.strayed import StrayedError
 from swarmwright.optimization.two_simulations import TwoSimulations, open_simulations
-from swarmwright.representations import Representation
 from swarmwright.runs import picture
 from swarmwright.runs.code import Continuation, continuation, copy_of, parts_of
 from swarmwright.runs.folders import check_names, default_folder, is_replaceable, is_run, remove_run

@@ -144,9 +144,9 @@ class Elites:
         """
         from pathlib import Path  # noqa: PLC0415
 
-        from swarmwright.figures import style  # noqa: PLC0415 - it takes long to import
-        from swarmwright.figures.elites import archive, front  # noqa: PLC0415
-        from swarmwright.figures.run import title_of  # noqa: PLC0415
+        from swarmwright.display.figures import style  # noqa: PLC0415 - it takes long to import
+        from swarmwright.display.figures.elites import archive, front  # noqa: PLC0415
+        from swarmwright.display.figures.run import title_of  # noqa: PLC0415
 
         if path is not None:
             style.check(Path(path))

@@ -84,7 +84,7 @@ class LearningCurve:
 
     def figure(self) -> "Figure":
         """Return a matplotlib figure: recorded and held-out fitness of the best so far over evaluations."""
-        from swarmwright.figures.learning_curve import draw  # noqa: PLC0415 - takes long
+        from swarmwright.display.figures.learning_curve import draw  # noqa: PLC0415 - takes long
 
         return draw(self)
 
@@ -94,7 +94,7 @@ class LearningCurve:
 
         Raises InputError for another ending or a file that cannot be written.
         """
-        from swarmwright.figures.style import save  # noqa: PLC0415 - takes long
+        from swarmwright.display.figures.style import save  # noqa: PLC0415 - takes long
 
         return save(self.figure(), Path(path))
 

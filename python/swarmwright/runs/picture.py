@@ -110,8 +110,8 @@ def _start() -> None:
 
 def draw(folder: Path) -> None:
     """Draw the plot of a run now. Raises InputError when it has no generation, or cannot be written."""
-    from swarmwright.figures import style
-    from swarmwright.figures.run import fitness
+    from swarmwright.display.figures import style
+    from swarmwright.display.figures.run import fitness
     from swarmwright.runs.run import Run
 
     run = Run.open(folder)

@@ -20,6 +20,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.html import facts
 from swarmwright.common.statistics import Estimate, estimate, quantile
 from swarmwright.common.typing import Genomes
+from swarmwright.controllers.controller import Controller
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, Servers
 from swarmwright.evaluation.code_failures import failed
 from swarmwright.evaluation.metrics import asked_for
@@ -27,7 +28,6 @@ from swarmwright.evaluation.module_code import is_in_python
 from swarmwright.evaluation.opening import open_backend, open_once
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.rankings import Ranking
-from swarmwright.representations.controller import Controller
 from swarmwright.runs.code import used_for
 from swarmwright.store import Evaluation
 

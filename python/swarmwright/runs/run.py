@@ -16,11 +16,11 @@ from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.html import facts, picture, png_of
 from swarmwright.common.place import Place
 from swarmwright.common.statistics import Summary
+from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment, stored_experiment
 from swarmwright.rankings.race import RaceOptions
 from swarmwright.rankings.slow_simulation import METRIC, SlowOptions
-from swarmwright.representations.controller import Controller
 from swarmwright.runs.export import write_table
 from swarmwright.runs.failures import taken
 from swarmwright.runs.instances import best_words
@@ -407,8 +407,8 @@ class Run:
         Raises InputError when the run has no finished generation or has not recorded a metric, for another
         style, width or ending, or when the file cannot be written.
         """
-        from swarmwright.figures.publishers import Page, on
-        from swarmwright.figures.style import check, save
+        from swarmwright.display.figures.publishers import Page, on
+        from swarmwright.display.figures.style import check, save
 
         if path is not None:
             check(Path(path))
@@ -423,11 +423,11 @@ class Run:
     def _figure(self, x: str, metrics: "Names | None") -> "Figure":
         """Return the figure of `plot` for the present page."""
         if metrics is not None:
-            from swarmwright.figures import metrics as drawing
+            from swarmwright.display.figures import metrics as drawing
             from swarmwright.runs.metric_curves import MetricCurves, names_of
 
             return drawing.draw(self, MetricCurves(self, names_of([self], metrics)), x=x)
-        from swarmwright.figures.run import draw
+        from swarmwright.display.figures.run import draw
         from swarmwright.runs.diversity import diversity
 
         return draw(self, diversity(self), x=x)
@@ -501,7 +501,7 @@ class Run:
             if lost.low is not None:
                 interval = f"{interval}, 95 % confidence interval {lost.low:.4g} to {lost.high:.4g}"
             rows.append((f"in {one.target}", f"{interval} ({one.source_episodes.shape[1]} episodes)"))
-        from swarmwright.figures.run import fitness
+        from swarmwright.display.figures.run import fitness
 
         return facts(f"Run {self.path}", rows) + picture(
             png_of(fitness(self)), 540, "fitness over generations"

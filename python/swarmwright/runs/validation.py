@@ -27,6 +27,7 @@ from swarmwright.common.html import table
 from swarmwright.common.statistics import Estimate, estimate
 from swarmwright.common.typing import Genome
 from swarmwright.common.warn_once import warn_once
+from swarmwright.controllers import Representation
 from swarmwright.evaluation.base import Backend, Progress
 from swarmwright.experiment.derived import reports_slow
 from swarmwright.experiment.document import AUTO
@@ -37,7 +38,6 @@ from swarmwright.experiment.unavailable import unreadable
 from swarmwright.rankings import Ranking
 from swarmwright.rankings.race import RaceOptions
 from swarmwright.rankings.slow_simulation import METRIC
-from swarmwright.representations import Representation
 from swarmwright.runs.instances import by_instance
 from swarmwright.runs.post_evaluation import (
     EPISODES,

@@ -18,7 +18,7 @@ from swarmwright.common.files import write_text
 from swarmwright.common.server_use import ServerUses, together, written
 from swarmwright.common.tracebacks import located, words_of
 from swarmwright.common.yaml import dump
-from swarmwright.representations import Representation
+from swarmwright.controllers import Representation
 from swarmwright.store.database import BEST, FILE, FRONT, NEW, code_of, seal_facts, transaction
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import digest_before

@@ -10,8 +10,8 @@ from swarmwright.common.descriptions import described
 from swarmwright.common.options import Options
 from swarmwright.common.registry import Registry
 from swarmwright.common.typing import Fitness, Genomes
+from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.methods import Method
-from swarmwright.representations import REPRESENTATIONS, Representation
 
 SHAPES = ((1, 1), (4, 1), (10, 2), (3, 5))
 """(sensors, actuators) that representations are tried with."""
@@ -48,9 +48,7 @@ def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any]
         f"{component.__name__}.kind is {component.kind!r}, registered as {kind!r}"
     )
     model: type[Options] = component.options_model
-    assert issubclass(model, Options), (
-        f"{model.__name__} must derive from swarmwright.representations.Options"
-    )
+    assert issubclass(model, Options), f"{model.__name__} must derive from swarmwright.controllers.Options"
     check_common_options(model, "kind", kind, given)
     return model.model_validate({**given})
 

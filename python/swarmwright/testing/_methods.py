@@ -11,8 +11,8 @@ import numpy as np
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.typing import Fitness, Genomes
+from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.methods import METHODS, Method
-from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.testing._common import check_options, representation, synthetic_metrics, without_options
 from swarmwright.testing._replay import check_replay
 from swarmwright.testing._samples import BoundedGenes, Choices

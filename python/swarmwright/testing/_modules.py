@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from swarmwright.common import modules
 from swarmwright.common.random_numbers import Stream
-from swarmwright.modules import Behaviour, Condition, RandomNumbers, Senses
-from swarmwright.modules.machine import called, random_words
-from swarmwright.modules.registered import implementation, module
+from swarmwright.controllers.modules import Behaviour, Condition, RandomNumbers, Senses
+from swarmwright.controllers.modules.machine import called, random_words
+from swarmwright.controllers.modules.registered import implementation, module
 
 _ROBOTS, _STEPS = 40, 30
 

@@ -10,8 +10,8 @@ from swarmwright import _engine
 from swarmwright.common.modules import PYTHON_KIND, weight_count
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.common.typing import Genome, Genomes
-from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.representations.controller import Controller
+from swarmwright.controllers import REPRESENTATIONS, Representation
+from swarmwright.controllers.controller import Controller
 from swarmwright.testing._common import SHAPES, check_options, representation
 
 

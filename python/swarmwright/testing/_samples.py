@@ -6,7 +6,7 @@ import numpy as np
 
 from swarmwright.common.random_numbers import Stream
 from swarmwright.common.typing import Genome, Limits
-from swarmwright.representations import Representation, RepresentationOptions
+from swarmwright.controllers import Representation, RepresentationOptions
 
 _GENES = 12
 _VALUES = 4

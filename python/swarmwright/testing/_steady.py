@@ -7,8 +7,8 @@ import numpy as np
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.typing import Genome
+from swarmwright.controllers import Representation
 from swarmwright.methods import Method
-from swarmwright.representations import Representation
 
 _GENERATIONS = 3
 

@@ -147,7 +147,7 @@ def of_plug_in(section: str, kind: str) -> Part | None:
     if parsed.file is not None:
         return Part.of_file(section, parsed.in_file(parsed.file.name), parsed.file)
     if what in MODULES:
-        from swarmwright.modules.registered import REGISTRIES as OF_MODULES  # noqa: PLC0415 - NumPy, not for --help
+        from swarmwright.controllers.modules.registered import REGISTRIES as OF_MODULES  # noqa: PLC0415 - NumPy, not for --help
 
         found = OF_MODULES[what].module(kind)
         return None if found is None else Part.of_module(section, kind, found)

@@ -13,8 +13,8 @@ from PIL import Image
 import swarmwright
 from swarmwright import Comparison, Experiment, Generation, InputError, Run, compare, optimize
 from swarmwright.analysis.comparison import compare_all
-from swarmwright.figures.comparison import _names
-from swarmwright.figures.style import COLORS
+from swarmwright.display.figures.comparison import _names
+from swarmwright.display.figures.style import COLORS
 from tests.python.analysis.runs import KnownRun, runs
 
 SEARCH = {"kind": "random_search", "population": 4, "generations": 3}

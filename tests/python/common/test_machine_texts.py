@@ -1,7 +1,7 @@
 """Machines and trees of modules in words and as diagrams."""
 
 from swarmwright.common import machine_mappings, machine_texts
-from tests.python.representations.machines import MACHINE, TREE
+from tests.python.controllers.machines import MACHINE, TREE
 
 
 def test_machines_can_be_read() -> None:

@@ -9,10 +9,10 @@ import pytest
 
 from swarmwright import Experiment, InputError
 from swarmwright.common.registry import Registry
+from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.methods import METHODS, Method
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.rankings import RANKINGS
-from swarmwright.representations import REPRESENTATIONS
 from swarmwright.testing import check_method, check_ranking, check_representation
 
 

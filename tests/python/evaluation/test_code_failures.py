@@ -17,8 +17,8 @@ from swarmwright import (
     post_evaluate,
     simulate,
 )
+from swarmwright.controllers.controller import Controller
 from swarmwright.evaluation.code_failures import CodeFailures, failed
-from swarmwright.representations.controller import Controller
 from swarmwright.store import Journal, WarningEntry
 from swarmwright.store.rows import IN_PROCESS, AttemptEntry
 

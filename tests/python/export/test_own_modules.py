@@ -10,6 +10,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, RunError, optimize
 from swarmwright.common.random_numbers import Stream
+from swarmwright.controllers.kinds.modules.representation import Modules, ModulesOptions
 from swarmwright.export import Exporter
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
@@ -23,14 +24,13 @@ from swarmwright.export.ros1 import Ros1
 from swarmwright.export.ros2 import Ros2
 from swarmwright.export.sequences import difference, random_sequences
 from swarmwright.export.writing import write
-from swarmwright.representations.modules import Modules, ModulesOptions
 from tests.python.export.specifications import subject
 from tests.python.export.test_c import COMPILERS, STRICT
 
 CODE = '''"""Modules with code in C."""
 
 import numpy as np
-from swarmwright.modules import Behaviour, Condition, Parameter
+from swarmwright.controllers.modules import Behaviour, Condition, Parameter
 
 
 class Weave(Behaviour):
@@ -220,13 +220,14 @@ import sys
 sys.path.insert(0, "robot")
 sys.path.insert(0, "elsewhere")
 import helper
-import swarmwright.modules
+import swarmwright.controllers.modules
 from robot import Controller
 one = Controller()
 first = one.step([0.5] * 9)
 import helper, other
 assert "elsewhere" in helper.__file__ and "elsewhere" in other.__file__
-assert swarmwright.__file__ and swarmwright.modules.Behaviour.__module__ == "swarmwright.modules._base"
+assert swarmwright.__file__
+assert swarmwright.modules.Behaviour.__module__ == "swarmwright.controllers.modules._base"
 assert first == [1.0, -0.5], first
 print("ok")
 """
@@ -248,8 +249,8 @@ def test_the_code_finds_its_neighbours_and_others_find_theirs(file: Path, tmp_pa
     [
         ("import swarmwright.testing", r"woven\.py:3: imports swarmwright\.testing, which an exported"),
         (
-            "from swarmwright.modules import BEHAVIOURS",
-            r"woven\.py:3: imports swarmwright\.modules\.BEHAVIOURS",
+            "from swarmwright.controllers.modules import BEHAVIOURS",
+            r"woven\.py:3: imports swarmwright\.controllers\.modules\.BEHAVIOURS",
         ),
         ("from swarmwright import optimize", r"woven\.py:3: imports swarmwright\.optimize"),
     ],

@@ -14,11 +14,11 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 from swarmwright import Experiment
+from swarmwright.controllers.scxml import read
 from swarmwright.export import EXPORTERS, Subject
 from swarmwright.export.proxy_model import Address, proxy_model
 from swarmwright.export.verification import verify
 from swarmwright.export.writing import write
-from swarmwright.scxml import read
 from tests.python.export.specifications import ALL, subject
 
 NAME = "fully_meshed-tanh-6"

@@ -9,11 +9,11 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from swarmwright import Controller, InputError, scxml
+from swarmwright import Controller, InputError
+from swarmwright.controllers import REPRESENTATIONS, scxml
 from swarmwright.export.scxml import Scxml
 from swarmwright.export.sequences import random_sequences
 from swarmwright.export.subject import Subject
-from swarmwright.representations import REPRESENTATIONS
 from tests.python.export.specifications import subject
 
 
@@ -42,7 +42,7 @@ def test_what_is_written_does_the_same(tmp_path: Path, seed: int) -> None:
 
 
 def test_names_are_identifiers() -> None:
-    from swarmwright.scxml._write import identifiers
+    from swarmwright.controllers.scxml._write import identifiers
 
     names = ["goal x", "goal-x", "1st", "and", "", "N free", "goal_x_2"]
     found = identifiers(names)
@@ -73,7 +73,7 @@ def test_reserved_words_are_no_names(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_no_reserved_word_of_ecmascript_is_left() -> None:
-    from swarmwright.scxml import _write
+    from swarmwright.controllers.scxml import _write
 
     words = _write.identifiers(sorted(_write._RESERVED))
     program = (

@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, frevo, optimize
+from swarmwright.controllers.kinds.fully_meshed import FullyMeshedOptions
+from swarmwright.controllers.kinds.hebbian.representation import HebbianOptions
+from swarmwright.controllers.kinds.layered import LayeredOptions
+from swarmwright.controllers.kinds.mealy_fsm import MealyFsmOptions
+from swarmwright.controllers.kinds.neat.representation import NeatOptions
 from swarmwright.methods.pso import PsoOptions
 from swarmwright.methods.random_search import RandomSearchOptions
-from swarmwright.representations.fully_meshed import FullyMeshedOptions
-from swarmwright.representations.hebbian import HebbianOptions
-from swarmwright.representations.layered import LayeredOptions
-from swarmwright.representations.mealy_fsm import MealyFsmOptions
-from swarmwright.representations.neat import NeatOptions
 
 Session = Callable[..., Path]
 Entries = dict[str, object]

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.typing import Genomes
+from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.methods import METHODS, Method
-from swarmwright.representations import REPRESENTATIONS, Representation
 
 Points = NDArray[np.float64]
 Function = Callable[[Points], NDArray[np.float64]]

@@ -9,10 +9,10 @@ import numpy as np
 from swarmwright.common.order import best_first
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.common.typing import Fitness, Genome, Genomes
+from swarmwright.controllers import Representation
 from swarmwright.methods._nnga_steady import SteadyMembers
 from swarmwright.methods.cea2d import Cea2d
 from swarmwright.methods.nnga import Nnga, NngaOptions
-from swarmwright.representations import Representation
 
 MANY = ("initials", "mutations", "crossovers", "matings", "distances_among")
 

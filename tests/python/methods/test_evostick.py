@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmwright.common.random_numbers import Stream
+from swarmwright.controllers import Representation
 from swarmwright.methods import Method
-from swarmwright.representations import Representation
 from swarmwright.testing import check_method
 from swarmwright.testing._common import representation
 from tests.python.methods.functions import evaluations_to, new, sphere

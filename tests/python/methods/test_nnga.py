@@ -10,9 +10,9 @@ from pydantic import ValidationError
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.typing import Genome, Genomes
+from swarmwright.controllers.kinds.layered import Layered, LayeredOptions
 from swarmwright.methods import METHODS
 from swarmwright.methods.nnga import Nnga, NngaOptions, Shares
-from swarmwright.representations.layered import Layered, LayeredOptions
 from swarmwright.testing._common import representation
 
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from pymoo.indicators.hv import Hypervolume
 
 from swarmwright import InputError
+from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.methods.archive import ranks
 from swarmwright.methods.nsga2 import Nsga2
-from swarmwright.representations import REPRESENTATIONS
 from tests.python.methods.functions import new, sphere
 
 OBJECTIVES = {"other": "minimize"}

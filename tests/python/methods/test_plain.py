@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from swarmwright.common.typing import Genomes
+from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.methods.cea2d import Cea2d, Cea2dOptions
 from swarmwright.methods.nnga import Nnga, NngaOptions
-from swarmwright.representations import REPRESENTATIONS, Representation
 from tests.python.methods.plain import PlainCea2d, PlainMembers, PlainNnga, plain
 
 REPRESENTED: dict[str, dict[str, Any]] = {

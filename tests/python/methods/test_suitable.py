@@ -6,10 +6,10 @@ import pytest
 
 from swarmwright import Experiment, InputError
 from swarmwright.common.registry import Registry
+from swarmwright.controllers import REPRESENTATIONS
+from swarmwright.controllers.kinds.layered import Layered, LayeredOptions
 from swarmwright.methods import METHODS
 from swarmwright.methods.plug_ins import REGISTRIES
-from swarmwright.representations import REPRESENTATIONS
-from swarmwright.representations.layered import Layered, LayeredOptions
 from swarmwright.testing._samples import Choices
 from tests.python.methods.functions import new
 from tests.python.methods.needed import method_of
@@ -30,7 +30,7 @@ def table(monkeypatch: pytest.MonkeyPatch) -> None:
         "controller",
         "",
         {**REPRESENTATIONS.built_in, "layered": f"{__name__}:Table"},
-        "swarmwright.representations:Representation",
+        "swarmwright.controllers:Representation",
     )
     monkeypatch.setattr(registry, "_load", lambda _: Table)
     monkeypatch.setitem(REGISTRIES, "controller", registry)

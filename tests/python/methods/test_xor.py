@@ -5,8 +5,8 @@ import pytest
 
 from swarmwright import Controller
 from swarmwright.common.typing import Genome
+from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.methods import Method
-from swarmwright.representations import REPRESENTATIONS, Representation
 from tests.python.methods.functions import new
 
 CASES = np.array([[0, 0], [0, 1], [1, 0], [1, 1]], dtype=np.float32)

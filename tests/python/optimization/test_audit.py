@@ -342,7 +342,7 @@ def test_beyond_the_least_number_an_audit_ends_with_its_time(
 def test_a_module_that_keeps_a_list_is_reported(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "tired.py").write_text(
         "import numpy as np\n"
-        "from swarmwright.modules import Behaviour\n\n"
+        "from swarmwright.controllers.modules import Behaviour\n\n"
         "class Tired(Behaviour):\n"
         "    calls = []\n"
         "    def act(self, senses, parameters, state, random):\n"

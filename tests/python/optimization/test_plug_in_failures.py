@@ -21,7 +21,7 @@ import numpy as np
 
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.rankings import Ranking, RankingOptions
-from swarmwright.representations.fully_meshed import FullyMeshed, FullyMeshedOptions
+from swarmwright.controllers.kinds.fully_meshed import FullyMeshed, FullyMeshedOptions
 
 
 class DrawOptions(MethodOptions):

@@ -21,7 +21,7 @@ from swarmwright import (
     simulate,
 )
 from swarmwright.common.errors import SimulationError
-from swarmwright.figures.controllers import figure
+from swarmwright.controllers.figures import figure
 from swarmwright.runs.replay import Replay
 from swarmwright.simulations.description import describe
 from swarmwright.simulations.host import Host

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from swarmwright import InputError
+from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.methods.cea2d import Cea2d
 from swarmwright.methods.cma_es import CmaEs
 from swarmwright.methods.nnga import Nnga
 from swarmwright.methods.random_search import RandomSearch, RandomSearchOptions
-from swarmwright.representations import REPRESENTATIONS
 from swarmwright.testing import check_method
 
 sample: Callable[[Any], Any] = RandomSearch._ask

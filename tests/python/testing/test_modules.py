@@ -8,7 +8,7 @@ from swarmwright import RunError
 from swarmwright.testing import check_behaviour, check_condition
 
 HEAD = """import numpy as np
-from swarmwright.modules import Behaviour, Condition
+from swarmwright.controllers.modules import Behaviour, Condition
 
 class Spin(Behaviour):
     steps = 0
@@ -60,7 +60,7 @@ def test_a_constant_that_is_made_at_the_first_call_is_found(tmp_path: Path) -> N
 
 def test_probabilities_beyond_0_to_1_are_cut_as_in_a_run(tmp_path: Path) -> None:
     (tmp_path / "near.py").write_text(
-        "from swarmwright.modules import Condition\n\n"
+        "from swarmwright.controllers.modules import Condition\n\n"
         "class Near(Condition):\n"
         "    def probability(self, senses, parameters, state, random):\n"
         "        return senses.neighbours / 3 - 0.5\n"

@@ -18,7 +18,7 @@ from swarmwright.adapters.mujoco._library import cannot_draw
 from swarmwright.adapters.mujoco._robots import Robots
 from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.common.untrusted import one_line
-from swarmwright.representations.controller import Controller
+from swarmwright.controllers.controller import Controller
 from swarmwright.runs.code import used_for
 from swarmwright.runs.run import Run
 from swarmwright.simulations.loading import load

@@ -180,7 +180,7 @@ class SweepResult:
 
         The arguments are those of `Comparison.figure`.
         """
-        from swarmwright.figures.style import save
+        from swarmwright.display.figures.style import save
 
         comparison = self.compare(held_out=held_out_known(self.runs))
         for note in comparison.notes:

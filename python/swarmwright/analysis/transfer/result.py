@@ -153,7 +153,7 @@ class Transfer:
 
     def figure(self) -> "Figure":
         """Return a matplotlib figure: for each target, its fitness over that in the run's simulation."""
-        from swarmwright.figures.transfer import draw
+        from swarmwright.display.figures.transfer import draw
 
         return draw(self)
 
@@ -163,7 +163,7 @@ class Transfer:
 
         Raises InputError for another ending or a file that cannot be written.
         """
-        from swarmwright.figures.style import save
+        from swarmwright.display.figures.style import save
 
         return save(self.figure(), Path(path))
 

@@ -1,0 +1,1 @@
+"""Kinds of controllers, a module or folder each: options, genes and operators."""

@@ -1,0 +1,1 @@
+"""EvoStick: a fixed network from sensors to wheels."""

@@ -1,0 +1,1 @@
+"""Networks whose weights change by Hebbian rules while they work."""

@@ -1,0 +1,1 @@
+"""State machines and behaviour trees of modules."""

@@ -1,0 +1,385 @@
+"""Named parameters of simulations that steer their agents themselves."""
+
+from collections.abc import Sequence
+from decimal import Decimal, localcontext
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+
+from swarmwright.common.arrays import shortest
+from swarmwright.common.options import Options
+from swarmwright.common.problems import shown
+from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.typing import Genome, Genomes, Limits
+from swarmwright.controllers._base import Representation, RepresentationOptions, around, in_parts
+
+_LARGEST_INTEGER = 1 << 24
+"""Up to here every integer is a float32."""
+_LARGEST_REAL = float(np.finfo(np.float32).max)
+_RESERVED = frozenset({"server", "simulation", "simulation_hash", "seed"})
+"""Keys beside the parameters in a message, or is replaced for every episode."""
+_LN_2 = 0.6931471805599453
+
+Numbers = NDArray[np.float64]
+
+
+def _range(value: Any, whole: bool) -> Any:  # noqa: ANN401 - whatever the file says
+    kinds, largest = ((int,), _LARGEST_INTEGER) if whole else ((int, float), _LARGEST_REAL)
+
+    def is_number(bound: Any) -> bool:  # noqa: ANN401 - whatever the file says
+        return isinstance(bound, kinds) and not isinstance(bound, bool) and bound == bound  # NaN is not
+
+    if not (isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value))):
+        what = f"whole numbers within +-{largest}" if whole else "numbers"
+        raise ValueError(f"must be [lowest, highest], two {what}, not {shown(value)}")
+    low, high = value
+    for bound in value:
+        if abs(bound) > largest:
+            where = "where every whole number is a 32-bit float" if whole else "the range of 32-bit floats"
+            limits = f"-{largest} to {largest}" if whole else f"-{largest:g} to {largest:g}"
+            raise ValueError(f"{shown(bound)} is outside of {limits}, {where}")
+    if low > high:
+        raise ValueError(f"must be [lowest, highest], but {low} is above {high}; write [{high}, {low}]")
+    if np.float32(low) == np.float32(high):
+        same = "the same number" if low == high else "the same 32-bit float"
+        raise ValueError(
+            f"must have two values at least, but {low} and {high} are {same}; a parameter that does not vary "
+            "is given under the experiment's key parameters"
+        )
+    return [low, high]
+
+
+def _pair(kind: str) -> WithJsonSchema:
+    return WithJsonSchema({"type": "array", "items": {"type": kind}, "minItems": 2, "maxItems": 2})
+
+
+class _NumberParameter(Options):
+    range: list[float]
+    scale: Literal["linear", "log"] = "linear"
+    """log: a step multiplies; for values whose orders of magnitude differ. The range is then above 0."""
+
+    @model_validator(mode="after")
+    def _positive(self) -> "_NumberParameter":
+        if self.scale == "log" and self.range[0] <= 0:
+            raise ValueError(f"scale: log needs a range above 0, not {shown(self.range)}")
+        return self
+
+
+class RealParameter(_NumberParameter):
+    """A number."""
+
+    type: Literal["real"]
+    """A number with a fraction."""
+    range: Annotated[Any, BeforeValidator(lambda value: _range(value, whole=False)), _pair("number")]
+    """Lowest and highest value, both possible."""
+
+
+class IntegerParameter(_NumberParameter):
+    """A whole number."""
+
+    type: Literal["integer"]
+    """A number without a fraction."""
+    range: Annotated[Any, BeforeValidator(lambda value: _range(value, whole=True)), _pair("integer")]
+    """Lowest and highest value, both possible."""
+
+
+def _choices(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if not (
+        isinstance(value, list | tuple)
+        and len(value) >= 2
+        and (_all_are(value, str) or _all_are(value, bool) or _all_are(value, int, float))
+        and len(set(value)) == len(value) <= _LARGEST_INTEGER
+    ):
+        raise ValueError(
+            f"must be a list of at least two different texts, numbers or booleans, not {shown(value)}"
+        )
+    if _all_are(value, int, float):
+        whole = _all_are(value, int)
+        for choice in value:
+            _check_number(choice, whole=whole)
+    return list(value)
+
+
+def _all_are(values: Sequence[Any], *kinds: type) -> bool:
+    """Whether all values are of some types; True and False are no numbers."""
+    return all(type(value) in kinds for value in values)
+
+
+def _check_number(choice: float, *, whole: bool) -> None:
+    """Raise ValueError for a number that is another one as the 32-bit float that is sent."""
+    largest = _LARGEST_INTEGER if whole else _LARGEST_REAL
+    if not abs(choice) <= largest:  # NaN is not
+        raise ValueError(f"{shown(choice)} is outside of -{largest:g} to {largest:g}")
+    (single,) = shortest(np.array([choice], dtype=np.float32))
+    if single != choice:
+        raise ValueError(
+            f"{shown(choice)} is {single!r} as a 32-bit float, which is what is sent; write that"
+        )
+
+
+class CategoricalParameter(Options):
+    """One of several values, none of which is nearer to another than the rest."""
+
+    type: Literal["categorical"]
+    """One of several values."""
+    choices: Annotated[
+        Any,
+        BeforeValidator(_choices),
+        WithJsonSchema({"type": "array", "items": {"type": ["string", "number", "boolean"]}, "minItems": 2}),
+    ]
+    """The values: all are texts, or numbers, or booleans."""
+
+    @property
+    def are_texts(self) -> bool:
+        """Whether the choices are texts, which are sent by their index; of others the value is."""
+        return isinstance(self.choices[0], str)
+
+    @property
+    def are_booleans(self) -> bool:
+        """Whether the choices are True and False, which are sent as 1 and 0."""
+        return isinstance(self.choices[0], bool)
+
+
+Parameter = Annotated[RealParameter | IntegerParameter | CategoricalParameter, Field(discriminator="type")]
+
+
+class ParameterSetOptions(RepresentationOptions):
+    """Values of parameters, for simulations that steer their agents themselves."""
+
+    kind: Literal["parameter_set"] = "parameter_set"
+    parameters: dict[str, Parameter] = Field(min_length=1, max_length=10_000)
+    """What is evolved, by the parameter's name: {type: real, range: [0, 5]}, {type: integer, range: [1, 10]}
+    or {type: categorical, choices: [a, b]}, also of numbers or booleans. A real or integer has a scale:
+    linear (default), or log for a range above 0 whose orders of magnitude count. The simulation's other
+    parameters are under the experiment's key parameters; none is in both."""
+
+    @model_validator(mode="after")
+    def _names(self) -> "ParameterSetOptions":
+        for name in self.parameters:
+            if name in _RESERVED:
+                raise ValueError(
+                    f"parameters: {name!r} is not a parameter that can be evolved: it is set for each episode"
+                )
+        return self
+
+
+class ParameterSet(Representation):
+    """Parameters of a simulation whose agents steer themselves.
+
+    A candidate's values are put beside the experiment's parameters, in the parameters message of each of its
+    episodes. Nothing is steered from outside.
+
+    Genes lie in 0..1, one for each parameter in the order of the file; beyond, the limit counts. A real is
+    low + g * (high - low), or low * (high / low) ** g on the log scale. For an integer 0..1 is cut into as
+    many parts as there are values, equally wide, or on the log scale as wide as the logarithms of n and n + 1
+    are apart. For a categorical it is cut equally into its choices. Everything is computed in binary64, in
+    single operations that are the same everywhere, and rounded to the float32 that is sent as its shortest
+    decimal.
+
+    A mutation moves a number's gene uniformly within +-severity, with `probability`, and reflects it at 0 and
+    1; a categorical changes with `probability` times `severity` to one of the others, all equally likely. A
+    crossover takes each gene from either parent, at least one from each; with a single parameter, which is a
+    number, it takes a value between them. The distance is the sum of the differences of genes; two categories
+    differ by 1.
+    """
+
+    kind: ClassVar[str] = "parameter_set"
+    options_model = ParameterSetOptions
+    options: ParameterSetOptions
+    steers: ClassVar[bool] = False
+
+    @property
+    def genome_size(self) -> int:
+        """Number of parameters."""
+        return len(self.options.parameters)
+
+    @property
+    def bounds(self) -> Limits:
+        """0 to 1."""
+        return np.zeros(self.genome_size), np.ones(self.genome_size)
+
+    @cached_property
+    def _categories(self) -> NDArray[np.float64]:
+        """Number of choices of each parameter; 0 for numbers."""
+        return np.array(
+            [
+                len(one.choices) if isinstance(one, CategoricalParameter) else 0
+                for one in self.options.parameters.values()
+            ],
+            dtype=np.float64,
+        )
+
+    def architecture(self) -> dict[str, Any]:
+        """Return names and types of the parameters, and the texts that indices select.
+
+        Choices that are numbers or booleans are a real or an integer: what the weight says is the value.
+        """
+        parameters: list[dict[str, Any]] = []
+        for name, one in self.options.parameters.items():
+            described: dict[str, Any] = {"name": name, "type": one.type}
+            if isinstance(one, CategoricalParameter):
+                if one.are_texts:
+                    described["choices"] = one.choices
+                else:
+                    described["type"] = "real" if any(type(c) is float for c in one.choices) else "integer"
+            parameters.append(described)
+        return {"version": 1, "kind": self.kind, "parameters": parameters}
+
+    def weights(self, genomes: Genomes) -> NDArray[np.float32]:
+        """Return the values, (candidates, parameters); of texts the index of the choice."""
+        genes = np.clip(genomes.astype(np.float64), 0.0, 1.0)
+        columns = [
+            _value(one, genes[..., index]) for index, one in enumerate(self.options.parameters.values())
+        ]
+        return np.stack(columns, axis=-1).astype(np.float32)
+
+    def initial(self, stream: Stream) -> Genome:
+        """Return genes that are uniform in 0..1."""
+        return stream.unit(self.genome_size).astype(np.float32)
+
+    def initials(self, streams: Streams) -> Genomes:
+        """Return genes that are uniform in 0..1 for each stream."""
+        return streams.units(self.genome_size).astype(np.float32)
+
+    def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
+        """Return a copy in which each parameter is changed with `probability`, see the class."""
+        drawn = [stream.unit(self.genome_size) for _ in range(2)]
+        return self._mutated(genome, *drawn, severity=severity, probability=probability)
+
+    def mutations(
+        self, parents: Genomes, streams: Streams, *, severity: float, probability: float
+    ) -> Genomes:
+        """Return a mutated copy of each parent."""
+        drawn = [streams.units(self.genome_size) for _ in range(2)]
+        return self._mutated(parents, *drawn, severity=severity, probability=probability)
+
+    def _mutated(
+        self, genomes: Genomes, which: Numbers, what: Numbers, *, severity: float, probability: float
+    ) -> Genomes:
+        """Return mutated copies, (.., genome_size), by two numbers for each gene, uniform in [0, 1)."""
+        genes = genomes.astype(np.float64)
+        moved = genes + (what * 2 - 1) * severity
+        moved = np.where(moved > 1, 2 - moved, np.where(moved < 0, -moved, moved))
+        choices = self._categories
+        categorical, many = choices > 0, np.maximum(choices, 2)
+        another = (_part(genes, many) + 1 + np.floor(what * (many - 1))) % many
+        moved = np.where(categorical, (another + 0.5) / many, np.clip(moved, 0, 1))
+        rate = np.where(categorical, probability * severity, probability)
+        return np.where(which < rate, moved, genomes).astype(np.float32)
+
+    def perturbations(
+        self, parents: Genomes, streams: Streams, *, spread: Numbers, fresh: Numbers
+    ) -> Genomes:
+        """Return a genome around each parent: numbers by a normal distribution, categoricals drawn anew."""
+        drawn = [streams.units(self.genome_size) for _ in range(2)]
+        numbers = around(
+            parents, streams, np.repeat(spread[:, np.newaxis] / 2, self.genome_size, axis=1), self.bounds
+        )
+        many = np.maximum(self._categories, 1)
+        another = (np.floor(drawn[1] * many) + 0.5) / many
+        chosen = np.where(drawn[0] < fresh[:, np.newaxis], another, parents)
+        return np.where(self._categories > 0, chosen, numbers).astype(np.float32)
+
+    def likeness(self, genomes: Genomes) -> Numbers:
+        """Return genes of numbers and indices of categoricals."""
+        genes, choices = genomes.astype(np.float64), self._categories
+        return np.where(choices > 0, _part(genes, np.maximum(choices, 1)), genes)
+
+    def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
+        """Return a mixture of both, see the class."""
+        if self.genome_size == 1:
+            if self._categories[0]:
+                return (father if stream.integer(2) else mother).copy()
+            way = father.astype(np.float64) - mother
+            return (mother + way * stream.unit(1)).astype(np.float32)
+        taken = np.array(stream.integers(2, self.genome_size)) == 1
+        if taken.all() or not taken.any():
+            taken[stream.integer(self.genome_size)] ^= True
+        return np.where(taken, father, mother).astype(np.float32)
+
+    def crossovers(self, mothers: Genomes, fathers: Genomes, streams: Streams) -> Genomes:
+        """Return a mixture of each pair."""
+        if self.genome_size == 1:
+            return super().crossovers(mothers, fathers, streams)
+        taken = streams.integers(2, self.genome_size) == 1
+        for row in np.flatnonzero(taken.all(axis=1) | ~taken.any(axis=1)).tolist():
+            taken[row, streams[row].integer(self.genome_size)] ^= True
+        return np.where(taken, fathers, mothers)
+
+    def distance(self, one: Genome, other: Genome) -> float:
+        """Return the sum of differences of genes; two categories differ by 1."""
+        return float(self._distances(one, other))
+
+    def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
+        """Return the distance of one genome to each row of others, (k, D) to (k,)."""
+        return self._distances(one, others)
+
+    def distances_among(
+        self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Return the distances of genomes that are named by their index."""
+        found = np.empty(others.shape)
+        for part in in_parts(len(ones), others.shape[1] * self.genome_size):
+            found[part] = self._distances(genomes[ones[part]][:, np.newaxis], genomes[others[part]])
+        return found
+
+    def _distances(self, ones: Genomes, others: Genomes) -> Numbers:
+        choices = self._categories
+        left, right = ones.astype(np.float64), others.astype(np.float64)
+        many = np.maximum(choices, 1)
+        parts = np.where(choices > 0, _part(left, many) != _part(right, many), np.abs(left - right))
+        # accumulate adds strictly one after another; sum() would add in an order that NumPy chooses.
+        sums: Numbers = np.add.accumulate(parts, axis=-1)[..., -1]
+        return sums
+
+
+def _part(genes: Numbers, parts: Numbers | float) -> Numbers:
+    """Return in which of so many equal parts of 0..1 genes lie, from 0."""
+    inside: Numbers = np.clip(np.floor(genes * parts), 0, np.asarray(parts) - 1)
+    return inside
+
+
+def _value(parameter: RealParameter | IntegerParameter | CategoricalParameter, genes: Numbers) -> Numbers:
+    if isinstance(parameter, CategoricalParameter):
+        index = _part(genes, float(len(parameter.choices)))
+        if parameter.are_texts:
+            return index
+        chosen: Numbers = np.array(parameter.choices, dtype=np.float64)[index.astype(np.intp)]
+        return chosen
+    low, high = (float(bound) for bound in parameter.range)
+    if isinstance(parameter, IntegerParameter):
+        if parameter.scale == "linear":
+            return low + _part(genes, high - low + 1)
+        values = np.floor(low * _power(genes, _binary_logarithm(low, high + 1)))
+    elif parameter.scale == "linear":
+        values = low + genes * (high - low)
+    else:
+        values = low * _power(genes, _binary_logarithm(low, high))
+    inside: Numbers = np.clip(values, low, high)
+    return inside
+
+
+def _binary_logarithm(low: float, high: float) -> float:
+    """Return log2(high / low), the same on every machine: Decimal rounds correctly."""
+    with localcontext() as context:
+        context.prec = 30
+        return float((Decimal(high) / Decimal(low)).ln() / Decimal(2).ln())
+
+
+def _power(genes: Numbers, logarithm: float) -> Numbers:
+    """Return 2 ** (genes * logarithm), the same bits on every machine.
+
+    The functions of a C library differ between machines; this is a Taylor series for the fraction, whose last
+    term is below the rounding, and an exact scaling.
+    """
+    exponent = genes * logarithm
+    whole = np.floor(exponent + 0.5)
+    rest = (exponent - whole) * _LN_2
+    total = np.ones_like(rest)
+    for k in range(16, 0, -1):
+        total = total * rest / k + 1.0
+    powers: Numbers = np.ldexp(total, whole.astype(np.int64))
+    return powers

@@ -1,0 +1,327 @@
+"""Machines and trees with modules in Python, for all robots of many episodes at once."""
+
+import traceback
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.common import modules
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.tracebacks import is_installed, place_of, shown
+from swarmwright.controllers.modules._base import (
+    Behaviour,
+    Condition,
+    Numbers,
+    Parameters,
+    RandomNumbers,
+    Senses,
+    pcg4d,
+)
+from swarmwright.controllers.modules._built_in import below
+from swarmwright.controllers.modules.registered import implementation
+
+PAGE = "docs/how-to/own-module.md"
+"""The page that says what a module has to be."""
+
+Made = TypeVar("Made")
+_UNIT = np.float32(2.0**-24)
+Rows = NDArray[np.int64]
+
+
+class Swarm:
+    """Robots, each with a machine of one architecture, and with a state of its own.
+
+    Args:
+        architecture: of the kind `python_modules`.
+        weights: (machines, weights).
+
+    Raises InputError when a module is not here, has other parameters than when it was designed with, or
+    cannot be made without arguments.
+    """
+
+    def __init__(self, architecture: Mapping[str, Any], weights: Numbers) -> None:
+        catalogue = modules.Catalogue.of(architecture)
+        self._behaviours: list[Behaviour] = [
+            _made(implementation("behaviour", one)) for one in catalogue.behaviours
+        ]
+        self._conditions: list[Condition] = [
+            _made(implementation("condition", one)) for one in catalogue.conditions
+        ]
+        self._behaviour_places = list(catalogue.behaviour_places.items())
+        self._condition_places = list(catalogue.condition_places.items())
+        self._tree = modules.is_tree(architecture)
+        self._first, self._each = catalogue.of_state, catalogue.of_transition
+        self._states, self._most = int(architecture["states"]), int(architecture["transitions"])
+        self._counts, self._table = self._read(catalogue, np.asarray(weights, dtype=np.float32))
+        self.restart(np.zeros(0, dtype=np.int64))
+
+    def _read(self, catalogue: modules.Catalogue, weights: Numbers) -> tuple[Rows, Numbers]:
+        """Return how many states machines have, and (machines, states, weights of a state), all limited."""
+        counts = np.trunc(np.clip(weights[:, 0], 1, self._states)).astype(np.int64)
+        table = (
+            weights[:, 1:].reshape(len(weights), self._states, self._first + self._most * self._each).copy()
+        )
+        _limit(table, 0, (0, len(self._behaviours) - 1, True))
+        _limit(table, 3, (0, self._most, True))
+        for one in catalogue.behaviours:
+            for name, place in catalogue.behaviour_places[one.name].items():
+                _limit(table, place, one.parameters[name])
+        for k in range(self._most):
+            at = self._first + k * self._each
+            table[..., at] = np.trunc(np.clip(table[..., at], 0, counts[:, np.newaxis] - 1))
+            _limit(table, at + 1, (0, len(self._conditions) - 1, True))
+            for one in catalogue.conditions:
+                for name, place in catalogue.condition_places[one.name].items():
+                    _limit(table, at + place, one.parameters[name])
+        return counts, table
+
+    def restart(self, owners: Rows) -> None:
+        """Begin new episodes. owners: the machine of each robot, (robots,)."""
+        count = len(owners)
+        self._owners = owners
+        self.current = np.zeros(count, dtype=np.int64)
+        """The state in which the machine of each robot makes its next step."""
+        self._settled = np.zeros(count, dtype=np.bool_)
+        widest = max(one.state for one in self._behaviours)
+        self._kept = np.zeros((count, widest), dtype=np.float32)
+        widest = max(one.state for one in self._conditions)
+        self._conditions_kept = np.zeros((count, self._most, widest), dtype=np.float32)
+
+    def extend(self, owners: Rows, before: int, after: int) -> None:
+        """Make place for more robots in each episode, which had `before` and get `after` of them."""
+        kept: list[NDArray[Any]] = [self.current, self._settled, self._kept, self._conditions_kept]
+        self.restart(owners)
+        now: list[NDArray[Any]] = [self.current, self._settled, self._kept, self._conditions_kept]
+        for old, new in zip(kept, now, strict=True):
+            new.reshape(-1, after, *new.shape[1:])[:, :before] = old.reshape(-1, before, *old.shape[1:])
+
+    def step(self, robots: Rows, sensors: Numbers) -> Numbers:
+        """Return the actuators of some robots, (n, 2).
+
+        Args:
+            robots: which, (n,), each once.
+            sensors: (n, 9), finite.
+
+        Raises RunError when the code of a module fails.
+        """
+        within = np.clip(sensors[:, 8], np.float32(0), 1 - _UNIT)
+        bits = (within * np.float32(16777216)).astype(np.uint32)
+        words = random_words(bits)
+        if self._tree:
+            return self._tick(robots, sensors, bits, words)
+        part = self._table[self._owners[robots], self.current[robots]]
+        actuators = self._act(robots, part, sensors, bits, words)
+        self._change(robots, part, sensors, bits, words)
+        return actuators
+
+    def _act(
+        self, robots: Rows, part: Numbers, sensors: Numbers, bits: NDArray[np.uint32], words: list[Any]
+    ) -> Numbers:
+        """Return what the behaviours of rows of the table do."""
+        actuators = np.zeros((len(robots), 2), dtype=np.float32)
+        numbers = part[:, 0].astype(np.int64)
+        for number, behaviour in enumerate(self._behaviours):
+            rows = np.flatnonzero(numbers == number)
+            if not len(rows):
+                continue
+            name, places = self._behaviour_places[number]
+            state = self._kept[robots[rows], : behaviour.state]
+            given = {key: part[rows, place] for key, place in places.items()}
+            random = RandomNumbers(bits[rows], 0, [one[rows] for one in words])
+            speeds = called(
+                behaviour.act, name, Senses.of(sensors[rows]), given, state, random, shape=(len(rows), 2)
+            )
+            actuators[rows] = np.clip(speeds, -1, 1)
+            self._kept[robots[rows], : behaviour.state] = state
+        return actuators
+
+    def _holds(
+        self,
+        robots: Rows,
+        part: Numbers,
+        sensors: Numbers,
+        bits: NDArray[np.uint32],
+        unit: Numbers,
+        *,
+        k: int,
+        place: int,
+    ) -> NDArray[np.bool_]:
+        """Return where the condition of transition k, whose weights are in `part`, holds. unit: 0..1."""
+        found = np.zeros(len(robots), dtype=np.float32)
+        numbers = part[:, 1].astype(np.int64)
+        for number, condition in enumerate(self._conditions):
+            rows = np.flatnonzero(numbers == number)
+            if not len(rows):
+                continue
+            name, places = self._condition_places[number]
+            state = self._conditions_kept[robots[rows], k, : condition.state]
+            given = {key: part[rows, place] for key, place in places.items()}
+            random = RandomNumbers(bits[rows], 1 + place)
+            found[rows] = called(
+                condition.probability,
+                name,
+                Senses.of(sensors[rows]),
+                given,
+                state,
+                random,
+                shape=(len(rows),),
+            )
+            self._conditions_kept[robots[rows], k, : condition.state] = state
+        return unit < found
+
+    def _change(
+        self, robots: Rows, part: Numbers, sensors: Numbers, bits: NDArray[np.uint32], words: list[Any]
+    ) -> None:
+        """Make transitions."""
+        held = np.zeros((len(robots), self._most), dtype=np.bool_)
+        settled = self._settled[robots]
+        for k in range(self._most):
+            rows = np.flatnonzero(settled & (k < part[:, 3]))
+            if len(rows):
+                at = self._first + k * self._each
+                transition = part[rows, at : at + self._each]
+                unit = _unit(words[k][rows])
+                held[rows, k] = self._holds(
+                    robots[rows], transition, sensors[rows], bits[rows], unit, k=k, place=k
+                )
+        self._settled[robots] = True
+        number = held.sum(axis=1)
+        rows = np.flatnonzero(number)
+        if not len(rows):
+            return
+        choice = below(words[2][rows], words[3][rows], number[rows].astype(np.uint32)).astype(np.int64)
+        order = np.cumsum(held[rows], axis=1)
+        chosen = np.argmax(held[rows] & (order == choice[:, np.newaxis] + 1), axis=1)
+        self.current[robots[rows]] = part[rows, self._first + chosen * self._each].astype(np.int64)
+        self._settled[robots[rows]] = False
+        self._forget(robots[rows])
+
+    def _tick(self, robots: Rows, sensors: Numbers, bits: NDArray[np.uint32], words: list[Any]) -> Numbers:
+        """Return what trees do: each goes on to the first subtree whose condition does not hold."""
+        owners = self._owners[robots]
+        counts = self._counts[owners]
+        going = np.ones(len(robots), dtype=np.bool_)
+        for index in range(self._states):
+            rows = np.flatnonzero(going & (self.current[robots] == index) & (index < counts))
+            if not len(rows):
+                continue
+            transition = self._table[owners[rows], index, self._first :]
+            unit = _unit(words[index][rows])
+            holds = self._holds(robots[rows], transition, sensors[rows], bits[rows], unit, k=0, place=index)
+            going[rows] = holds
+            done = robots[rows[holds]]
+            self.current[done] += 1
+            self._forget(done)
+        actuators = np.zeros((len(robots), 2), dtype=np.float32)
+        ended = self.current[robots] >= counts
+        rows = np.flatnonzero(~ended)
+        part = self._table[owners[rows], self.current[robots[rows]]]
+        some = [one[rows] for one in words]
+        actuators[rows] = self._act(robots[rows], part, sensors[rows], bits[rows], some)
+        self.current[robots[ended]] = 0
+        return actuators
+
+    def _forget(self, robots: Rows) -> None:
+        self._kept[robots] = 0
+        self._conditions_kept[robots] = 0
+
+
+def _limit(table: Numbers, place: int, limits: modules.Range) -> None:
+    low, high, whole = limits
+    values = np.clip(table[..., place], low, high)
+    table[..., place] = np.trunc(values) if whole else values
+
+
+def _unit(word: NDArray[np.uint32]) -> Numbers:
+    found: Numbers = (word >> np.uint32(8)).astype(np.float32) * _UNIT
+    return found
+
+
+def called(
+    method: Callable[..., Any],
+    name: str,
+    senses: Senses,
+    parameters: Parameters,
+    state: Numbers,
+    random: RandomNumbers,
+    *,
+    shape: tuple[int, ...],
+) -> Numbers:
+    """Return what a module returns.
+
+    Raises RunError, with file and line, when that is not possible, and where the module has replaced an
+    attribute of its object.
+    """
+    what = f"{name}: {method.__name__}"
+    module = method.__self__  # type: ignore[attr-defined] # of an object
+    kind, before = type(module), dict(vars(module))
+    try:
+        # What comes out is checked.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            returned = method(senses, parameters, state, random)
+    # Also `sys.exit` is a mistake of the module's.
+    except (Exception, SystemExit) as error:
+        raise RunError(f"{_line(kind, error)}: {what}: {type(error).__name__}: {error}") from error
+    found = np.empty(0, np.float32)
+    problem = _attribute_problem(before, vars(module))
+    if problem is None:
+        try:
+            found = np.asarray(returned, dtype=np.float32)
+        except (TypeError, ValueError):
+            problem = f"returns {type(returned).__name__}, expected an array"
+        else:
+            problem = _array_problem(found, shape)
+    if problem is None:
+        return found
+    raise RunError(f"{place_of(kind)}: {what}: {problem}")
+
+
+def _attribute_problem(before: Mapping[str, Any], after: Mapping[str, Any]) -> str | None:
+    """Say which attribute of a module's object was replaced, if any was.
+
+    One object acts for the robots of all episodes, so that what it keeps makes episodes depend on each other.
+    A new attribute may be a constant that is made at the first call, as in stored runs; what changes is found
+    at the next call.
+    """
+    for name, value in after.items():
+        if name in before and before[name] is not value:
+            return (
+                f"changes self.{name}, which all robots of all episodes share, so that episodes cannot be "
+                f"repeated; keep what a robot remembers in `state`, and set constants in __init__ ({PAGE})"
+            )
+    return None
+
+
+def _array_problem(found: Numbers, shape: tuple[int, ...]) -> str | None:
+    """Say what is wrong with what a module returns, if anything is."""
+    if found.shape != shape:
+        return f"returns an array of the shape {found.shape}, expected {shape}"
+    if not np.isfinite(found).all():
+        return "returns a number that is not finite"
+    return None
+
+
+def _made(kind: type[Made]) -> Made:
+    try:
+        return kind()
+    except (Exception, SystemExit) as error:
+        words = f"{kind.__name__}: __init__: {type(error).__name__}: {error}"
+        raise InputError(f"{_line(kind, error)}: {words}; modules are made without arguments") from error
+
+
+def _line(kind: type[Any], error: BaseException) -> str:
+    """Return the last line of the user's that led to an error, or where the class is."""
+    frames = [one for one in traceback.extract_tb(error.__traceback__) if not is_installed(one.filename)]
+    if frames:
+        return f"{shown(frames[-1].filename)}:{frames[-1].lineno}"
+    return place_of(kind)
+
+
+def random_words(bits: NDArray[np.uint32]) -> list[NDArray[np.uint32]]:
+    """Return the random words that a step's behaviours and conditions share.
+
+    bits: (n,), of each robot's random sensor: 24 of them.
+    """
+    return pcg4d(bits, 1, 2, 3)

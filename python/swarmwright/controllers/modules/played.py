@@ -1,0 +1,89 @@
+"""An episode with a machine in Python, as the engine's `Episode` is one."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright import _engine
+from swarmwright.common.engine_types import SceneArrays, SceneFields
+from swarmwright.common.processes import use_threads
+from swarmwright.controllers.modules.stepping import Robots
+
+
+class PlayedEpisode:
+    """One episode, a step at a time.
+
+    Args:
+        simulation: its title, or a host.
+        parameters: of the simulation.
+        seed: of the episode.
+        specification: of the controller, of the kind `python_modules`.
+
+    Raises the engine's errors, and InputError for modules that are not installed.
+    """
+
+    def __init__(
+        self,
+        simulation: Any,  # noqa: ANN401 - as the engine takes it
+        parameters: dict[str, Any],
+        seed: int,
+        specification: dict[str, Any],
+    ) -> None:
+        use_threads()
+        self._episodes = _engine.Episodes(simulation, parameters, [seed])
+        weights = np.array([specification["weights"]], dtype=np.float32)
+        self._robots = Robots(self._episodes, specification, weights, np.zeros(1, dtype=np.int64))
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended."""
+        return self._episodes.done
+
+    @property
+    def fitness(self) -> float:
+        """Fitness so far."""
+        return float(self._episodes.fitness()[0])
+
+    def metrics(self, names: list[str]) -> list[float]:
+        """Return the named metrics so far."""
+        found: list[float] = self._episodes.metrics(names)[0].tolist()
+        return found
+
+    @property
+    def metric_names(self) -> list[str]:
+        """Names of all metrics."""
+        return self._episodes.metric_names
+
+    @property
+    def step_size(self) -> float:
+        """Seconds between two frames when shown."""
+        return self._episodes.step_size
+
+    def step(self) -> None:
+        """Advance by one step."""
+        self.step_observed()
+
+    def step_observed(self) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]:
+        """Advance by one step; return agents, their sensors and their actuators, see `Episode`."""
+        parts = [self._robots.step()]
+        while self._episodes.mid_step:
+            parts.append(self._robots.step())
+        agents, sensors, actuators = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return agents, sensors, actuators
+
+    def machine_states(self) -> NDArray[np.int32]:
+        """Return the state of each agent that has acted."""
+        return self._robots.states
+
+    def scene(self) -> SceneFields:
+        """Return what it looks like."""
+        return self._episodes.scene()
+
+    def scene_arrays(self) -> SceneArrays:
+        """Return the same as arrays."""
+        return self._episodes.scene_arrays()
+
+    def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
+        """Return the same as text."""
+        return self._episodes.text(columns, color, rows, unicode)

@@ -1,0 +1,274 @@
+"""State machines, and the tables that they are as controllers of the kind `mealy_fsm`."""
+
+import ast
+import re
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from swarmwright.common.alike import alike
+from swarmwright.common.errors import InputError
+from swarmwright.common.problem_lines import ProblemLines
+from swarmwright.common.suggestions import unknown
+from swarmwright.controllers.scxml._chart import Assignment, Event, State, Transition
+from swarmwright.controllers.scxml._conditions import (
+    Above,
+    Combined,
+    Condition,
+    ConditionError,
+    collect,
+    condition,
+    named,
+)
+from swarmwright.controllers.scxml._steps import Edge, matches
+from swarmwright.controllers.scxml._table import table
+from swarmwright.controllers.scxml._write import identifiers
+
+EVENT = "step"
+"""The event of each control step, at which sensors have new values."""
+EVENTS = frozenset({EVENT, "*"})
+
+
+@dataclass
+class StateMachine:
+    """A state machine as a file has it; sensors and actuators are names."""
+
+    path: Path
+    name: str
+    root: State
+    declared: dict[str, float | None] = field(default_factory=dict)
+    """Data: name -> a number, or None for data without a value."""
+
+    @property
+    def states(self) -> dict[str, State]:
+        """All states, without histories, by name."""
+        return {one.name: one for one in self.root.all() if one.kind not in {"scxml", "history"}}
+
+    @property
+    def assigned(self) -> list[str]:
+        """Names of actuators: those declared first, in their order, then in the order of their use."""
+        actions = (one for state in self.root.all() for one in state.actions)
+        used = [one.actuator for one in actions if isinstance(one, Assignment)]
+        return list(dict.fromkeys([*(name for name in self.declared if name in used), *used]))
+
+    @property
+    def sensors(self) -> list[str]:
+        """Names of sensors, as declared: data without a number that is not assigned."""
+        assigned = set(self.assigned)
+        return [name for name, value in self.declared.items() if value is None and name not in assigned]
+
+    def specification(self, sensors: Sequence[str] = (), actuators: Sequence[str] = ()) -> dict[str, Any]:
+        """Return the controller, see protocol/schemas/controller.schema.json.
+
+        In each control step sensors get their values, then the event `step` occurs; all that follows is by
+        SCXML's algorithm: transitions without an event, then events that the machine gave to itself, until
+        none is left. Each combination of states that are active together, with what histories remember, is a
+        state of the controller. Actuators keep their numbers until they get others, 0 at first. Where what an
+        actuator keeps depends on the way into a state, the table has this state several times.
+
+        Args:
+            sensors: names in the order of the simulation's sensors; default: those that the file declares.
+            actuators: names in the order of the simulation's actuators; default: those that are assigned.
+
+        Raises InputError with every name that there is not, every condition that is not supported,
+        transitions that go in a circle, and too many states; file and line each.
+        """
+        return _Resolved(
+            self, list(sensors) or self.sensors, list(actuators) or self.assigned
+        ).specification()
+
+
+def in_expression(name: str) -> str:
+    """Return a name as Python's parser gives it, in Unicode's form NFKC."""
+    return unicodedata.normalize("NFKC", name)
+
+
+class _Resolved:
+    """A machine with numbers in the place of names."""
+
+    def __init__(self, machine: StateMachine, sensors: list[str], actuators: list[str]) -> None:
+        self.machine = machine
+        self.sensors, self.actuators = sensors, actuators
+        self.problems = ProblemLines()
+        self.exported = self._exported()
+        self.first = self._first_numbers()
+        self.constants = {
+            in_expression(name): value
+            for name, value in machine.declared.items()
+            if value is not None and name not in self.first
+        }
+        self.all = {one.name: one for one in machine.root.all()}
+        self.given = self._given()
+
+    def specification(self) -> dict[str, Any]:
+        machine = self.machine
+        for what, names in (("sensors", self.sensors), ("actuators", self.actuators)):
+            if not names:
+                self.problems.add(f'{machine.path}: names no {what}; declare them, <data id="NAME"/>')
+        edges, outputs = self.parts()
+        begin = [(self._numbered(name), value) for name, value in self._initial()]
+        self.problems.stop()
+        try:
+            made = table(machine.root, edges, outputs, begin, len(self.sensors), len(self.actuators))
+        except ValueError as error:
+            raise InputError(f"{machine.path}: {error}") from None
+        return {
+            "version": 1,
+            "kind": "mealy_fsm",
+            "sensors": len(self.sensors),
+            "actuators": len(self.actuators),
+            **made,
+        }
+
+    def parts(self) -> tuple[dict[int, Edge], dict[int, tuple[int, float]]]:
+        """Return transitions and assignments, by their `id`."""
+        states = self.machine.root.all()
+        edges = {id(one): self._edge(state, one) for state in states for one in state.all_transitions}
+        return edges, self._outputs()
+
+    def _exported(self) -> dict[str, dict[str, int]]:
+        """Return what identifiers stand for, of sensors and of actuators, in a file that was exported.
+
+        Such a file declares each identifier that the export makes of the names; others have none.
+        """
+        words = identifiers([*self.sensors, *self.actuators], list(self.machine.states))
+        if not set(words) <= set(self.machine.declared):
+            return {}
+        count = len(self.sensors)
+        return {
+            "sensor": {word: index for index, word in enumerate(words[:count])},
+            "actuator": {word: index for index, word in enumerate(words[count:])},
+        }
+
+    def _first_numbers(self) -> dict[str, float]:
+        """Return the data that are first numbers of actuators: named as what is assigned, or like it."""
+        assigned = self.machine.assigned
+        # What is declared itself has no other data that are only like it.
+        others = [name for name in assigned if name not in self.machine.declared]
+        return {
+            name: value
+            for name, value in self.machine.declared.items()
+            if value is not None and (name in assigned or alike(name, others))
+        }
+
+    def _initial(self) -> list[tuple[str, float]]:
+        """Return the numbers that declared actuators have before anything is assigned."""
+        for name, value in self.first.items():
+            if abs(value) > 1:
+                self.problems.add(
+                    f"{self.machine.path}: <data>: {name} is {value:g}, expected -1 to 1, the range of "
+                    "an actuator"
+                )
+        return list(self.first.items())
+
+    def _outputs(self) -> dict[int, tuple[int, float]]:
+        """Return the actuator and its number of each action that assigns one."""
+        found = {}
+        for state in self.machine.root.all():
+            for one in state.actions:
+                if isinstance(one, Assignment):
+                    number = self._number(one.actuator, self.actuators, "actuator", one.line)
+                    if number is None:
+                        self._unknown(one.line, "actuator", one.actuator, self.actuators)
+                    found[id(one)] = (-1 if number is None else number, one.value)
+        return found
+
+    def _numbered(self, actuator: str) -> int:
+        """Return the number of an actuator, -1 for none."""
+        number = self._number(actuator, self.actuators, "actuator")
+        return -1 if number is None else number
+
+    def _edge(self, source: State, one: Transition) -> Edge:
+        edge = Edge(source, one, [self.all[target] for target in one.targets])
+        if one.condition is not None:
+            try:
+                edge.condition = condition(one.condition, partial(self._sensor, one.line), self.constants)
+            except ConditionError as error:
+                self.problems.add(f"{self.machine.path}:{one.line}: <transition>: cond: {error}")
+            for name in sorted(named(edge.condition) - self.machine.states.keys()):
+                self.problems.add(
+                    f"{self.machine.path}:{one.line}: <transition>: cond: In({name!r}): "
+                    f"{unknown('state', name, list(self.machine.states))}"
+                )
+        trigger = self._trigger(one)
+        if trigger is not None:
+            parts = tuple(part for part in (trigger, edge.condition) if part is not True)
+            edge.on_step = True if not parts else parts[0] if len(parts) == 1 else Combined("and", parts)
+        compared: dict[int, set[float]] = {}
+        collect(edge.condition, compared)
+        edge.compares = bool(compared)
+        return edge
+
+    def _trigger(self, one: Transition) -> Condition | None:
+        """Return when the event of a control step triggers a transition; None for never."""
+        found: list[Condition] = []
+        for event in one.events:
+            if event in EVENTS:
+                return True
+            if any(matches(event, given) for given in self.given):
+                continue
+            number = self._number(event, self.sensors, "sensor", one.line)
+            if number is None:
+                self._unknown(one.line, "event", event, ["step", *sorted(self.given), *self.sensors])
+            else:
+                found.append(Above(number, 0.0))
+        return None if not found else found[0] if len(found) == 1 else Combined("or", tuple(found))
+
+    def _given(self) -> set[str]:
+        """Return the names of the events that the machine gives to itself."""
+        found = set()
+        for state in self.machine.root.all():
+            if state.kind == "final" and state.parent is not None and state.parent is not self.machine.root:
+                found.add(f"done.state.{state.parent.name}")
+                if state.parent.parent is not None and state.parent.parent.kind == "parallel":
+                    found.add(f"done.state.{state.parent.parent.name}")
+            found |= {one.name for one in state.actions if isinstance(one, Event)}
+        return found
+
+    def _sensor(self, line: int, node: ast.expr) -> int | None:
+        match node:
+            case ast.Name(id=name) if name not in self.constants:
+                number = self._number(name, [in_expression(one) for one in self.sensors], "sensor", line)
+                if number is None:
+                    self._unknown(line, "sensor", name, self.sensors)
+                return 0 if number is None else number
+            case ast.Attribute(value=ast.Attribute(value=ast.Name(id="_event"), attr="data"), attr=name):
+                return self._sensor(line, ast.Name(id=name))
+            case ast.Subscript(
+                value=ast.Name(id="sensor" | "sensors"), slice=ast.Constant(value=int() as index)
+            ):
+                if 0 <= index < len(self.sensors):
+                    return index
+                self.problems.add(
+                    f"{self.machine.path}:{line}: there is no sensors[{index}]; there are "
+                    f"{len(self.sensors)} sensors"
+                )
+                return 0
+        return None
+
+    def _number(self, name: str, names: list[str], what: str, line: int | None = None) -> int | None:
+        """Return the number of a sensor or an actuator; None for none.
+
+        what: `sensor` or `actuator`. line: where an ambiguous name is reported, the first of them is taken.
+        """
+        indexed = re.fullmatch(rf"{what}s?\[(\d{{1,6}})\]", name)
+        if indexed is not None and int(indexed[1]) < len(names):
+            return int(indexed[1])
+        exported = self.exported.get(what, {})
+        if name in exported:
+            return exported[name]
+        found = alike(name, names)
+        if len(found) > 1 and line is not None:
+            written = self.sensors if what == "sensor" else self.actuators
+            which = " or ".join(repr(written[index]) for index in found)
+            instead = " or ".join(f"{what}s[{index}]" for index in found)
+            self.problems.add(
+                f"{self.machine.path}:{line}: the {what} {name!r} may be {which}; write {instead}"
+            )
+        return found[0] if found else None
+
+    def _unknown(self, line: int, what: str, name: str, names: list[str]) -> None:
+        self.problems.add(f"{self.machine.path}:{line}: {unknown(what, name, names)}")

@@ -1,0 +1,389 @@
+"""SCXML files: what is in them, and what of it is not supported."""
+
+import ast
+import re
+from pathlib import Path
+
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import read_bytes
+from swarmwright.common.problem_lines import ProblemLines
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.xml import Element
+from swarmwright.common.xml import read as read_xml
+from swarmwright.controllers.scxml._chart import Action, Assignment, Event, State, Transition
+from swarmwright.controllers.scxml._conditions import ConditionError, constant, parse
+from swarmwright.controllers.scxml._machine import EVENT, StateMachine, in_expression
+from swarmwright.controllers.scxml._steps import Descriptors
+
+_BARE = re.compile(rb"<state\s*>")
+_LARGEST_FILE_BYTES = 1 << 28
+_IGNORED = frozenset({"log"})
+_NAMESPACE = "http://www.w3.org/2005/07/scxml"
+_EDITORS = frozenset({"http://www.qt.io/2015/02/scxml-ext"})
+"""Namespaces of what editors note for themselves, which is ignored wherever it is."""
+_ACTING = frozenset({"onentry", "onexit", "transition"})
+"""Elements in which those of other namespaces may be actions."""
+_DATA = '<data id="NAME" expr="0.5"/>'
+_INSTEAD = {
+    "invoke": 'actions of ROS are not computed by controllers; assign actuators: <assign location="heading" '
+    'expr="0.5"/>',
+    "if": "is not supported; take a transition with the condition",
+    "script": "is not supported; assign actuators",
+}
+
+_STATES = ("final", "history", "parallel", "state")
+_HOLD = {
+    "final": ("scxml", "state"),
+    "history": ("state", "parallel"),
+    "parallel": ("scxml", "state", "parallel"),
+    "state": ("scxml", "state", "parallel"),
+}
+"""In which elements each state can be."""
+_EXPECTED = {
+    "scxml": ("datamodel", "final", "parallel", "state"),
+    "state": ("final", "history", "initial", "onentry", "onexit", "parallel", "state", "transition"),
+    "parallel": ("history", "onentry", "onexit", "parallel", "state", "transition"),
+    "final": ("onentry", "onexit"),
+    "history": ("transition",),
+}
+
+
+def read(path: Path) -> StateMachine:
+    """Read a state machine.
+
+    Raises InputError with everything that is wrong or not supported, file and line each.
+    """
+    try:
+        root = read_xml(path)
+    except InputError as error:
+        raise InputError(_not_closed(path) or str(error)) from error
+    return _Reader(path, root).machine()
+
+
+class _Namespaces:
+    """Elements without the prefixes of their namespaces, and without those that are not SCXML's."""
+
+    def __init__(self, root: Element) -> None:
+        # Whatever the outermost element's namespace is, files without the usual one are read as well.
+        self.own = {_NAMESPACE, self._named(root, {}), ""}
+        self.problems = ProblemLines()
+        self._take(root, {}, "")
+
+    @staticmethod
+    def _declared(element: Element, known: dict[str, str]) -> dict[str, str]:
+        """Return the namespaces inside of an element, by prefix; the default one has none."""
+        found = {
+            key.removeprefix("xmlns").removeprefix(":"): value
+            for key, value in element.attributes.items()
+            if key == "xmlns" or key.startswith("xmlns:")
+        }
+        return {**known, **found} if found else known
+
+    def _named(self, element: Element, known: dict[str, str]) -> str:
+        """Return an element's namespace; empty for none, or for a prefix that is not declared."""
+        prefix = element.tag.rpartition(":")[0]
+        return self._declared(element, known).get(prefix, "")
+
+    def _take(self, element: Element, known: dict[str, str], inside: str) -> bool:
+        """Whether an element is kept, without its prefix; inside: the name of the one around it."""
+        namespace = self._named(element, known)
+        if namespace not in self.own:
+            if inside in _ACTING and namespace not in _EDITORS:
+                self.problems.add(
+                    str(element.error(f"what elements of {namespace} do is not known here; leave it out"))
+                )
+            return False
+        element.tag = element.tag.rpartition(":")[2]
+        spaces = self._declared(element, known)
+        element.children = [one for one in element.children if self._take(one, spaces, element.tag)]
+        return True
+
+
+def _not_closed(path: Path) -> str | None:
+    """Return what is wrong with a file in which `<state>` stands for `</state>`; None for another one."""
+    data = read_bytes(path, _LARGEST_FILE_BYTES)
+    found = _BARE.search(data)
+    if found is None or data.count(b"</state") >= len(re.findall(rb"<state\s[^<>]*[^/<>]>", data)):
+        return None
+    line = data.count(b"\n", 0, found.start()) + 1
+    return (
+        f"{path}:{line}: <state> found where </state> is expected; a version of Modelio's CPSwarm module "
+        "writes it so: write </state> at the end of each state"
+    )
+
+
+class _Reader:
+    def __init__(self, path: Path, root: Element) -> None:
+        self.root = root
+        self.problems = _Namespaces(root).problems
+        self.states: dict[str, State] = {}
+        self._declared_as: dict[str, str] = {}
+        """Names of data as expressions have them -> as they are declared."""
+        self._constants: dict[str, float] = {}
+        """Numbers of data by their names in expressions."""
+        top = State("", root.line, "scxml", None, 0)
+        self.machine_ = StateMachine(path, root.attributes.get("name", ""), top)
+
+    def problem(self, element: Element, message: str) -> None:
+        self.problems.add(str(element.error(message)))
+
+    def machine(self) -> StateMachine:
+        self._inside(self.machine_.root, self.root)
+        self._check_targets()
+        self._check_events()
+        self.problems.stop()
+        return self.machine_
+
+    def _unknown(self, element: Element, expected: tuple[str, ...]) -> None:
+        if element.tag in _IGNORED:
+            return
+        hint = _INSTEAD.get(element.tag) or (
+            f"found inside; expected {', '.join(expected)}{did_you_mean(element.tag, expected)}"
+        )
+        self.problem(element, hint)
+
+    def _data(self, datamodel: Element) -> None:
+        for element in datamodel.children:
+            name = element.attributes.get("id", "")
+            if element.tag != "data" or not name:
+                self.problem(element, 'found inside <datamodel>; expected <data id="NAME"/>')
+            elif name in self.machine_.declared:
+                self.problem(element, f"duplicate id {name!r}; keep one")
+            elif (own := in_expression(name)) in self._declared_as:
+                other = self._declared_as[own]
+                self.problem(
+                    element, f"the ids {other!r} and {name!r} are the same in an expression; rename one"
+                )
+            else:
+                self._declared_as[own] = name
+                value = self.machine_.declared[name] = self._declared(element)
+                if value is not None:
+                    self._constants[own] = value
+
+    def _declared(self, element: Element) -> float | None:
+        """Return the number of a `<data>`, in its attribute or inside; None where it has none."""
+        text = element.text.strip()
+        if "src" in element.attributes:
+            self.problem(element, f"src: is not supported; write the number, {_DATA}")
+        elif element.children:
+            self.problem(element, f"<{element.children[0].tag}> found inside; expected a number, {_DATA}")
+        elif "expr" in element.attributes and text:
+            self.problem(element, f"has both the attribute expr and {text[:40]!r} inside; keep one")
+        elif "expr" in element.attributes:
+            return self._number(element, "expr")
+        elif text:
+            return self._value(element, text, "content")
+        return None
+
+    def _number(self, element: Element, attribute: str) -> float:
+        text = element.attributes.get(attribute)
+        if text is None:
+            self.problem(element, f"the attribute {attribute} is missing")
+            return 0.0
+        return self._value(element, text, attribute)
+
+    def _value(self, element: Element, text: str, what: str) -> float:
+        try:
+            return constant(parse(text), self._constants)
+        except ConditionError as error:
+            self.problem(element, f"{what}: {error}")
+            return 0.0
+
+    def _inside(self, parent: State, element: Element) -> None:
+        """Read what is inside of a state, or of the machine."""
+        for inner in element.children:
+            if inner.tag in _STATES:
+                if parent.kind not in _HOLD[inner.tag]:
+                    self.problem(inner, f"cannot be inside of <{element.tag}>")
+                    continue
+                self._state(parent, inner)
+            elif inner.tag == "datamodel" and parent.kind == "scxml":
+                self._data(inner)
+            elif inner.tag == "datamodel":
+                pass  # belongs to an <invoke>, which is reported
+            elif inner.tag == "initial" and parent.kind == "state":
+                self._initial(parent, inner)
+            elif inner.tag in {"onentry", "onexit"} and parent.kind not in {"scxml", "history"}:
+                (parent.entry if inner.tag == "onentry" else parent.exit).extend(self._actions(inner))
+            elif inner.tag == "transition" and parent.kind == "history":
+                self._initial(parent, element)
+            elif inner.tag == "transition" and parent.kind in {"state", "parallel"}:
+                parent.transitions.append(self._transition(inner))
+            else:
+                self._unknown(inner, _EXPECTED[parent.kind])
+        given = element.attributes.get("initial", "").split()
+        if given and parent.kind in {"scxml", "state"}:
+            if parent.initial is not None:
+                self.problem(element, "has both an attribute initial and <initial>; keep one")
+            parent.initial = Transition(element.line, targets=given)
+
+    def _state(self, parent: State, element: Element) -> None:
+        name = element.attributes.get("id", "").strip()
+        if not name and element.tag == "history":
+            name = f"history in line {element.line}"
+        if not name:
+            self.problem(element, "the attribute id is missing")
+            return
+        if name in self.states:
+            first = self.states[name].line
+            self.problem(element, f"duplicate id {name!r} (first in line {first}); keep one")
+            return
+        depth = element.attributes.get("type", "shallow")
+        if element.tag == "history" and depth not in {"shallow", "deep"}:
+            self.problem(element, f"type {depth!r} found, expected shallow or deep")
+        # The order in the document is the order in which states are met.
+        state = State(name, element.line, element.tag, parent, len(self.states) + 1, depth == "deep")
+        self.states[name] = state
+        parent.children.append(state)
+        self._inside(state, element)
+        if state.kind == "history" and state.initial is None:
+            self.problem(element, 'has no <transition target=".."/>, which says what is entered at first')
+        if state.kind == "parallel" and state.is_atomic:
+            self.problem(element, "has no states inside; expected two or more")
+
+    def _initial(self, parent: State, element: Element) -> None:
+        """Read what is entered first: the one transition of an `<initial>` or a history."""
+        ones = element.all("transition")
+        if len(ones) != 1:
+            self.problem(element, f"{len(ones)} transitions found inside; expected one")
+        if parent.initial is not None or not ones:
+            return
+        parent.initial = self._transition(ones[0])
+        if parent.initial.events or parent.initial.condition or not parent.initial.targets:
+            self.problem(ones[0], "expected a target, without event and cond")
+
+    def _transition(self, element: Element) -> Transition:
+        text = element.attributes.get("cond")
+        tree: ast.expr | None = None
+        if text is not None:
+            try:
+                tree = parse(text)
+            except ConditionError as error:
+                self.problem(element, f"cond: {error}")
+        kind = element.attributes.get("type", "external")
+        if kind not in {"external", "internal"}:
+            self.problem(element, f"type {kind!r} found, expected external or internal")
+        return Transition(
+            element.line,
+            element.attributes.get("event", "").split(),
+            tree,
+            element.attributes.get("target", "").split(),
+            self._actions(element),
+            kind == "internal",
+        )
+
+    def _actions(self, element: Element) -> list[Action]:
+        found: list[Action] = []
+        for inner in element.children:
+            if inner.tag == "assign":
+                location = inner.attributes.get("location", "").strip()
+                if not location:
+                    self.problem(inner, "the attribute location is missing; it names an actuator")
+                found.append(Assignment(location, self._output(inner), inner.line))
+            elif inner.tag == "raise":
+                self._event(inner, found, internal=True)
+            elif inner.tag == "send":
+                self._send(inner, found)
+            else:
+                self._unknown(inner, ("assign", "log", "raise", "send"))
+        return found
+
+    def _send(self, element: Element, found: list[Action]) -> None:
+        for parameter in element.children:
+            name = parameter.attributes.get("name", "").strip()
+            if parameter.tag != "param" or not name:
+                self.problem(parameter, 'expected <param name="ACTUATOR" expr="NUMBER"/> inside <send>')
+                continue
+            found.append(Assignment(name, self._output(parameter), parameter.line))
+        for attribute in ("delay", "delayexpr"):
+            if attribute in element.attributes:
+                self.problem(element, f"{attribute}: is not supported; count control steps with states")
+        target = element.attributes.get("target", "")
+        if target not in {"", "#_internal"}:
+            if not element.children:
+                self.problem(
+                    element,
+                    f"target {target!r} found; controllers send numbers to actuators, and events to "
+                    'themselves: leave it out, or write target="#_internal"',
+                )
+        elif element.children or "event" in element.attributes:
+            self._event(element, found, internal=bool(target))
+        else:
+            self.problem(
+                element, 'is empty; expected an event, or <param name="ACTUATOR" expr="NUMBER"/> inside'
+            )
+
+    def _event(self, element: Element, found: list[Action], *, internal: bool) -> None:
+        name = element.attributes.get("event", "").strip()
+        if not name and not element.children:
+            self.problem(element, "the attribute event is missing")
+        elif name == EVENT:
+            self.problem(element, f"the event {EVENT!r} is that of each control step; take another name")
+        elif name:
+            found.append(Event(name, internal, bool(element.children), element.line))
+
+    def _output(self, element: Element) -> float:
+        value = self._number(element, "expr")
+        if abs(value) > 1:
+            self.problem(element, f"expr: {value:g} found, expected -1 to 1, the range of an actuator")
+        return value
+
+    def _check_events(self) -> None:
+        """Events that no transition waits for are mistakes, or meant for others where they carry numbers."""
+        waited = [one for state in self.states.values() for t in state.transitions for one in t.events]
+        awaited = Descriptors(waited)
+        for state in self.states.values():
+            for block in (state.entry, state.exit, *(t.actions for t in state.all_transitions)):
+                for one in [one for one in block if isinstance(one, Event)]:
+                    if awaited.match(one.name):
+                        continue
+                    block.remove(one)
+                    if not one.optional:
+                        self.problems.add(
+                            f"{self.root.file}:{one.line}: event: no transition waits for {one.name!r}"
+                            f"{did_you_mean(one.name, waited)}"
+                        )
+
+    def _check_targets(self) -> None:
+        if not self.states:
+            self.problem(self.root, "has no states")
+            return
+        for state in (self.machine_.root, *self.states.values()):
+            if state.initial is not None:
+                self._check(state, state.initial, "initial" if state.kind != "history" else "target")
+            elif state.is_compound:
+                state.initial = Transition(state.line, targets=[state.inner[0].name])
+            for one in state.transitions:
+                self._check(state, one, "target")
+
+    def _check(self, state: State, one: Transition, what: str) -> None:
+        """Check that targets are there, in the state where they have to be, and can be active together."""
+        place = f"{self.root.file}:{one.line}: <{'transition' if what == 'target' else state.kind}>: {what}:"
+        found = []
+        for name in one.targets:
+            if name in self.states:
+                found.append(self.states[name])
+            else:
+                self.problems.add(f"{place} there is no state {name!r}{did_you_mean(name, self.states)}")
+        if one is state.initial:
+            parent = state.parent if state.kind == "history" else state
+            for target in found:
+                shallow = state.kind == "history" and not state.deep
+                if parent is None or not target.inside(parent) or (shallow and target.parent is not parent):
+                    where = "directly inside" if shallow else "inside"
+                    self.problems.add(
+                        f"{place} {target.name!r} is not {where} of {parent.name if parent else ''!r}"
+                    )
+        within: dict[int, State] = {}  # a target by each state that it is in, and by itself
+        for target in found:
+            around = [target, *target.ancestors]
+            meeting = next((up for up in around if id(up) in within), None)
+            if meeting is not None:
+                other = within[id(meeting)]
+                if meeting.kind != "parallel" or meeting is target or meeting is other:
+                    self.problems.add(
+                        f"{place} {other.name!r} and {target.name!r} are not in two regions of a <parallel>, "
+                        "so that they cannot be entered together"
+                    )
+            for up in around:
+                within.setdefault(id(up), target)

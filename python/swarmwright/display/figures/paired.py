@@ -1,0 +1,120 @@
+"""The figure of two controllers in the same episodes."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from swarmwright.common.formatting import counted, shortened
+from swarmwright.display.figures.style import (
+    COLORS,
+    INK,
+    PAPER,
+    SOFT,
+    drawable,
+    dress,
+    entitle,
+    new_figure,
+    points,
+    styled,
+    whole_ticks,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from swarmwright.analysis.paired import ControllerComparison, Values
+
+_A, _B, _EQUAL = COLORS[0], COLORS[1], SOFT
+_NAME = 40
+"""Characters of a controller's name in a label."""
+
+
+@styled()
+def draw(comparison: "ControllerComparison") -> "Figure":
+    """Return the figure: fitness of A over that of B, and all differences in ascending order."""
+    counts = ~np.isnan(comparison.differences)
+    first, second = (
+        drawable(one.ranking.counted(one.episodes)[counts]) for one in (comparison.first, comparison.second)
+    )
+    figure = new_figure(11, 5.2)
+    pairs, ordered = figure.subplots(1, 2)
+    names = [shortened(name, _NAME) for name in comparison.names]
+    a, b = (
+        letter if letter == name else f"{letter}: {name}" for letter, name in zip("AB", names, strict=True)
+    )
+    _pairs(pairs, first, second)
+    dress(pairs, x=f"fitness of {b}", y=f"fitness of {a}")
+    pairs.set_title(
+        "an episode each; dotted: the same fitness", loc="left", fontsize=points(10.5), color=SOFT
+    )
+    _differences(ordered, comparison)
+    dress(ordered, x="episodes, by their difference", y="difference of fitness, A - B")
+    ordered.set_title(
+        f"{counted(len(first), 'episode')}, the same for both{_failures(comparison)}",
+        loc="left", fontsize=points(10.5), color=SOFT,
+    )  # fmt: skip
+    entitle(figure, f"{comparison.experiment.subject}: A against B")
+    figure.legend(
+        *ordered.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=points(10.5),
+        frameon=False, labelcolor=INK,
+    )  # fmt: skip
+    return figure
+
+
+def _failures(comparison: "ControllerComparison") -> str:
+    """Return how failed episodes count, empty where there are none."""
+    value = comparison.first.ranking.options.failure_fitness
+    failed = comparison.first.failed + comparison.second.failed
+    if not failed:
+        return ""
+    if value is None:
+        return f"; {len(comparison.left_out):,} left out: a controller failed"
+    return f"; {counted(failed, 'failure')} count{'s' if failed == 1 else ''} as {value:g}"
+
+
+def _pairs(axes: "Axes", first: "Values", second: "Values") -> None:
+    """Draw the fitness of A over that of B, with equal axes."""
+    for _, color, which in _parts(first - second):
+        axes.plot(
+            second[which], first[which], "o", color=color, markersize=points(5), alpha=0.75,
+            markeredgecolor=PAPER, markeredgewidth=points(0.5),
+        )  # fmt: skip
+    both = np.concatenate([first, second])
+    low, high = (float(both.min()), float(both.max())) if len(both) else (0.0, 1.0)
+    margin = 0.06 * (high - low) or 0.5
+    low, high = low - margin, high + margin
+    axes.plot([low, high], [low, high], color=SOFT, linewidth=points(1), linestyle=":", zorder=1)
+    axes.set_xlim(low, high)
+    axes.set_ylim(low, high)
+    axes.set_aspect("equal")
+    axes.locator_params(nbins=6)
+
+
+def _differences(axes: "Axes", comparison: "ControllerComparison") -> None:
+    """Draw all differences in ascending order, their mean and its interval."""
+    values = drawable(np.sort(comparison.paired))
+    places = np.arange(1.0, len(values) + 1)
+    mean = comparison.difference
+    if mean.low is not None and mean.high is not None:
+        axes.axhspan(*drawable(np.array([mean.low, mean.high])), color=INK, alpha=0.12, linewidth=0,
+                     label="95 % interval of the mean")  # fmt: skip
+    if len(values):
+        middle = float(drawable(np.array([mean.mean]))[0])
+        axes.axhline(middle, color=INK, linewidth=points(1.8), label="mean difference")
+    axes.axhline(0.0, color=SOFT, linewidth=points(1), linestyle=":", zorder=1)
+    for name, color, which in _parts(values):
+        if which.any():
+            axes.vlines(places[which], 0.0, values[which], color=color, linewidth=points(1.2), alpha=0.6)
+            axes.plot(places[which], values[which], "o", color=color, markersize=points(4), label=name)
+    whole_ticks(axes.xaxis, places)
+    axes.margins(x=0.02)
+
+
+def _parts(differences: "Values") -> "list[tuple[str, str, np.typing.NDArray[np.bool_]]]":
+    """Return in which episodes which controller is better, with its colour."""
+    return [
+        ("A is better", _A, differences > 0),
+        ("B is better", _B, differences < 0),
+        ("equal", _EQUAL, differences == 0),
+    ]

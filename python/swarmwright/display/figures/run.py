@@ -1,0 +1,221 @@
+"""The figure of one run: fitness, and how different the candidates were."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from swarmwright.common.formatting import counted
+from swarmwright.common.modules import label_of
+from swarmwright.display.figures.cut import far_below
+from swarmwright.display.figures.publishers import current
+from swarmwright.display.figures.style import (
+    AXES,
+    COLORS,
+    INK,
+    PAPER,
+    SOFT,
+    above_axes,
+    drawable,
+    dress,
+    entitle,
+    fitting_columns,
+    new_figure,
+    points,
+    styled,
+    whole_ticks,
+    zoom,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from swarmwright.experiment.experiment import Experiment
+    from swarmwright.runs.run import Run
+
+_BEST, _MEAN, _SPREAD = COLORS[2], COLORS[1], COLORS[0]
+_MARGIN, _PAGE_MARGIN = 0.14, 0.22
+"""Room above and below curves, as a share of their height; more where axes are low."""
+_LEGEND_LINE_INCHES = 0.22
+"""Inches of a line of the legend on screens."""
+_ONE_ROW = 80
+"""Characters of a legend of one row, fewer than this."""
+
+
+@styled()
+def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations") -> "Figure":
+    """Return the figure.
+
+    Args:
+        run: with a finished generation at least.
+        diversity: of each generation, (generations,), see `swarmwright.runs.diversity`.
+        x: "evaluations" or "generations".
+    """
+    history = run.history
+    places = np.array(
+        [one.evaluations if x == "evaluations" else one.generation for one in history], dtype=float
+    )
+    figure = new_figure(9, 6.6)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1])
+    _fitness(upper, run, places)
+    _diversity(lower, diversity, places)
+    dress(upper, y="fitness (more is better)")
+    continuous = run.experiment.representation().continuous
+    dress(
+        lower,
+        x=AXES[x],
+        y="diversity"
+        if current().narrow
+        else "diversity\n(first generation: 1)"
+        if continuous
+        else "diversity\n(genes that differ)",
+    )
+    whole_ticks(lower.xaxis, places)
+    _titles(figure, upper, run)
+    return figure
+
+
+@styled()
+def fitness(run: "Run") -> "Figure":
+    """Return the figure of fitness over generations alone. run: with a finished generation at least."""
+    places = np.array([one.generation for one in run.history], dtype=float)
+    figure = new_figure(9, 5.2)
+    axes = figure.subplots()
+    _fitness(axes, run, places)
+    dress(axes, x=AXES["generations"], y="fitness (more is better)")
+    whole_ticks(axes.xaxis, places)
+    _titles(figure, axes, run)
+    return figure
+
+
+def title_of(experiment: "Experiment") -> str:
+    """Return what a run does, in words."""
+    method = label_of(experiment.method.kind)
+    kind: str = experiment.controller.kind
+    article = "an" if kind[0] in "aeiou" else "a"
+    return f"{experiment.subject}: {method} evolves {article} {kind} controller"
+
+
+def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
+    """Say above and below what is drawn."""
+    experiment = run.experiment
+    failed = sum(one.failed for one in run.history)
+    entitle(figure, title_of(experiment))
+    upper.set_title(
+        above_axes(
+            f"{counted(run.evaluations, 'evaluation')} in {counted(run.generations, 'generation')}, "
+            f"seed {experiment.seed}" + (f", {failed:,} failed" if failed else "")
+        ),
+        loc="left", fontsize=points(10.5), color=SOFT,
+    )  # fmt: skip
+    handles, labels = upper.get_legend_handles_labels()
+    most = 4 if sum(map(len, labels)) < _ONE_ROW else 2
+    columns = fitting_columns(labels, most)
+    if columns < min(most, len(labels)):
+        rows = [-(-len(labels) // count) for count in (columns, most)]
+        figure.set_figheight(figure.get_figheight() + points(_LEGEND_LINE_INCHES) * (rows[0] - rows[1]))
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=columns, fontsize=points(10.5), frameon=False,
+        labelcolor=INK,
+    )  # fmt: skip
+
+
+def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
+    history = run.history
+    marker = "o" if len(history) == 1 else None
+
+    def column(name: str) -> "NDArray[np.float64]":
+        values = np.array([getattr(one, name) for one in history], dtype=np.float64)
+        return drawable(np.where(np.isfinite(values), values, np.nan))
+
+    quartiles = column("lower_quartile"), column("upper_quartile")
+    half: dict[str, Any] = {"color": _MEAN, "alpha": 0.18, "label": "middle half of the population"}
+    if len(history) == 1:
+        axes.vlines(places, *quartiles, linewidth=points(12), **half)
+    else:
+        axes.fill_between(places, *quartiles, linewidth=0, **half)
+    best = column("best_so_far")
+    now = column("best")
+    drawn = np.stack([quartiles[0], quartiles[1], best, now])
+    mean = column("mean")
+    outside = far_below(places, drawn.min(axis=0), drawn.max(axis=0), mean)
+    axes.plot(places, mean, color=_MEAN, linewidth=points(1.4), marker=marker, label="mean")
+    if outside is None:
+        drawn = np.vstack([drawn, mean])
+    if not np.array_equal(now, best, equal_nan=True):  # elitist methods keep their best
+        axes.step(
+            places, now, where="post", color=_BEST, linewidth=points(1.0), marker=marker, alpha=0.6,
+            label="best of the population",
+        )  # fmt: skip
+    axes.step(
+        places, best, where="post", color=_BEST, linewidth=points(2.4), marker=marker, label=run.best_words
+    )
+    if np.isnan(best).all():
+        axes.text(0.5, 0.5, "every candidate failed", transform=axes.transAxes, ha="center", color=SOFT)
+        return
+    # With racing and with `reevaluate` it also falls: the best of the run is the last one then.
+    known = np.flatnonzero(~np.isnan(best))
+    found = int(known[-1])
+    if (np.diff(best[known]) >= 0).all():
+        found = int(known[best[known] == best[found]][0])
+    axes.plot(
+        places[found], best[found], "o", markersize=points(8), color=_BEST, markeredgecolor=PAPER, zorder=5
+    )
+    text = _number(history[found].best_so_far + 0.0, drawn[np.isfinite(drawn)])
+    axes.annotate(
+        text, (places[found], best[found]), xytext=(0, points(8)), textcoords="offset points",
+        ha="center" if found else "left", color=_BEST, fontsize=points(11.5), fontweight="bold",
+    )  # fmt: skip
+    margin = _MARGIN if current().width is None else _PAGE_MARGIN
+    low, high = drawn.min(axis=0), drawn.max(axis=0)
+    held_out = _held_out(axes, run, float(places[-1]))
+    if held_out is not None:
+        low[-1], high[-1] = np.fmin(low[-1], held_out[0]), np.fmax(high[-1], held_out[1])
+    axes.margins(x=0.02, y=margin)
+    if outside is not None:
+        bottom, top = float(np.nanmin(low)), float(np.nanmax(high))
+        spare = margin * top - margin * bottom
+        axes.set_ylim(bottom - spare, top + spare)
+    zoom(axes, [(places, low, high)], outside=outside)
+
+
+def _held_out(axes: "Axes", run: "Run", place: float) -> tuple[float, float] | None:
+    """Draw the fitness of the best on held-out seeds at a place; return the ends of its interval.
+
+    None where it was not validated, or has the same fitness with any seed.
+    """
+    validation = run.validation
+    if validation is None or not validation.depends_on_seed:
+        return None
+    best = validation.best.fitness
+    if not math.isfinite(best.mean) or best.low is None or best.high is None:
+        return None
+    mean, low, high = drawable(np.array([best.mean, best.low, best.high])).tolist()
+    axes.errorbar(
+        place, mean, yerr=[[mean - low], [high - mean]], fmt="D", markersize=points(6), color=INK,
+        ecolor=INK, elinewidth=points(1.6), capsize=points(4), zorder=6, clip_on=False,
+        label=f"best on held-out seeds ({len(validation.seeds):,} episodes, 95 % interval)",
+    )  # fmt: skip
+    return low, high
+
+
+def _number(value: float, among: "NDArray[np.float64]") -> str:
+    """Return a number with four digits, or as many as tell it from others. among: these and itself."""
+    span = float(np.ptp(among)) if np.isfinite(np.ptp(among)) else 0.0
+    digits = 4
+    if 0.0 < span < abs(value):
+        digits = min(max(4, math.ceil(math.log10(abs(value)) - math.log10(span)) + 2), 15)
+    return f"{value:.{digits}g}"
+
+
+def _diversity(axes: "Axes", values: "NDArray[np.float64]", places: "NDArray[np.float64]") -> None:
+    marker = "o" if np.count_nonzero(np.isfinite(values)) == 1 else None
+    axes.plot(places, values, color=_SPREAD, linewidth=points(1.8), marker=marker)
+    axes.fill_between(places, 0, values, color=_SPREAD, alpha=0.12, linewidth=0)
+    axes.set_ylim(bottom=0)
+    if not np.isfinite(values).any():
+        axes.text(
+            0.5, 0.5, "one candidate in each generation", transform=axes.transAxes, ha="center", color=SOFT
+        )

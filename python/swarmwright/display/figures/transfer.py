@@ -1,0 +1,102 @@
+"""The figure of a transfer: fitness in each target over fitness in the run's own simulation."""
+
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.common.formatting import counted
+from swarmwright.common.sort_keys import sort_key
+from swarmwright.display.figures.style import INK, SOFT, dress, entitle, look, new_figure, points, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from swarmwright.analysis.transfer.result import Transfer
+    from swarmwright.runs.transfer.transferred import Transferred
+
+_LABEL = 34
+"""Characters in a line of the legend."""
+_BEST, _OTHER = 7, 4
+"""Points: size of the best candidate of a run, and of the others."""
+
+
+@styled()
+def draw(transfer: "Transfer") -> "Figure":
+    """Return the figure: a field for each target, a point for each candidate, with 95 % intervals."""
+    count = len(transfer.targets)
+    # Colours do not depend on the order in which runs are given.
+    keys = {key for group in transfer.groups for key in group.differs}
+    groups = sorted(transfer.groups, key=lambda group: sort_key(group.differs, keys))
+    labels = [textwrap.wrap(f"{group.label} ({counted(len(group.runs), 'run')})", _LABEL) for group in groups]
+    if any(candidate.generation is None for one in transfer.runs for candidate in one.candidates):
+        labels.append(["random controllers"])
+    signs = _signs(transfer)
+    labels += [[name] for name, _ in signs]
+    # The legend has two columns, filled one after the other; fields keep their size beside it.
+    first = (len(labels) + 1) // 2
+    lines = max(sum(map(len, column)) for column in (labels[:first], labels[first:]))
+    figure = new_figure(1.0 + 4.6 * count, 5.5 + 0.2 * lines)
+    fields = figure.subplots(1, count, squeeze=False)[0]
+    group_of = {str(run.path): index for index, group in enumerate(groups) for run in group.runs}
+    own = sorted({one.run.experiment.subject for one in transfer.runs})
+    for axes, target in zip(fields, transfer.targets, strict=True):
+        for one in transfer.runs:
+            if one.target == target:
+                _points(axes, one, group_of[str(one.run.path)])
+        low, high = (
+            min(axes.get_xlim()[0], axes.get_ylim()[0]), max(axes.get_xlim()[1], axes.get_ylim()[1])
+        )  # fmt: skip
+        axes.plot([low, high], [low, high], color=SOFT, linewidth=points(1), linestyle=":", zorder=1)
+        axes.set_xlim(low, high)
+        axes.set_ylim(low, high)
+        axes.set_aspect("equal")
+        axes.locator_params(nbins=6)
+        dress(axes, x=f"fitness in {', '.join(own)}", y=f"fitness in {target}")
+        axes.set_title("dotted: nothing is lost", loc="left", fontsize=points(10), color=SOFT)
+    handles = []
+    for index, label in enumerate(labels[: len(labels) - len(signs)]):
+        random = index == len(groups)
+        color = SOFT if random else look(index)[0]
+        inside = "none" if random else color
+        line = fields[0].plot([], [], "o", color=color, markerfacecolor=inside, label="\n".join(label))
+        handles += line
+    handles += [fields[0].errorbar([], [], label=name, **style) for name, style in signs]
+    legend = figure.legend(
+        handles=handles, loc="outside lower left", ncols=2, fontsize=points(10), frameon=False, labelcolor=INK
+    )
+    for text in legend.get_texts():
+        text.set_parse_math(False)
+    count = len({str(one.run.path) for one in transfer.runs})
+    entitle(figure, f"{counted(count, 'run')}: transfer from {', '.join(own)}")
+    return figure
+
+
+def _signs(transfer: "Transfer") -> list[tuple[str, dict[str, Any]]]:
+    """Return what the sizes of points and the lines across them mean, where there are any, with its style."""
+    plain: dict[str, Any] = {"color": SOFT, "fmt": "o"}
+    found: list[tuple[str, dict[str, Any]]] = []
+    if any(len(one.candidates) > 1 for one in transfer.runs):
+        found = [
+            ("best of the run", {**plain, "markersize": _BEST}),
+            ("other candidates of the run", {**plain, "markersize": _OTHER}),
+        ]
+    fitness = [of for one in transfer.runs for of in (*one.source_fitness, *one.target_fitness)]
+    if any(of.low is not None for of in fitness):
+        bars = {"fmt": "none", "ecolor": SOFT, "elinewidth": points(0.8), "xerr": [], "yerr": []}
+        found.append(("95 % interval of the mean", bars))
+    return found
+
+
+def _points(axes: "Axes", one: "Transferred", group: int) -> None:
+    color, _ = look(group)
+    for index, (candidate, here, there) in enumerate(
+        zip(one.candidates, one.source_fitness, one.target_fitness, strict=True)
+    ):
+        random = candidate.generation is None
+        across, up = (0.0 if of.low is None else of.mean - of.low for of in (here, there))
+        axes.errorbar(
+            here.mean, there.mean, up, across, fmt="o",
+            markersize=_BEST if index == 0 else _OTHER, color=SOFT if random else color,
+            markerfacecolor="none" if random else color, alpha=0.9 if index == 0 else 0.6,
+            linewidth=points(0.8), zorder=3 if index == 0 else 2,
+        )  # fmt: skip
