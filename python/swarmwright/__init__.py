@@ -69,17 +69,7 @@ from swarmwright.common.errors import (
 )
 
 if TYPE_CHECKING:
-    from swarmwright import (
-        callbacks,
-        display,
-        environments,
-        frevo,
-        methods,
-        rankings,
-        results,
-        templates,
-        testing,
-    )
+    from swarmwright import callbacks, display, environments, frevo, methods, results, templates, testing
     from swarmwright import controllers as representations
     from swarmwright.adapters.command import CommandSimulation
     from swarmwright.analysis.comparison import Comparison, compare
@@ -96,6 +86,7 @@ if TYPE_CHECKING:
     from swarmwright.export.bundle_report import BundleVerification
     from swarmwright.export.bundle_verification import verify_bundle
     from swarmwright.export.exporting import Exported, export_controller
+    from swarmwright.methods import rankings
     from swarmwright.optimization.optimize import Generation, optimize, resume
     from swarmwright.runs.learning_curve import LearningCurve, learning_curve
     from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, post_evaluate
@@ -217,7 +208,7 @@ _MODULES = {
     "frevo": "frevo",
     "methods": "methods",
     "modules": "controllers.modules",
-    "rankings": "rankings",
+    "rankings": "methods.rankings",
     "representations": "controllers",
     "results": "results",
     "templates": "templates",

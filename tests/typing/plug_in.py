@@ -24,7 +24,7 @@ from swarmwright.controllers import (
 from swarmwright.controllers.kinds.layered import LayeredOptions
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.methods.nnga import NngaOptions
-from swarmwright.rankings import Ranking, RankingOptions
+from swarmwright.methods.rankings import Ranking, RankingOptions
 
 
 class SampleOptions(MethodOptions):

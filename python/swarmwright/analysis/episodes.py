@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.analysis.after_evaluations import by_generation
-from swarmwright.rankings.race import RaceOptions
+from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.runs.failures import taken as taken_by
 from swarmwright.runs.failures import taken_in
 from swarmwright.runs.run import Run

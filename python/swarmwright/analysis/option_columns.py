@@ -5,7 +5,7 @@ from typing import Any
 
 from swarmwright.methods import MethodOptions
 from swarmwright.methods.plug_ins import REGISTRIES
-from swarmwright.rankings import RankingOptions
+from swarmwright.methods.rankings import RankingOptions
 
 _OF_ALL_KINDS = {
     "method": frozenset(MethodOptions.model_fields),

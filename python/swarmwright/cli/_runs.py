@@ -413,7 +413,7 @@ def saved_lines(run: "Run") -> Iterator[str]:
     evaluated.
     """
     from swarmwright.experiment.targets import slow_of
-    from swarmwright.rankings.race import RaceOptions
+    from swarmwright.methods.rankings.race import RaceOptions
     from swarmwright.runs.elites import has_elites
 
     if run.generations and has_elites(run):

@@ -18,7 +18,6 @@ _SORTS = (
     "swarmwright.controllers._base",
     "swarmwright.launchers",
     "swarmwright.methods",
-    "swarmwright.rankings",
 )
 """Modules and packages whose base classes plug-ins derive from."""
 

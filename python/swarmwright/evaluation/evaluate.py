@@ -31,7 +31,7 @@ from swarmwright.evaluation.seeds import seeds_of
 from swarmwright.experiment.derived import has_python_modules, place_of, steers_agents
 from swarmwright.experiment.evolved import unknown
 from swarmwright.experiment.experiment import Experiment, experiment_of
-from swarmwright.rankings.slow_simulation import SlowOptions
+from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
 from swarmwright.user_code.loaded import warn_of_edits

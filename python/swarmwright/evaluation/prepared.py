@@ -17,7 +17,7 @@ from swarmwright.evaluation.seeds import seeds_of
 from swarmwright.experiment.derived import evaluation_key
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.unavailable import ranking_of
-from swarmwright.rankings.absolute import Absolute
+from swarmwright.methods.rankings.absolute import Absolute
 from swarmwright.simulations import catalogue
 
 _MOST_EXPERIMENTS = 16

@@ -7,7 +7,7 @@ import numpy as np
 from swarmwright.common.errors import InputError, PlugInError
 from swarmwright.common.plug_in_code import is_plug_in, place
 from swarmwright.common.untrusted import one_line
-from swarmwright.rankings import Ranking
+from swarmwright.methods.rankings import Ranking
 
 
 def check_seeds(ranking: Ranking, seeds: Any) -> list[int]:  # noqa: ANN401 - whatever a plug-in returns

@@ -13,7 +13,7 @@ from swarmwright.common.yaml import Source, read
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.unavailable import method_of
-from swarmwright.rankings.slow_simulation import SlowOptions
+from swarmwright.methods.rankings.slow_simulation import SlowOptions
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment

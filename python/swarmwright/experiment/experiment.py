@@ -36,8 +36,8 @@ from swarmwright.experiment.unavailable import (
 )
 from swarmwright.launchers.entries import Entries, written
 from swarmwright.methods import Method, MethodOptions
-from swarmwright.rankings import Ranking, RankingOptions
-from swarmwright.rankings.slow_simulation import SlowOptions
+from swarmwright.methods.rankings import Ranking, RankingOptions
+from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.simulations.names import name_of
 from swarmwright.simulations.near_names import no_experiment
 from swarmwright.store import StoreReader

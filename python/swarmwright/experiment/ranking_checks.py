@@ -6,10 +6,10 @@ from swarmwright.experiment.document import AUTO, Checked
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.unavailable import ranking_of
 from swarmwright.methods import METHODS, MethodOptions
-from swarmwright.rankings import Ranking, RankingOptions
-from swarmwright.rankings.race import RaceOptions
-from swarmwright.rankings.slow_simulation import METRIC, SlowOptions
-from swarmwright.rankings.transferability import TransferabilityOptions
+from swarmwright.methods.rankings import Ranking, RankingOptions
+from swarmwright.methods.rankings.race import RaceOptions
+from swarmwright.methods.rankings.slow_simulation import METRIC, SlowOptions
+from swarmwright.methods.rankings.transferability import TransferabilityOptions
 
 
 def check_ranking(checked: Checked, report: Report, *, new: bool) -> None:

@@ -8,7 +8,7 @@ from swarmwright.controllers.kinds.network import NetworkOptions
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.start_from import samples_around_start
-from swarmwright.rankings.multi_fidelity import MultiFidelityOptions
+from swarmwright.methods.rankings.multi_fidelity import MultiFidelityOptions
 from swarmwright.simulations.catalogue import steers_itself, titles
 
 _REACHED = {"tanh": (-1.0, 1.0), "sigmoid": (0.0, 1.0), "clamp": (0.0, 1.0), "relu": (0.0, math.inf)}

@@ -20,7 +20,7 @@ from swarmwright.experiment.misplaced import TOP, right_places
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.experiment.robots import is_part, kinds_instead, mission_of, written_out
 from swarmwright.methods import METHODS
-from swarmwright.rankings import RankingOptions
+from swarmwright.methods.rankings import RankingOptions
 from swarmwright.simulations import catalogue
 
 _PART = re.compile(r'"(?P<quoted>[^"]+)"|(?P<plain>[^.\[\]"=]+)|\[(?P<index>\d+)\]')

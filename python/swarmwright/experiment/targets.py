@@ -15,9 +15,9 @@ from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.document import Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, with_source
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
-from swarmwright.rankings.absolute import AbsoluteOptions
-from swarmwright.rankings.slow_simulation import SlowOptions
-from swarmwright.rankings.transferability import TransferabilityOptions
+from swarmwright.methods.rankings.absolute import AbsoluteOptions
+from swarmwright.methods.rankings.slow_simulation import SlowOptions
+from swarmwright.methods.rankings.transferability import TransferabilityOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute
 from swarmwright.store import FILE

@@ -19,7 +19,7 @@ from swarmwright.common.yaml import dotted_path
 from swarmwright.controllers import Representation
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.methods.plug_ins import REGISTRIES
-from swarmwright.rankings import Ranking, RankingOptions
+from swarmwright.methods.rankings import Ranking, RankingOptions
 from swarmwright.user_code.copying import FOLDER, Copy, display_name
 from swarmwright.user_code.permission import require_file, trusts_file
 

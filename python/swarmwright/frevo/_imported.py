@@ -19,7 +19,7 @@ from swarmwright.frevo._field import FieldFile, as_yaml
 from swarmwright.frevo._mapped import EMERGENCY_EXIT, Line, Mapped, one_line
 from swarmwright.frevo._mapping import Instead, map_session
 from swarmwright.methods import METHODS
-from swarmwright.rankings import RANKINGS
+from swarmwright.methods.rankings import RANKINGS
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, relative_name
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmwright.common.statistics import mean
 from swarmwright.common.typing import Fitness, Genome
-from swarmwright.rankings.race_tests import Test, ranks_of, survivors
+from swarmwright.methods.rankings.race_tests import Test, ranks_of, survivors
 
 
 @dataclass(eq=False)

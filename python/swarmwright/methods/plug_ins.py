@@ -6,7 +6,7 @@ from typing import Any
 from swarmwright.common.registry import Registry
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.methods import METHODS
-from swarmwright.rankings import RANKINGS
+from swarmwright.methods.rankings import RANKINGS
 
 REGISTRIES: Mapping[str, Registry[Any]] = {
     "controller": REPRESENTATIONS,

@@ -13,7 +13,7 @@ from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import NO_LIMIT, Incumbent, Method, MethodOptions
 from swarmwright.methods._race import Entrant, Race, Rules
-from swarmwright.rankings.race_tests import Test
+from swarmwright.methods.rankings.race_tests import Test
 
 _SAME_SHARE = 1e-4
 """Two candidates are practically the same when no number of theirs differs by more of its range."""

@@ -12,9 +12,9 @@ from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.controllers import Representation
 from swarmwright.evaluation.base import Backend, Progress, Results
 from swarmwright.methods import Method
+from swarmwright.methods.rankings import Ranking
+from swarmwright.methods.rankings.absolute import Absolute
 from swarmwright.methods.search import SearchMethod
-from swarmwright.rankings import Ranking
-from swarmwright.rankings.absolute import Absolute
 
 
 class Produced(NamedTuple):

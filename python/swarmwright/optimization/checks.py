@@ -9,7 +9,7 @@ from swarmwright.common.plug_in_code import count, is_plug_in, numbers, place
 from swarmwright.common.untrusted import one_line
 from swarmwright.controllers import Representation
 from swarmwright.methods import Method
-from swarmwright.rankings import Ranking
+from swarmwright.methods.rankings import Ranking
 
 
 def check_plug_ins(method: Method, ranking: Ranking, representation: Representation) -> None:

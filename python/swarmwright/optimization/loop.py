@@ -20,6 +20,7 @@ from swarmwright.evaluation.seeds import check_seeds
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
+from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.search import SearchMethod
 from swarmwright.optimization.account import Account
 from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
@@ -33,7 +34,6 @@ from swarmwright.optimization.memory import LARGE_POPULATION, candidates, progre
 from swarmwright.optimization.recorder import Recorder
 from swarmwright.optimization.strayed import strayed
 from swarmwright.optimization.two_simulations import needed_columns
-from swarmwright.rankings import Ranking
 from swarmwright.store import Evaluated, Journal, StoreReader, StoreWriter
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from swarmwright.evaluation.base import Backend, Controllers, OnResults, Progress, Results
-from swarmwright.rankings.race import Race
+from swarmwright.methods.rankings.race import Race
 from swarmwright.store import Journal
 
 

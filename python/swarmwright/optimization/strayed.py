@@ -8,7 +8,7 @@ from swarmwright.common.plug_in_code import is_plug_in
 from swarmwright.common.revision import revision
 from swarmwright.controllers import Representation
 from swarmwright.methods import Method
-from swarmwright.rankings import Ranking
+from swarmwright.methods.rankings import Ranking
 from swarmwright.store import StoreReader
 from swarmwright.store.provenance import COMMIT, HASH_SEED, versions
 

@@ -30,9 +30,9 @@ from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.derived import fitness_expression, place_of, steers_agents, with_environment
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, slow_of
+from swarmwright.methods.rankings import Ranking
+from swarmwright.methods.rankings.slow_simulation import METRIC, SlowRanking
 from swarmwright.optimization.raced import extend
-from swarmwright.rankings import Ranking
-from swarmwright.rankings.slow_simulation import METRIC, SlowRanking
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
 from swarmwright.user_code.permission import require_named

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.rankings.race import Race
+from swarmwright.methods.rankings.race import Race
 
 if TYPE_CHECKING:
-    from swarmwright.rankings import Ranking
+    from swarmwright.methods.rankings import Ranking
     from swarmwright.runs.run import Run
     from swarmwright.store import Evaluated
 

@@ -8,7 +8,7 @@ import numpy as np
 from swarmwright.common.statistics import mean
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.unavailable import method_of
-from swarmwright.rankings.absolute import Absolute
+from swarmwright.methods.rankings.absolute import Absolute
 from swarmwright.store import Evaluation
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from swarmwright.evaluation.metrics import asked_for
 from swarmwright.evaluation.module_code import is_in_python
 from swarmwright.evaluation.opening import open_backend, open_once
 from swarmwright.experiment.experiment import Experiment, experiment_of
-from swarmwright.rankings import Ranking
+from swarmwright.methods.rankings import Ranking
 from swarmwright.runs.code import used_for
 from swarmwright.store import Evaluation
 

@@ -16,7 +16,7 @@ from swarmwright.evaluation.base import Controllers, Servers
 from swarmwright.evaluation.evaluate import tell_failures
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment, experiment_of
-from swarmwright.rankings.race import Race
+from swarmwright.methods.rankings.race import Race
 from swarmwright.runs.code import used_for
 from swarmwright.runs.instances import instances
 from swarmwright.store import Evaluation

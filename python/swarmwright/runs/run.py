@@ -19,8 +19,8 @@ from swarmwright.common.statistics import Summary
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment, stored_experiment
-from swarmwright.rankings.race import RaceOptions
-from swarmwright.rankings.slow_simulation import METRIC, SlowOptions
+from swarmwright.methods.rankings.race import RaceOptions
+from swarmwright.methods.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.runs.export import write_table
 from swarmwright.runs.failures import taken
 from swarmwright.runs.instances import best_words

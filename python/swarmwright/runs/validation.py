@@ -35,9 +35,9 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.start_from import samples_around_start, start_genomes
 from swarmwright.experiment.targets import slow_of
 from swarmwright.experiment.unavailable import unreadable
-from swarmwright.rankings import Ranking
-from swarmwright.rankings.race import RaceOptions
-from swarmwright.rankings.slow_simulation import METRIC
+from swarmwright.methods.rankings import Ranking
+from swarmwright.methods.rankings.race import RaceOptions
+from swarmwright.methods.rankings.slow_simulation import METRIC
 from swarmwright.runs.instances import by_instance
 from swarmwright.runs.post_evaluation import (
     EPISODES,

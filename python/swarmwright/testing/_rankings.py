@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from swarmwright.rankings import RANKINGS, Ranking
+from swarmwright.methods.rankings import RANKINGS, Ranking
 from swarmwright.testing._common import EXAMPLES, check_options
 
 _SPREAD = np.array([0.0, 3.5, -1.25, 8.0, 0.5])

@@ -12,7 +12,7 @@ from swarmwright.common.registry import Registry
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.methods import METHODS, Method
 from swarmwright.methods.plug_ins import REGISTRIES
-from swarmwright.rankings import RANKINGS
+from swarmwright.methods.rankings import RANKINGS
 from swarmwright.testing import check_method, check_ranking, check_representation
 
 

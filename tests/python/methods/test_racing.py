@@ -15,7 +15,7 @@ from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import Representation
 from swarmwright.methods._race import Entrant, Race, Rules
 from swarmwright.methods.racing import Racing, RacingOptions, alike
-from swarmwright.rankings.race_tests import ranks_of
+from swarmwright.methods.rankings.race_tests import ranks_of
 from swarmwright.testing import check_method
 from swarmwright.testing._common import representation
 from swarmwright.testing._samples import Choices

@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 
 from swarmwright.methods import Method, MethodOptions
-from swarmwright.rankings import Ranking, RankingOptions
+from swarmwright.methods.rankings import Ranking, RankingOptions
 from swarmwright.controllers.kinds.fully_meshed import FullyMeshed, FullyMeshedOptions
 
 

@@ -340,8 +340,8 @@ def test_repeating_compares_the_episodes_that_were_run(
 
 def test_candidates_that_were_dropped_do_not_hide_that_the_ranking_failed() -> None:
     from swarmwright.evaluation.base import Results
+    from swarmwright.methods.rankings.race import Race, RaceOptions
     from swarmwright.optimization.evaluators import RaceEvaluator
-    from swarmwright.rankings.race import Race, RaceOptions
     from swarmwright.store import Journal
 
     ranking = Race(RaceOptions(episodes=6, first_test=3))

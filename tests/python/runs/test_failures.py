@@ -13,9 +13,9 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, compare, learning_curve, optimize, post_evaluate, resume
 from swarmwright.cli import run as run_command
-from swarmwright.rankings.absolute import Absolute, AbsoluteOptions
-from swarmwright.rankings.multi_fidelity import MultiFidelity, MultiFidelityOptions
-from swarmwright.rankings.race import Race, RaceOptions
+from swarmwright.methods.rankings.absolute import Absolute, AbsoluteOptions
+from swarmwright.methods.rankings.multi_fidelity import MultiFidelity, MultiFidelityOptions
+from swarmwright.methods.rankings.race import Race, RaceOptions
 from swarmwright.runs.failures import failed_within, taken
 
 

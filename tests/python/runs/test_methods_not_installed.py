@@ -20,7 +20,7 @@ from swarmwright import (
 )
 from swarmwright.cli._main import run as swarmwright
 from swarmwright.methods import METHODS
-from swarmwright.rankings import RANKINGS
+from swarmwright.methods.rankings import RANKINGS
 from swarmwright.store.verification import verify
 
 CODE = '''
@@ -67,7 +67,7 @@ from typing import Literal
 
 import numpy as np
 
-from swarmwright.rankings import Ranking, RankingOptions
+from swarmwright.methods.rankings import Ranking, RankingOptions
 
 
 class FirstOptions(RankingOptions):

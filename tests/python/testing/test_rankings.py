@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import pytest
 
-from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
+from swarmwright.methods.rankings import RANKINGS, Ranking, RankingOptions
 from swarmwright.testing import check_ranking
 
 

@@ -27,7 +27,7 @@ from pydantic import Field
 from scale_of_tests import SCALE
 
 from swarmwright.methods import Method, MethodOptions
-from swarmwright.rankings import Ranking
+from swarmwright.methods.rankings import Ranking
 
 
 class HillOptions(MethodOptions):

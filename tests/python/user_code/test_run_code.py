@@ -385,7 +385,7 @@ def test_an_edited_file_is_imported_anew(project: Path) -> None:
 def test_a_plug_in_that_was_edited(installed: bool, project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from swarmwright.common.registry import Registry
     from swarmwright.methods.plug_ins import REGISTRIES
-    from swarmwright.rankings import RANKINGS
+    from swarmwright.methods.rankings import RANKINGS
 
     site = project / "site"
     source = site if installed else project / "source"
@@ -394,7 +394,7 @@ def test_a_plug_in_that_was_edited(installed: bool, project: Path, monkeypatch: 
     source.mkdir(exist_ok=True)
     (source / "coded_ranking.py").write_text(
         "from typing import Literal\n"
-        "from swarmwright.rankings.absolute import Absolute, AbsoluteOptions\n\n"
+        "from swarmwright.methods.rankings.absolute import Absolute, AbsoluteOptions\n\n"
         "class Options(AbsoluteOptions):\n"
         '    """Absolute by another name."""\n\n'
         '    kind: Literal["coded"] = "coded"\n\n'
@@ -407,7 +407,7 @@ def test_a_plug_in_that_was_edited(installed: bool, project: Path, monkeypatch: 
     monkeypatch.syspath_prepend(str(site))
     monkeypatch.syspath_prepend(str(source))
     registry: Registry[Any] = Registry(
-        "ranking", RANKINGS.group, RANKINGS.built_in, "swarmwright.rankings:Ranking"
+        "ranking", RANKINGS.group, RANKINGS.built_in, "swarmwright.methods.rankings:Ranking"
     )
     monkeypatch.setitem(REGISTRIES, "ranking", registry)
     values = {"simulation": "minisim", "ranking": {"kind": "coded"}, "servers": "local"}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swarmwright.common.by_value import ComparedByValue
 from swarmwright.common.correlation import Correlation, rank_correlation
 from swarmwright.common.statistics import Estimate, estimate
-from swarmwright.rankings import Ranking
+from swarmwright.methods.rankings import Ranking
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from swarmwright.common.order import best_first
 from swarmwright.common.statistics import mean
-from swarmwright.rankings.slow_simulation import (
+from swarmwright.methods.rankings.slow_simulation import (
     Episodes,
     Ranked,
     Rounds,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmwright.rankings.slow_simulation import kept_below
+from swarmwright.methods.rankings.slow_simulation import kept_below
 
 ANY = st.floats(allow_nan=False)
 LIMITS = st.one_of(st.floats(-1e308, 1e308), st.sampled_from([0.0, 1.0, -3.0, 5e-324]))

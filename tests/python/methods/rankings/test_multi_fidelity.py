@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from swarmwright.rankings.multi_fidelity import MultiFidelity, MultiFidelityOptions
-from swarmwright.rankings.slow_simulation import Ranked
+from swarmwright.methods.rankings.multi_fidelity import MultiFidelity, MultiFidelityOptions
+from swarmwright.methods.rankings.slow_simulation import Ranked
 from swarmwright.testing import check_ranking
 
 Values = NDArray[np.float64]

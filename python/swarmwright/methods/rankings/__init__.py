@@ -6,7 +6,7 @@ custom ranking is a class derived from `Ranking`: docs/how-to/own-ranking.md.
 """
 
 from swarmwright.common.registry import Registry
-from swarmwright.rankings._base import Ranking, RankingOptions
+from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 __all__ = ["RANKINGS", "Ranking", "RankingOptions"]
 
@@ -14,12 +14,12 @@ RANKINGS: Registry[Ranking] = Registry(
     "ranking",
     "swarmwright.rankings",
     {
-        "absolute": "swarmwright.rankings.absolute:Absolute",
-        "multi_fidelity": "swarmwright.rankings.multi_fidelity:MultiFidelity",
-        "race": "swarmwright.rankings.race:Race",
-        "transferability": "swarmwright.rankings.transferability:Transferability",
+        "absolute": "swarmwright.methods.rankings.absolute:Absolute",
+        "multi_fidelity": "swarmwright.methods.rankings.multi_fidelity:MultiFidelity",
+        "race": "swarmwright.methods.rankings.race:Race",
+        "transferability": "swarmwright.methods.rankings.transferability:Transferability",
     },
-    "swarmwright.rankings:Ranking",
+    "swarmwright.methods.rankings:Ranking",
     in_files=True,
 )
 """All rankings, by the `kind` of an experiment's `ranking`."""

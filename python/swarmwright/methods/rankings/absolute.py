@@ -9,7 +9,7 @@ from pydantic import Field
 
 from swarmwright import _engine
 from swarmwright.common.typing import Fitness
-from swarmwright.rankings._base import Ranking, RankingOptions
+from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 
 class AbsoluteOptions(RankingOptions):

@@ -12,8 +12,8 @@ from pydantic import Field, model_validator
 
 from swarmwright.common import statistics
 from swarmwright.common.typing import Fitness
-from swarmwright.rankings._base import Ranking, RankingOptions
-from swarmwright.rankings.race_tests import Test, survivors
+from swarmwright.methods.rankings._base import Ranking, RankingOptions
+from swarmwright.methods.rankings.race_tests import Test, survivors
 
 Episodes = NDArray[np.float64]
 _LARGEST_FLOAT = sys.float_info.max

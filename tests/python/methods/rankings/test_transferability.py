@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from swarmwright.methods._cma import Cma
-from swarmwright.rankings.slow_simulation import Ranked
-from swarmwright.rankings.transferability import Transferability, TransferabilityOptions
+from swarmwright.methods.rankings.slow_simulation import Ranked
+from swarmwright.methods.rankings.transferability import Transferability, TransferabilityOptions
 from swarmwright.testing import check_ranking
 from tests.python.methods.functions import new, sphere
 

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from swarmwright.common.problems import shown
 from swarmwright.common.typing import Fitness
-from swarmwright.rankings._base import Ranking, RankingOptions
+from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 METRIC = "slow_fitness"
 """The metric of the record that has the fitness in the slow simulation, NaN where a candidate has none."""
