@@ -73,7 +73,7 @@ ATTACHED_SOURCES := $(shell find wrappers/argos wrappers/stage -name build -prun
 ROS1_SOURCES := $(wildcard wrappers/ros1/*/src/*.[ch] wrappers/ros1/*/src/*.cpp python/swarmwright/export/templates/ros*/src/*.[ch]pp)
 MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
 ENGINE := $(shell find engine -name target -prune -o -path 'engine/*/tests' -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
-FMI := python/swarmwright/fmu/libswarmwright_fmi.so
+FMI := python/swarmwright/simulations/fmu/libswarmwright_fmi.so
 LICENSES := python/swarmwright/third-party-licenses.txt
 
 ROS1 := ros-core catkin rosbash ros-message-generation libroscpp-dev libgeometry-msgs-dev libnav-msgs-dev libsensor-msgs-dev libstd-msgs-dev \
@@ -362,9 +362,9 @@ $(OLDEST)/.installed: $(VENV)/.tools pyproject.toml tests/oldest/requirements.py
 # Simulators that take hundreds of megabytes: their adapters, and the pages of the documentation. ns-3 in processes of its own:
 # where it was loaded, PyBullet computed other bits in a later test.
 test-simulators: $(VENV)/.engine $(VENV)/.simulators
-	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/adapters/sumo tests/benchmarks/test_simulators.py tests/docs/test_snippets.py \
+	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/simulations/sumo tests/benchmarks/test_simulators.py tests/docs/test_snippets.py \
 		-k "sumo or test_simulators or pybullet or ir-sim"
-	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/adapters/ns3 tests/docs/test_snippets.py -k ns3
+	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/simulations/ns3 tests/docs/test_snippets.py -k ns3
 
 # Gazebo 11 is not in newer releases of Debian: its programs are compiled and run in the files of Debian 11.
 gazebo: $(CPP)/.built
@@ -442,7 +442,7 @@ lint-java: $(JAVA)
 
 lint-cpp:
 	@command -v clang-format > /dev/null || { $(call install,clang-format); }
-	clang-format --dry-run -Werror python/swarmwright/adapters/ns3/radios.cpp $(filter %.h %.hpp %.c %.cpp,$(CPP_SOURCES) $(GAZEBO_SOURCES)) $(ATTACHED_SOURCES) $(ROS1_SOURCES)
+	clang-format --dry-run -Werror python/swarmwright/simulations/ns3/radios.cpp $(filter %.h %.hpp %.c %.cpp,$(CPP_SOURCES) $(GAZEBO_SOURCES)) $(ATTACHED_SOURCES) $(ROS1_SOURCES)
 
 lint-python: $(VENV)/.engine $(VENV)/.dev
 	$(BIN)/ruff check

@@ -55,7 +55,7 @@ def _no_gazebo() -> str | None:
     return None if built else "its server is not built; `make gazebo` builds it"
 
 
-ENKI, MUJOCO = "swarmwright.adapters.enki:Missions", "swarmwright.adapters.mujoco:Missions"
+ENKI, MUJOCO = "swarmwright.simulations.enki:Missions", "swarmwright.simulations.mujoco:Missions"
 PLACES = (
     Place("arena", "arena", lambda: None),
     Place("Enki", ENKI, _in_process(ENKI)),

@@ -53,14 +53,14 @@ def filled(kind: type[Any], **parameters: Any) -> Made:
 
 def enki(robots: int, _: Path) -> Made:
     """E-pucks, as many in a square metre as 4 in one."""
-    from swarmwright.adapters.enki import EPucks
+    from swarmwright.simulations.enki import EPucks
 
     return filled(EPucks, agents=robots, size=100.0 * (robots / 4) ** 0.5, pillars=0, steps=10**9)
 
 
 def mujoco(robots: int, _: Path) -> Made:
     """Rovers with eight range sensors."""
-    from swarmwright.adapters.mujoco import Rovers
+    from swarmwright.simulations.mujoco import Rovers
 
     side = 2.0 * max(robots, 4) ** 0.5
     return filled(Rovers, agents=robots, pillars=0, arena={"width": side, "depth": side}, steps=10**9)
@@ -68,8 +68,8 @@ def mujoco(robots: int, _: Path) -> Made:
 
 def sumo(robots: int, folder: Path) -> Made:
     """A ring on which every vehicle is an agent."""
-    from swarmwright.adapters.sumo import Vehicles
-    from tests.python.adapters.sumo.roads import drivers, ring, written
+    from swarmwright.simulations.sumo import Vehicles
+    from tests.python.simulations.sumo.roads import drivers, ring, written
 
     length = 20.0 * robots
     config = written(folder, ring(length), drivers(length, ["agent"] * robots))

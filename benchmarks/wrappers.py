@@ -94,7 +94,7 @@ def subjects(folder: Path) -> dict[str, Subject]:
             served("pettingzoo:mpe2.simple_spread_v3"), "mpe2.simple_spread_v3", {}, 18, 5
         ),
         "MuJoCo, 4 rovers, 50 steps": Subject(
-            served("swarmwright.adapters.mujoco:Rovers"),
+            served("swarmwright.simulations.mujoco:Rovers"),
             "mujoco rovers",
             {"agents": 4, "steps": 50},
             12,
@@ -104,7 +104,7 @@ def subjects(folder: Path) -> dict[str, Subject]:
     }
     if ENKI.is_file():
         found["Enki, 4 e-pucks, 50 steps"] = Subject(
-            served("swarmwright.adapters.enki:EPucks"),
+            served("swarmwright.simulations.enki:EPucks"),
             "enki e-pucks",
             {"agents": 4, "steps": 50},
             8,

@@ -71,7 +71,6 @@ from swarmwright.common.errors import (
 if TYPE_CHECKING:
     from swarmwright import callbacks, display, environments, frevo, methods, results, templates, testing
     from swarmwright import controllers as representations
-    from swarmwright.adapters.command import CommandSimulation
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.paired import ControllerComparison, compare_controllers
     from swarmwright.analysis.sweep.result import SweepResult, sweep
@@ -95,6 +94,7 @@ if TYPE_CHECKING:
     from swarmwright.runs.validation import Validation
     from swarmwright.simulations.base import Simulation
     from swarmwright.simulations.batches import BatchSimulation
+    from swarmwright.simulations.command.simulation import CommandSimulation
     from swarmwright.simulations.groups import Group
     from swarmwright.simulations.parameters import Parameter
     from swarmwright.simulations.physics import Physics
@@ -164,7 +164,7 @@ _LAZY = {
     "BatchSimulation": "simulations.batches",
     "Bundle": "export.bundle",
     "BundleVerification": "export.bundle_report",
-    "CommandSimulation": "adapters.command",
+    "CommandSimulation": "simulations.command.simulation",
     "Comparison": "analysis.comparison",
     "Controller": "controllers.controller",
     "ControllerComparison": "analysis.paired",

@@ -113,15 +113,15 @@ CASES = {
     ),
     "python": Case(served(f"{ROOT}/tests/python/simulations/minisim.py:Minisim"), MANY, skipped=UNSEEN),
     "numpy": Case(served(f"{ROOT}/tests/python/simulations/minisim_batch.py:Minisim"), MANY, skipped=UNSEEN),
-    "mujoco rovers": Case(served("swarmwright.adapters.mujoco:Rovers"), ROBOTS, skipped=UNLIMITED),
-    "mujoco quadrotors": Case(served("swarmwright.adapters.mujoco:Quadrotors"), ROBOTS, skipped=UNLIMITED),
+    "mujoco rovers": Case(served("swarmwright.simulations.mujoco:Rovers"), ROBOTS, skipped=UNLIMITED),
+    "mujoco quadrotors": Case(served("swarmwright.simulations.mujoco:Quadrotors"), ROBOTS, skipped=UNLIMITED),
     "vmas": Case(
         served("vmas:navigation"),
         {"max_steps": 5},
         skipped=UNLIMITED | UNSEEN | {"S8.1", "S8.2", "S9.5", "S9.7"},
     ),
     "enki": Case(
-        served("swarmwright.adapters.enki:EPucks"), ROBOTS, skipped=UNLIMITED | BY_CHANCE | {"S14.3"}
+        served("swarmwright.simulations.enki:EPucks"), ROBOTS, skipped=UNLIMITED | BY_CHANCE | {"S14.3"}
     ),
 }
 

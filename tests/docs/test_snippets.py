@@ -50,8 +50,8 @@ SOURCES = {"javascript", "go"}
 RUN = {"bash", "python", "yaml"}
 FENCE = re.compile(r"^```(\S*)[ ]*(.*?)\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
 SIMULATORS = {
-    "adapters.ns3": "cppyy",
-    "adapters.sumo": "libsumo",
+    "simulations.ns3": "cppyy",
+    "simulations.sumo": "libsumo",
     "import pybullet\n": "pybullet",
     "import irsim\n": "irsim",
 }
@@ -158,7 +158,7 @@ def run(command: list[str], folder: Path, environment: dict[str, str], where: st
 
 def _missing(page: str) -> str | None:
     """Why a page cannot be run on this machine."""
-    if "adapters.enki" in page and not ENKI.is_file():
+    if "simulations.enki" in page and not ENKI.is_file():
         return WHY_NOT
     if "catkin_make" in page and not os.environ.get("SWARMWRIGHT_ROS1"):
         return "make test-ros1 runs this page"

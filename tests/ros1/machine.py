@@ -16,7 +16,7 @@ from swarmwright.export.ros1 import Ros1
 from swarmwright.export.subject import Subject
 from tests.python.cli.processes import children
 from tests.python.export.specifications import Specification, network
-from tests.python.ros.conversation import EXPORTED
+from tests.python.simulations.ros.conversation import EXPORTED
 
 ROOT = Path(__file__).parents[2]
 

@@ -14,10 +14,10 @@ import pytest
 
 import swarmwright
 from swarmwright import Controller, Experiment, SwarmwrightError
-from swarmwright.commands.ros_definition import PROGRAM, RosOptions
-from tests.python.commands.processes import running
+from swarmwright.simulations.command.ros_definition import PROGRAM, RosOptions
 from tests.python.records import same_record
-from tests.python.ros.conversation import until
+from tests.python.simulations.command.processes import running
+from tests.python.simulations.ros.conversation import until
 from tests.ros1.machine import Driver, Master, end
 
 pytestmark = pytest.mark.timeout(180)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.python.ros.conversation import (
+from tests.python.simulations.ros.conversation import (
     assert_on_wheels,
     commands,
     computed,
@@ -25,7 +25,7 @@ from tests.python.ros.conversation import (
     row,
     until,
 )
-from tests.python.ros.mistakes import (
+from tests.python.simulations.ros.mistakes import (
     FLOAT,
     IN_THE_FILE,
     IN_THE_TOPICS,

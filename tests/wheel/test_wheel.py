@@ -43,7 +43,7 @@ def test_what_is_in_it(wheel: Path) -> None:
         metadata = email.message_from_bytes(archive.read(meta))
     assert all(name.startswith("swarmwright") for name in names)
     assert not [name for name in names if "/tests/" in name or name.endswith((".rs", ".pyc"))]
-    for name in ("_engine.abi3.so", "_engine.pyi", "py.typed", "fmu/libswarmwright_fmi.so"):
+    for name in ("_engine.abi3.so", "_engine.pyi", "py.typed", "simulations/fmu/libswarmwright_fmi.so"):
         assert f"swarmwright/{name}" in names
     assert {"swarmwright/third-party-licenses.txt", "swarmwright_files/__init__.py"} <= set(names)
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)

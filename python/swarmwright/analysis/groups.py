@@ -15,7 +15,7 @@ from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.robots import mission_name, mission_of, robot_of
 from swarmwright.runs.run import Run
 from swarmwright.simulations.catalogue import ARENA, built_in, description
-from swarmwright.user_code.copying import Copy, digest_of, display_name
+from swarmwright.simulations.user_code.copying import Copy, digest_of, display_name
 
 _NO_GROUP = ELSEWHERE | {"seed"}
 """Keys of an experiment in which runs of a group may differ."""

@@ -8,7 +8,7 @@ from typing import Any
 from swarmwright.common.flatten import flat
 from swarmwright.common.modules import label_of
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.user_code.parts import SECTIONS
+from swarmwright.simulations.user_code.parts import SECTIONS
 
 _LONGEST_VALUE = 24
 """Characters of a value in a label."""

@@ -45,7 +45,7 @@ simulation_option: Decorator = click.option(
 
 def _trust(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from swarmwright.user_code.trust import trusting
+        from swarmwright.simulations.user_code.trust import trusting
 
         context.with_resource(trusting())
 

@@ -22,7 +22,7 @@ from swarmwright.common.formatting import counted, duration
 from swarmwright.common.machine_texts import controller_text
 from swarmwright.common.modules import is_modules, label_of
 from swarmwright.common.untrusted import one_line
-from swarmwright.user_code.copying import display_name
+from swarmwright.simulations.user_code.copying import display_name
 
 if TYPE_CHECKING:
     from pathlib import Path

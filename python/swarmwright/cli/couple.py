@@ -46,7 +46,7 @@ def command(
     FILE.ssp`.
     """
     from swarmwright.common.errors import InputError
-    from swarmwright.fmu.coupling import component_files, coupled
+    from swarmwright.simulations.fmu.coupling import component_files, coupled
 
     said = Output(as_json=as_json)
     show_warnings()

@@ -19,8 +19,8 @@ from swarmwright.common.yaml import dotted_path
 from swarmwright.controllers import Representation
 from swarmwright.experiment.document import MOST_SERVERS
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.launchers.entries import WORDS, Entries, entries_of, of_text, with_files
+from swarmwright.simulations.fitness import FitnessExpression
 from swarmwright.store import Journal, WarningEntry
 
 Servers = int | str | Mapping[str, Any] | Sequence[Any]

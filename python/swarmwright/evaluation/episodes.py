@@ -21,8 +21,8 @@ from swarmwright.display.pictures import Pictures
 from swarmwright.display.pictures import save as save_pictures
 from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment, experiment_of
-from swarmwright.experiment.fitness import Fault
 from swarmwright.simulations import catalogue, near_names
+from swarmwright.simulations.fitness import Fault
 
 
 class Observation(NamedTuple):  # noqa: PLW1641 - arrays have no hash, nor have tuples of them

@@ -33,9 +33,9 @@ from swarmwright.experiment.evolved import unknown
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.user_code.loaded import warn_of_edits
+from swarmwright.simulations.user_code.parts import of_simulation
 from swarmwright.store import Journal
-from swarmwright.user_code.loaded import warn_of_edits
-from swarmwright.user_code.parts import of_simulation
 
 _log = logging.getLogger("swarmwright")
 _MOST_TOLD = 10

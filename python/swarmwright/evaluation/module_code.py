@@ -11,8 +11,8 @@ from swarmwright.common.simulation_names import SimulationName
 from swarmwright.controllers.modules import Condition
 from swarmwright.controllers.modules.registered import REGISTRIES, module, name_of
 from swarmwright.simulations.loading import code_in
-from swarmwright.user_code import trust
-from swarmwright.user_code.parts import of_plug_in, part_of
+from swarmwright.simulations.user_code import trust
+from swarmwright.simulations.user_code.parts import of_plug_in, part_of
 
 ROLES = {"behaviour": "behaviours", "condition": "conditions"}
 """What a module is -> the key of specifications that lists such modules."""

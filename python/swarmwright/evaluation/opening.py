@@ -35,9 +35,9 @@ from swarmwright.experiment.derived import fitness_expression, has_python_module
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers.entries import Entries
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.user_code.changes import files_of
 from swarmwright.supervision.local_servers import LocalServers, automatic_count, processors, running_on
 from swarmwright.supervision.supervisor import START_S
-from swarmwright.user_code.changes import files_of
 
 _SESSION = (
     "simulation: {} is defined in this session alone, where no server finds it; write the class to a file, "

@@ -21,9 +21,9 @@ from swarmwright.evaluation.evaluate import check_fit
 from swarmwright.evaluation.module_code import is_in_python
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.derived import fitness_expression
-from swarmwright.experiment.fitness import JudgedEpisode
 from swarmwright.experiment.kinds import kinds
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.fitness import JudgedEpisode
 
 if TYPE_CHECKING:
     from swarmwright.display import Shown

@@ -18,13 +18,13 @@ from swarmwright.controllers.kinds.parameter_set import ParameterSetOptions
 from swarmwright.controllers.kinds.team import TeamOptions, check_counts, most, with_groups
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked, Document, Requirements
 from swarmwright.experiment.evolved import problems
-from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.parameter_checks import check_parameters
 from swarmwright.experiment.ranking_checks import check_ranking
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.fitness import FitnessExpression
 
 
 def check_values(

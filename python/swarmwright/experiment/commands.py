@@ -6,7 +6,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.commands import (
+from swarmwright.common.problems import Report, shown
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.yaml import Path_
+from swarmwright.controllers.kinds.parameter_set import CategoricalParameter, ParameterSetOptions
+from swarmwright.methods.plug_ins import REGISTRIES
+from swarmwright.simulations import catalogue
+from swarmwright.simulations.command import (
     bags,
     fmu_definition,
     logs,
@@ -15,19 +21,13 @@ from swarmwright.commands import (
     process,
     work_files,
 )
-from swarmwright.commands.checking import definition_of_name, read_definition
-from swarmwright.commands.definition import CommandOptions, Definition
-from swarmwright.commands.fmu_definition import FmuOptions
-from swarmwright.commands.placeholders import IN_A_COMMAND, Template, Values, is_choice, names_in
-from swarmwright.commands.ros_definition import OF_AN_INSTANCE, RosOptions
-from swarmwright.common.problems import Report, shown
-from swarmwright.common.suggestions import did_you_mean
-from swarmwright.common.yaml import Path_
-from swarmwright.controllers.kinds.parameter_set import CategoricalParameter, ParameterSetOptions
-from swarmwright.experiment.expression import ExpressionError
-from swarmwright.experiment.fitness import OWN, FitnessExpression
-from swarmwright.methods.plug_ins import REGISTRIES
-from swarmwright.simulations import catalogue
+from swarmwright.simulations.command.checking import definition_of_name, read_definition
+from swarmwright.simulations.command.definition import CommandOptions, Definition
+from swarmwright.simulations.command.fmu_definition import FmuOptions
+from swarmwright.simulations.command.placeholders import IN_A_COMMAND, Template, Values, is_choice, names_in
+from swarmwright.simulations.command.ros_definition import OF_AN_INSTANCE, RosOptions
+from swarmwright.simulations.expression import ExpressionError
+from swarmwright.simulations.fitness import OWN, FitnessExpression
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment

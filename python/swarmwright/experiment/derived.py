@@ -11,9 +11,9 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.read_only import plain
 from swarmwright.common.yaml import Source, read
 from swarmwright.controllers import REPRESENTATIONS
-from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.unavailable import method_of
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
+from swarmwright.simulations.fitness import FitnessExpression
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment

@@ -11,8 +11,8 @@ from swarmwright.common.options import Options
 from swarmwright.common.problems import shown
 from swarmwright.common.simulation_names import is_command
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.launchers import LauncherOptions
+from swarmwright.simulations.fitness import FitnessExpression
 
 _NAME_CHARACTERS = 1000
 """Characters of a simulation's name."""

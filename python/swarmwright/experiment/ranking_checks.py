@@ -3,13 +3,13 @@
 from swarmwright.common.plug_in_code import is_plug_in
 from swarmwright.common.problems import Report
 from swarmwright.experiment.document import AUTO, Checked
-from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.unavailable import ranking_of
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.methods.rankings import Ranking, RankingOptions
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.methods.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.methods.rankings.transferability import TransferabilityOptions
+from swarmwright.simulations.fitness import FitnessExpression
 
 
 def check_ranking(checked: Checked, report: Report, *, new: bool) -> None:

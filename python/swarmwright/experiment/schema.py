@@ -2,14 +2,14 @@
 
 from typing import Any
 
-from swarmwright.commands.definition import CommandOptions
-from swarmwright.commands.fmu_definition import FmuOptions
-from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.common.descriptions import described
 from swarmwright.common.options import Options
 from swarmwright.experiment.document import DEFAULT_KINDS, Document
 from swarmwright.launchers import LAUNCHERS
 from swarmwright.methods.plug_ins import REGISTRIES
+from swarmwright.simulations.command.definition import CommandOptions
+from swarmwright.simulations.command.fmu_definition import FmuOptions
+from swarmwright.simulations.command.ros_definition import RosOptions
 
 IDENTIFIER = "urn:swarmwright:experiment"
 _IN_FILE = {"type": "string", "pattern": r"\.py:[^:]+$"}

@@ -20,8 +20,8 @@ from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.methods.rankings.transferability import TransferabilityOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute
+from swarmwright.simulations.user_code.permission import require_named
 from swarmwright.store import FILE
-from swarmwright.user_code.permission import require_named
 
 CHANGED = ELSEWHERE - {"validate"} | {"simulation", "parameters", "sensors", "actuators", "fitness"}
 """Keys of an experiment that a file of a target may have."""

@@ -20,8 +20,8 @@ from swarmwright.controllers import Representation
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.methods.rankings import Ranking, RankingOptions
-from swarmwright.user_code.copying import FOLDER, Copy, display_name
-from swarmwright.user_code.permission import require_file, trusts_file
+from swarmwright.simulations.user_code.copying import FOLDER, Copy, display_name
+from swarmwright.simulations.user_code.permission import require_file, trusts_file
 
 
 class UnavailableOptions(MethodOptions):

@@ -21,8 +21,8 @@ from swarmwright.launchers.entries import entries_of, names_launchers
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, of_run
+from swarmwright.simulations.user_code import permission
 from swarmwright.store import FILE
-from swarmwright.user_code import permission
 
 
 def check(

@@ -30,7 +30,7 @@ from swarmwright.export.text import check_prefix, decimals
 from swarmwright.export.verification import Verification, verify
 from swarmwright.runs.instances import instances
 from swarmwright.runs.post_evaluation import kept_values
-from swarmwright.user_code.copying import display_name
+from swarmwright.simulations.user_code.copying import display_name
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run

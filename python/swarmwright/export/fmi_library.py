@@ -11,7 +11,7 @@ from pathlib import Path
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.untrusted import one_line
 
-FILE = Path(__file__).parents[1] / "fmu" / "libswarmwright_fmi.so"
+FILE = Path(__file__).parents[1] / "simulations" / "fmu" / "libswarmwright_fmi.so"
 """The library; its source is the crate engine/fmi."""
 _CHECKOUT = Path(__file__).parents[3]
 _LINES = 5

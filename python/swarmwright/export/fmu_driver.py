@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import RunError
 from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.export.sequences import Sequences
-from swarmwright.fmu.description import described
-from swarmwright.fmu.instances import FmuError, Instance, unpacked
+from swarmwright.simulations.fmu.description import described
+from swarmwright.simulations.fmu.instances import FmuError, Instance, unpacked
 
 
 class Driver:

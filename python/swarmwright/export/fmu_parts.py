@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 from swarmwright.common.ranges import Range
 from swarmwright.export._base import Files, file_bytes
 from swarmwright.export.text import identifiers, plain
-from swarmwright.fmu.description import RANGE
+from swarmwright.simulations.fmu.description import RANGE
 
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Of all entries, so that the same controller gives the same bytes."""
@@ -63,7 +63,7 @@ def _base_unit(name: str) -> dict[str, str]:
 
 
 def add_range(variable: ET.Element, stands_for: Range, fmi: str) -> None:
-    """Add an annotation to a variable: what -1 and 1 stand for, see `swarmwright.fmu.description`."""
+    """Add an annotation to a variable: what -1 and 1 stand for, see `simulations.fmu.description`."""
     annotations = ET.SubElement(variable, "Annotations")
     if fmi == "3.0":
         one = ET.SubElement(annotations, "Annotation", type=RANGE)

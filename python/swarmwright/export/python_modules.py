@@ -14,9 +14,9 @@ from swarmwright.export._base import Files, facts
 from swarmwright.export.machine_tables import catalogue_of, own_modules
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import MARK, plain, render
-from swarmwright.user_code import trust
-from swarmwright.user_code.copying import Copy
-from swarmwright.user_code.parts import Part, distributions
+from swarmwright.simulations.user_code import trust
+from swarmwright.simulations.user_code.copying import Copy
+from swarmwright.simulations.user_code.parts import Part, distributions
 
 _CODE = "code"
 """Where the copies lie, in the folder beside the controller."""

@@ -41,10 +41,10 @@ _COPIED = (
     "rclpy_middleware",
     "topics",
 )
-"""Modules of `swarmwright.ros`, which the package has copies of, so that robots need no Swarmwright."""
+"""Modules of `simulations.ros`, which the package has copies of, so that robots need no Swarmwright."""
 _LIBRARIES = frozenset({"cyclonedds", "launch", "launch_ros", "rclpy", "yaml"})
 """Modules that the nodes import: a package of such a name would be in their place."""
-_ROS = Path(__file__).parents[1] / "ros"
+_ROS = Path(__file__).parents[1] / "simulations" / "ros"
 
 
 class Ros2(Exporter):

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError, engine_errors
 from swarmwright.common.modules import is_modules
 from swarmwright.common.ranges import CONVERSION, Range, ranges_of, shortest_decimal
@@ -22,6 +21,7 @@ from swarmwright.export.sequences import RANDOM_SENSOR, Sequences, possible_over
 from swarmwright.export.text import plain
 from swarmwright.runs.choice import choose
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.command.ros_definition import RosOptions
 
 if TYPE_CHECKING:
     from swarmwright.runs.choice import Choice

@@ -13,8 +13,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from swarmwright.commands.checking import definition_of_name
-from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.common.errors import SwarmwrightError
 from swarmwright.common.formatting import duration
 from swarmwright.common.simulation_names import SimulationName, is_command, is_environment, is_python
@@ -24,6 +22,8 @@ from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.catalogue import built_in
+from swarmwright.simulations.command.checking import definition_of_name
+from swarmwright.simulations.command.ros_definition import RosOptions
 from swarmwright.simulations.loading import load
 from swarmwright.store import Evaluation, StoreReader
 

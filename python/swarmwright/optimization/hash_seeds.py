@@ -15,7 +15,7 @@ from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.other_process import NotRunError, outcomes
 from swarmwright.simulations.trial import Trial, difference
-from swarmwright.user_code.parts import of_simulation
+from swarmwright.simulations.user_code.parts import of_simulation
 
 _SEEDS = ("1", "2")
 _MOST_STEPS = 1000

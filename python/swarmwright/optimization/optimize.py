@@ -49,13 +49,13 @@ from swarmwright.runs.run import Run, written_run
 from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import validate
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.user_code.loaded import warn_of_edits
+from swarmwright.simulations.user_code.parts import SECTIONS, distributions
+from swarmwright.simulations.user_code.sessions import fingerprints
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.folder import check_folder
 from swarmwright.store.lock import MovedError
 from swarmwright.store.rows import NOTHING_LEFT
-from swarmwright.user_code.loaded import warn_of_edits
-from swarmwright.user_code.parts import SECTIONS, distributions
-from swarmwright.user_code.sessions import fingerprints
 
 __all__ = ["Generation", "optimize", "resume"]
 

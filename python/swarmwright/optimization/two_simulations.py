@@ -34,8 +34,8 @@ from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.slow_simulation import METRIC, SlowRanking
 from swarmwright.optimization.raced import extend
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.user_code.permission import require_named
 from swarmwright.store import Journal
-from swarmwright.user_code.permission import require_named
 
 _SLOW_PREFIX = "slow: "
 """Before the names of launchers of the slow simulation."""

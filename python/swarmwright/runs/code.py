@@ -21,13 +21,13 @@ from swarmwright.launchers.entries import files_of
 from swarmwright.runs import edits
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, environment_held, environment_in, name_of
-from swarmwright.user_code import data_files, notices
-from swarmwright.user_code.changes import choose, difference, near, present, summary
-from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of, with_files
-from swarmwright.user_code.parts import SECTIONS, Part, is_plug_in, of_plug_ins, of_simulation
-from swarmwright.user_code.permission import remember, require_copy, require_named
-from swarmwright.user_code.sessions import is_other
-from swarmwright.user_code.trust import trusting
+from swarmwright.simulations.user_code import data_files, notices
+from swarmwright.simulations.user_code.changes import choose, difference, near, present, summary
+from swarmwright.simulations.user_code.copying import FOLDER, Copy, Kept, digest_of, with_files
+from swarmwright.simulations.user_code.parts import SECTIONS, Part, is_plug_in, of_plug_ins, of_simulation
+from swarmwright.simulations.user_code.permission import remember, require_copy, require_named
+from swarmwright.simulations.user_code.sessions import is_other
+from swarmwright.simulations.user_code.trust import trusting
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -403,7 +403,7 @@ def _check_trusted(run: "Run", experiment: Experiment, copy: Copy | None, *, acc
 
 
 def check_trusted(run: "Run") -> None:
-    """Raise InputError unless the code of a run may be executed: see `swarmwright.user_code.trust`."""
+    """Raise InputError unless the code of a run may be executed: see `simulations.user_code.trust`."""
     _check_trusted(run, run.experiment, copy_of(run))
 
 

@@ -25,7 +25,7 @@ _REASON = 2000
 _WORDS = 1000
 """Characters of what an exception says in a reason: the line that raised it follows."""
 
-_ADAPTERS = Path(__file__).parents[1] / "adapters"
+_HERE = Path(__file__).parent
 
 OBSERVATIONS_ALONE = (
     "expected the observations alone, not a tuple as of an environment of Gymnasium: done() says whether the "
@@ -127,7 +127,7 @@ class Calls(Generic[Made]):
         if isinstance(error, TypeError) and all(frame.filename == __file__ for frame in frames):
             # Not raised in the method: it cannot be called in this way.
             return self._not_called(method, error)
-        of_adapter = bool(frames) and Path(frames[-1].filename).is_relative_to(_ADAPTERS)
+        of_adapter = bool(frames) and Path(frames[-1].filename).is_relative_to(_HERE)
         if of_adapter and isinstance(error, SimulationError):  # the adapter says what is wrong
             return f"{method}: {_message_of(error)}"
         file = getattr(sys.modules.get(self._kind.__module__), "__file__", None)

@@ -32,14 +32,14 @@ from swarmwright.simulations.names import (
     place_of_module,
 )
 from swarmwright.simulations.physics import Physics
-from swarmwright.user_code import trust
-from swarmwright.user_code.changes import choose
-from swarmwright.user_code.copying import FOLDER as CODE
-from swarmwright.user_code.copying import Copy, Kept
-from swarmwright.user_code.imports import Walk
-from swarmwright.user_code.notices import copy_is_used
-from swarmwright.user_code.parts import Part, of_simulation
-from swarmwright.user_code.permission import require_command, require_copy, require_file
+from swarmwright.simulations.user_code import trust
+from swarmwright.simulations.user_code.changes import choose
+from swarmwright.simulations.user_code.copying import FOLDER as CODE
+from swarmwright.simulations.user_code.copying import Copy, Kept
+from swarmwright.simulations.user_code.imports import Walk
+from swarmwright.simulations.user_code.notices import copy_is_used
+from swarmwright.simulations.user_code.parts import Part, of_simulation
+from swarmwright.simulations.user_code.permission import require_command, require_copy, require_file
 
 _stamps: dict[str, dict[Path, tuple[int, int] | None]] = {}
 """Path of a file -> that and its neighbours as they were when it was imported."""
@@ -83,9 +83,9 @@ def load(name: str, folder: Path | None = None) -> Kind:
         if parsed.file is not None:
             name = _kept_command(parsed.in_file(((folder or Path()) / parsed.file).absolute()))
         _look_here("" if parsed.library == "vmas" else parsed.module)
-        # By name, as plug-ins are: adapters are simulations, above this package.
+        # By name, as plug-ins are: adapters are simulations, above this module.
         adapted: type[Simulation | BatchSimulation] = importlib.import_module(
-            "swarmwright.adapters"
+            "swarmwright.simulations.attached"
         ).simulation(name)
         return adapted
     wanted = parsed.member
@@ -153,7 +153,7 @@ def _kept_environment(name: str, copy: Copy, kept: Kept) -> type[Simulation]:
     if name not in _environments:
         if not _is_started_by_another():  # which has asked
             require_copy(copy, kept, choose(copy, kept))
-        base = importlib.import_module("swarmwright.adapters").simulation(kept.component)
+        base = importlib.import_module("swarmwright.simulations.attached").simulation(kept.component)
         attributes = {
             "adapted": name,
             "apart": _apart(copy.folder / kept.name, _top(set(kept.digests) - kept.data)),
@@ -209,7 +209,7 @@ def _is_started_by_another() -> bool:
 def code_in(path: Path) -> tuple[ModuleType, str]:
     """Import a file, a run's copy as `load` does; return its module and the SHA-256 of its source.
 
-    The SHA-256, in hexadecimal, is of the file and of what it imports, see `swarmwright.user_code`. Raises
+    The SHA-256, in hexadecimal, is of the file and of what it imports, see `simulations.user_code`. Raises
     InputError: there is no such file, importing it fails, or it is a run's and not trusted.
     """
     path = path.resolve()

@@ -8,8 +8,8 @@ from urllib.parse import quote, unquote, unquote_to_bytes
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.user_code.copying import FOLDER as CODE
-from swarmwright.user_code.copying import Copy, Kept, beside
+from swarmwright.simulations.user_code.copying import FOLDER as CODE
+from swarmwright.simulations.user_code.copying import Copy, Kept, beside
 
 FROM_FILE = "swarmwright_files."
 """Begins the name of modules that are named by their file, see that package."""

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import check_utf8
+from swarmwright.simulations.user_code.copying import FOLDER as CODE
 from swarmwright.store.database import FILE, NEW
 from swarmwright.store.lock import LOCK, is_locked, who_else
-from swarmwright.user_code.copying import FOLDER as CODE
 
 EXPERIMENT = "experiment.yaml"
 SWEEP = "sweep.json"

@@ -12,7 +12,7 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.common.revision import revision
 from swarmwright.common.simulation_names import SimulationName, is_environment
-from swarmwright.user_code.copying import Copy, with_files
+from swarmwright.simulations.user_code.copying import Copy, with_files
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment

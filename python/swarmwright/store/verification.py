@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from swarmwright.common.errors import InputError, SwarmwrightError
+from swarmwright.simulations.user_code.copying import Copy
 from swarmwright.store.database import FILE, FormatError, checked_facts, reading
 from swarmwright.store.folder import without_store
 from swarmwright.store.generations import (
@@ -16,7 +17,6 @@ from swarmwright.store.generations import (
     Row,
     digest_before,
 )
-from swarmwright.user_code.copying import Copy
 
 _CODE = "code."
 _UNREADABLE = (SwarmwrightError, sqlite3.Error, ValueError, TypeError, OverflowError)

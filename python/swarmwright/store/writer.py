@@ -19,6 +19,11 @@ from swarmwright.common.server_use import ServerUses, together, written
 from swarmwright.common.tracebacks import located, words_of
 from swarmwright.common.yaml import dump
 from swarmwright.controllers import Representation
+from swarmwright.simulations.user_code.copying import FOLDER as CODE
+from swarmwright.simulations.user_code.copying import Copy
+from swarmwright.simulations.user_code.copying import remove as remove_copies
+from swarmwright.simulations.user_code.parts import Part
+from swarmwright.simulations.user_code.permission import remember
 from swarmwright.store.database import BEST, FILE, FRONT, NEW, code_of, seal_facts, transaction
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import digest_before
@@ -29,11 +34,6 @@ from swarmwright.store.open_store import OpenStore
 from swarmwright.store.provenance import HASH_SEED, recorded, timestamp, versions
 from swarmwright.store.reader import StoreReader
 from swarmwright.store.rows import Evaluated, Journal
-from swarmwright.user_code.copying import FOLDER as CODE
-from swarmwright.user_code.copying import Copy
-from swarmwright.user_code.copying import remove as remove_copies
-from swarmwright.user_code.parts import Part
-from swarmwright.user_code.permission import remember
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment

@@ -10,8 +10,8 @@ from swarmwright import compare
 from swarmwright.analysis.groups import group
 from swarmwright.analysis.option_columns import option_columns
 from swarmwright.analysis.tasks import by_task
-from swarmwright.user_code.copying import Copy, digest_of
-from swarmwright.user_code.parts import Part
+from swarmwright.simulations.user_code.copying import Copy, digest_of
+from swarmwright.simulations.user_code.parts import Part
 from tests.python.analysis.runs import KnownRun, runs
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from swarmwright.commands.definition import CommandOptions
 from swarmwright.common.metric_names import check, problem_of, suggested
+from swarmwright.simulations.command.definition import CommandOptions
 
 
 @pytest.mark.parametrize("name", ["a", "_1", "way_left", "A9", "in"])

@@ -9,14 +9,14 @@ import pytest
 import yaml
 
 from swarmwright import InputError
-from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.export import EXPORTERS
 from swarmwright.export import subject as subject_module
 from swarmwright.export.ros1 import Ros1
 from swarmwright.export.subject import Subject
 from swarmwright.export.verification import verify
 from swarmwright.export.writing import write
-from swarmwright.ros.mapping import read_mapping
+from swarmwright.simulations.command.ros_definition import RosOptions
+from swarmwright.simulations.ros.mapping import read_mapping
 from tests.python.export.specifications import network
 
 SUBJECT = Subject(

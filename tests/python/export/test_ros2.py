@@ -1,4 +1,4 @@
-"""The package for ROS 2 without ROS 2; `tests/python/ros` runs its nodes."""
+"""The package for ROS 2 without ROS 2; `tests/python/simulations/ros` runs its nodes."""
 
 import ast
 import dataclasses
@@ -23,10 +23,10 @@ from swarmwright.export.subject import Subject
 from swarmwright.export.text import c_literal
 from swarmwright.export.verification import verify
 from swarmwright.export.writing import write
-from swarmwright.ros.control import load
-from swarmwright.ros.mapping import MappingError, read_mapping
+from swarmwright.simulations.ros.control import load
+from swarmwright.simulations.ros.mapping import MappingError, read_mapping
 from tests.python.export.specifications import network
-from tests.python.ros.mistakes import ACTUATORS, IN_THE_FILE, SENSORS, changed
+from tests.python.simulations.ros.mistakes import ACTUATORS, IN_THE_FILE, SENSORS, changed
 
 SUBJECT = Subject(
     network("fully_meshed", "tanh", [-1.0, 1.0]),

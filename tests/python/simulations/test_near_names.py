@@ -64,7 +64,7 @@ def test_every_simulator_that_has_servers_is_known(root: Path) -> None:
         for source in (root / folder).rglob("*.?pp")
         if "build" not in source.parts
     ]
-    sources += (root / "python" / "swarmwright" / "adapters").rglob("*.py")
+    sources += (root / "python" / "swarmwright" / "simulations").rglob("*.py")
     found = {
         title
         for source in sources

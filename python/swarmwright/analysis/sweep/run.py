@@ -32,11 +32,11 @@ from swarmwright.runs.run import Run
 from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import is_due
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.user_code.copying import display_name
 from swarmwright.store import FILE
 from swarmwright.store.folder import SWEEP, check_folder, without_store
 from swarmwright.store.lock import is_locked
 from swarmwright.supervision.local_servers import LocalServers
-from swarmwright.user_code.copying import display_name
 
 _IRRELEVANT_KEYS = ELSEWHERE | {"sensors", "actuators"}
 """Keys that say where it is computed, or that a server may have announced."""

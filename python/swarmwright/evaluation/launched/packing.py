@@ -8,10 +8,10 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import SimulationName, is_command, is_python
 from swarmwright.launchers import Code, LauncherOptions
 from swarmwright.simulations.names import environment_held
-from swarmwright.user_code import data_files, trust
-from swarmwright.user_code.changes import choose
-from swarmwright.user_code.copying import Copy, Kept
-from swarmwright.user_code.parts import Part, of_simulation
+from swarmwright.simulations.user_code import data_files, trust
+from swarmwright.simulations.user_code.changes import choose
+from swarmwright.simulations.user_code.copying import Copy, Kept
+from swarmwright.simulations.user_code.parts import Part, of_simulation
 
 _FOLDER = "modules/"
 """Of the code of modules, in that of the servers."""

@@ -21,7 +21,7 @@ from swarmwright.evaluation.module_code import names_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers import LAUNCHERS, LauncherOptions, Specification
 from swarmwright.launchers.entries import Entries
-from swarmwright.user_code.changes import files_of
+from swarmwright.simulations.user_code.changes import files_of
 
 MOST_EMBEDDED = 4_000
 """Servers for which the embedded broker is enough; it admits 4,096 clients."""

@@ -25,9 +25,9 @@ from swarmwright.runs.run import Run, written_run
 from swarmwright.runs.transfer.evaluation import Plan, Work, check_target
 from swarmwright.runs.transfer.transferred import Candidate, Transferred
 from swarmwright.runs.validation import leading
+from swarmwright.simulations.user_code.parts import of_simulation
+from swarmwright.simulations.user_code.permission import remember, require_named
 from swarmwright.store import FILE, Evaluation, StoreReader, StoreWriter
-from swarmwright.user_code.parts import of_simulation
-from swarmwright.user_code.permission import remember, require_named
 
 progress = logging.getLogger("swarmwright.progress")
 Stored = dict[str, Any]

@@ -18,8 +18,8 @@ from swarmwright.export.exporting import export_controller
 from swarmwright.runs.code import used_for
 from swarmwright.runs.repeat import repeat
 from swarmwright.runs.replay import Replay
+from swarmwright.simulations.user_code import trust
 from swarmwright.testing import check_behaviour, check_condition
-from swarmwright.user_code import trust
 from tests.python.controllers.modules.conftest import SPEED, forget, written
 
 TEXT = """simulation: arena

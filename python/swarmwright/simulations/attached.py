@@ -1,0 +1,110 @@
+"""Environments of other libraries as simulations: `gymnasium:CartPole-v1`, `pettingzoo:mpe2.simple_v3`.
+
+An adapter's name is used like a simulation's title or class, in experiments and in `swarmwright serve`:
+the library, a colon, the environment as that library names it, and then, as in a web address, options that
+its constructor gets: `pettingzoo:mpe2.simple_spread_v3?N=5&local_ratio=0.2`.
+"""
+
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.common.errors import InputError
+from swarmwright.common.simulation_names import LIBRARIES, SimulationName, is_command
+from swarmwright.simulations.environments import NEW_EACH_EPISODE
+
+if TYPE_CHECKING:
+    from swarmwright.simulations.base import Simulation
+    from swarmwright.simulations.batches import BatchSimulation
+
+__all__ = ["simulation"]
+
+_EXAMPLES = {
+    "gymnasium": "as gymnasium:CartPole-v1",
+    "pettingzoo": "a module that has parallel_env, as pettingzoo:mpe2.simple_spread_v3",
+    "vmas": "as vmas:navigation",
+}
+
+
+def simulation(name: str) -> "type[Simulation | BatchSimulation]":
+    """Return the class of simulations with an adapter's name.
+
+    Raises InputError: the library is not installed, or has no such environment.
+    """
+    if is_command(name):
+        from swarmwright.simulations.command.checking import definition_of_name
+        from swarmwright.simulations.user_code.command_sources import digest
+
+        return _command(name, digest(definition_of_name(name)))
+    return _of_library(name)
+
+
+@cache
+def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
+    parsed = SimulationName.parse(name)
+    library, environment, options = parsed.library, parsed.place, parsed.options()
+    if not environment:
+        raise InputError(f"{name} names no environment; expected {library}:ENVIRONMENT, {_EXAMPLES[library]}")
+    file, colon, member = environment.partition(":")
+    if library != "vmas" and file.endswith(".py"):
+        raise InputError(
+            f"{name}: {file} is a file where a module is expected, which has no .py and is found in the "
+            f"working folder or where it is installed; write {library}:{Path(file).stem}{colon}{member}"
+        )
+    try:
+        module = import_module(f"swarmwright.simulations.{library}")
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.startswith("swarmwright"):
+            raise
+        raise InputError(
+            f"{name}: {error.name} is not installed; pip install 'swarmwright[{library}]'"
+        ) from error
+    base: type[Simulation | BatchSimulation] = getattr(module, LIBRARIES[library])
+    attributes = _of_adapter(name, base, options) | {
+        "environment": environment,
+        "options": options,
+        "title": name.partition(":")[2],
+        "adapted": name,
+        "__module__": base.__module__,
+        "__doc__": base.__doc__,
+    }
+    return type(base.__name__, (base,), attributes)
+
+
+def _of_adapter(
+    name: str, base: "type[Simulation | BatchSimulation]", options: dict[str, Any]
+) -> dict[str, Any]:
+    """Take out of options the one that is not for the environment; return it as the class's attribute."""
+    if not hasattr(base, NEW_EACH_EPISODE) or NEW_EACH_EPISODE not in options:
+        return {}
+    value = options.pop(NEW_EACH_EPISODE)
+    if not isinstance(value, bool):
+        raise InputError(f"{name}: {NEW_EACH_EPISODE}={value} found, expected true or false")
+    return {NEW_EACH_EPISODE: value}
+
+
+@cache
+def _command(name: str, digest: str) -> "type[Simulation]":
+    """Return the class of a command; another one when a file of it has changed."""
+    parsed = SimulationName.parse(name)
+    base: type[Simulation]
+    if parsed.prefix == SimulationName.ROS:
+        from swarmwright.simulations.command.ros import RosSimulation
+
+        base = RosSimulation
+    elif parsed.prefix == SimulationName.FMU:
+        from swarmwright.simulations.command.fmu import FmuSimulation
+
+        base = FmuSimulation
+    else:
+        from swarmwright.simulations.command.simulation import CommandSimulation
+
+        base = CommandSimulation
+    attributes = {
+        "adapted": name,
+        "digest": digest,
+        "__module__": base.__module__,
+        "__doc__": base.__doc__,
+    }
+    return type(parsed.label, (base,), attributes)

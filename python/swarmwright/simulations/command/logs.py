@@ -1,0 +1,432 @@
+"""Reads the logs of a command: columns of numbers from tables and JSON."""
+
+import csv
+import io
+import json
+import math
+import re
+import stat
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from swarmwright.common.formatting import counted
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.simulations.command import bags, units
+from swarmwright.simulations.command.definition import STANDARD_OUTPUT
+from swarmwright.simulations.command.failure import CommandFailure
+
+
+class Problem(NamedTuple):
+    """Why a value cannot be used."""
+
+    text: str
+    is_number: bool
+    """Whether it is a number all the same: NaN or infinite."""
+
+
+class Column(list[float]):
+    """The values of a column, in the order of the rows; NaN for what is not a number."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._first: Problem | None = None
+        self._last: Problem | None = None
+        self._strange: Problem | None = None
+        """The first value that is not a number."""
+        self._infinite: Problem | None = None
+        """The first number that is not finite."""
+
+    def add(self, place: str, name: str, value: Any) -> None:  # noqa: ANN401 - whatever the log holds
+        """Take the value of a row."""
+        number, self._last = _number(place, name, value)
+        if not self:
+            self._first = self._last
+        if self._last is not None and self._last.is_number:
+            self._infinite = self._infinite or self._last
+        else:
+            self._strange = self._strange or self._last
+        self.append(number)
+
+    def problem(self, function: str) -> Problem | None:
+        """Return what is wrong with the values that a reduction is made of, None for nothing."""
+        if function == "count":
+            return None
+        if function in {"first", "last"}:
+            return self._first if function == "first" else self._last
+        return self._strange or self._infinite
+
+
+Columns = dict[str, Column]
+Row = tuple[str, Mapping[str, Any]]
+"""Where a row stands, `log.csv:3`, and its values by column."""
+
+_FORMATS = {
+    ".csv": "csv",
+    ".tsv": "tsv",
+    ".tab": "tsv",
+    ".jsonl": "jsonl",
+    ".ndjson": "jsonl",
+    ".json": "json",
+    ".bag": "rosbag",
+    ".db3": "rosbag",
+    ".mcap": "mcap",
+}
+Reader = Callable[[str, Path | bytes, Collection[str]], Iterator[Row]]
+"""Takes a log's name and path or content, and which columns are wanted."""
+_SHOWN_NAMES = 12
+"""Names of columns that a message lists."""
+_SHOWN_CHARACTERS = 60
+"""Characters of a line that a message shows."""
+_PLAIN = re.compile(r"[0-9A-Za-z.+-]+")
+"""A number, NaN or infinity, or another word."""
+_KINDS = {stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
+_WORDS = {"true": 1.0, "false": 0.0}
+
+
+def format_of(path: str, given: str) -> str:
+    """Return a log's format: the one that is given, or by its ending; of others that of csv."""
+    return given if given != "auto" else _FORMATS.get(Path(path).suffix.lower(), "csv")
+
+
+def find(folder: Path, logs: Sequence[str]) -> list[Path]:
+    """Return the files of the logs, patterns in the order of names; some formats have folders.
+
+    Raises CommandFailure when there is none, and for what is not a file: reading a named pipe or a device may
+    never end.
+    """
+    found: list[Path] = []
+    for log in logs:
+        files = [folder / log] if not set("*?[") & set(log) else sorted(folder.glob(log))
+        files = [file for file in files if file.exists()]
+        if not files:
+            raise CommandFailure(f"ended without writing {log} (simulation.log); {_what_is_there(folder)}")
+        for file in files:
+            _require_regular(file, folder)
+        found += files
+    return found
+
+
+def _require_regular(file: Path, folder: Path) -> None:
+    """Raise CommandFailure for what is neither a file nor a folder, of a folder for anything in it."""
+    for one in (file, *file.rglob("*")) if file.is_dir() else (file,):
+        with suppress(OSError):  # a link to nothing, which is reported when it is read
+            kind = stat.S_IFMT(one.stat().st_mode)
+            if kind not in {stat.S_IFREG, stat.S_IFDIR}:
+                name = one.relative_to(folder).as_posix()
+                raise CommandFailure(f"{name}: is {_KINDS.get(kind, 'a device')}, expected a file")
+
+
+def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str]) -> Columns:
+    """Return the columns that are wanted, the rows of all files one after the other.
+
+    Args:
+        files: path or content, by the names that they have in messages.
+        formats: `auto`, or the format of all.
+        wanted: names of columns.
+
+    Raises CommandFailure for a file that is cut off or cannot be read, and a column that is missing.
+    """
+    columns: Columns = {name: Column() for name in wanted}
+    seen: dict[str, None] = {}
+    for name, file in files.items():
+        form = format_of(name, formats)
+        if name == STANDARD_OUTPUT and isinstance(file, bytes):
+            form, file = _without_banner(file, form, formats == "auto", wanted)  # noqa: PLW2901 - the rest
+        reader = _READERS[form]
+        for place, row in reader(name, file, wanted):
+            for column in row:
+                seen.setdefault(column)
+            for column in wanted:
+                if column in row:
+                    columns[column].add(place, column, row[column])
+    if not seen:
+        raise CommandFailure(f"{', '.join(files)}: has no rows")
+    for column, values in columns.items():
+        if not values:
+            known = list(seen)
+            there = ", ".join(known[:_SHOWN_NAMES]) + (", .." if len(known) > _SHOWN_NAMES else "")
+            where, hint = ", ".join(files), did_you_mean(column, known)
+            raise CommandFailure(f"{where}: has no column {column!r}{hint or ';'} available: {there}")
+    return columns
+
+
+def _without_banner(data: bytes, form: str, is_guessed: bool, wanted: Collection[str]) -> tuple[str, bytes]:
+    """Return the format of what a command has printed, and the log in it.
+
+    Libraries print a greeting or warnings where a log is expected. Such lines are blanked, so that the others
+    keep their numbers: in JSON those that begin no object, in a table those before the names of columns.
+    """
+    lines = data.split(b"\n")
+    starts = [line.lstrip()[:1] for line in lines]
+    if is_guessed and next((one for one in reversed(starts) if one), b"") == b"{":
+        form = "jsonl"
+    if form == "jsonl":
+        lines = [line if start == b"{" else b"" for line, start in zip(lines, starts, strict=True)]
+    elif form == "json":
+        first = next((at for at, start in enumerate(starts) if start in {b"{", b"["}), 0)
+        lines[:first] = [b""] * first
+    elif form in {"csv", "tsv"}:
+        delimiter = "\t" if form == "tsv" else ","
+        texts = [line.decode("utf-8-sig", "replace").rstrip("\r") for line in lines]
+        first = next(
+            (
+                at
+                for at, text in enumerate(texts)
+                if _can_be_read(text, delimiter) and not set(wanted).isdisjoint(_words(text, delimiter))
+            ),
+            0,
+        )
+        lines[:first] = [
+            line if start == b"#" else b"" for line, start in zip(lines[:first], starts, strict=False)
+        ]
+    return form, b"\n".join(lines)
+
+
+def _number(place: str, column: str, value: Any) -> tuple[float, Problem | None]:  # noqa: ANN401 - as above
+    """Return a value as a number, NaN if it is none, and what is wrong with it."""
+    try:
+        number = _WORDS.get(value.strip().lower(), math.nan) if isinstance(value, str) else float(value)
+        if isinstance(value, str) and math.isnan(number):
+            if not _PLAIN.fullmatch(value.strip()):  # float() takes 1_000 and the digits of all scripts
+                raise ValueError
+            number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        shown = repr(value) if len(repr(value)) < 40 else f"{repr(value)[:37]}..."
+        return math.nan, Problem(f"{place}: {column} is {shown}, expected a number", is_number=False)
+    if not math.isfinite(number):
+        return number, Problem(f"{place}: {column} is {number}, expected a finite number", is_number=True)
+    return number, None
+
+
+def _text(name: str, file: Path | bytes) -> str:
+    try:
+        data = file if isinstance(file, bytes) else file.read_bytes()
+        return data.decode("utf-8-sig")
+    except OSError as error:
+        raise CommandFailure(f"{name}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError:
+        raise CommandFailure(f"{name}: is not UTF-8 text") from None
+
+
+def _table(delimiter: str) -> Reader:
+    def rows(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[Row]:
+        names, before, text = _header(name, _text(name, file), delimiter, wanted)
+        source = _Lines(text, before)
+        lines = csv.reader(source, delimiter=_sign(names or text, delimiter))
+        header = None if names is None else _named_once(name, _words(names, delimiter), wanted)
+        row: tuple[str, list[str]] | None = None
+        count = 0
+        try:
+            for line in lines:
+                source.is_between = True
+                if not line or (len(line) == 1 and not line[0].strip()):
+                    continue
+                place = f"{name}:{source.number}"
+                if header is None:
+                    names = ",".join(line)
+                    header = _named_once(name, [_word(word) for word in line], wanted)
+                    continue
+                if len(line) != len(header):
+                    there = "is" if len(header) == 1 else "are"
+                    raise CommandFailure(
+                        f"{place}: has {counted(len(line), 'value')}, but there {there} "
+                        f"{counted(len(header), 'column')}; "
+                        + ("was the log cut off?" if len(line) < len(header) else _taken(names or ""))
+                    )
+                if row is not None and not (count == 1 and units.is_row(row[1], line)):
+                    yield row[0], dict(zip(header, row[1], strict=True))
+                row, count = (place, line), count + 1
+            if row is not None and header is not None:
+                yield row[0], dict(zip(header, row[1], strict=True))
+        except csv.Error as error:
+            raise _no_table(f"{name}:{source.number}", error) from None
+
+    return rows
+
+
+class _Lines:
+    """The lines of a table without comments, lines that begin with # other than within quotes.
+
+    Args:
+        text: the table.
+        number: of the last line before it.
+    """
+
+    def __init__(self, text: str, number: int) -> None:
+        self._lines = iter(io.StringIO(text))
+        self.number = number
+        """Of the last line that was read, from 1 on."""
+        self.is_between = True
+        """Whether the next line begins a row, rather than continues a value in quotes."""
+
+    def __iter__(self) -> Iterator[str]:
+        for line in self._lines:
+            self.number += 1
+            if self.is_between and line.lstrip().startswith("#"):
+                continue
+            self.is_between = False
+            yield line
+
+
+def _no_table(place: str, error: csv.Error) -> CommandFailure:
+    if "new-line" in str(error):  # Python's advice is for those who open the file
+        return CommandFailure(
+            f"{place}: has a carriage return without a line feed; end lines with \\n or \\r\\n"
+        )
+    return CommandFailure(f"{place}: is not a table: {error}")
+
+
+def _named_once(name: str, header: list[str], wanted: Collection[str]) -> list[str]:
+    """Return the names of columns. Raises CommandFailure where a wanted one is there several times."""
+    for column in wanted:
+        if header.count(column) > 1:
+            raise CommandFailure(f"{name}: has several columns {column!r}; each needs a name of its own")
+    return header
+
+
+def _taken(names: str) -> str:
+    return f"this line was taken for their names: {names.strip()[:_SHOWN_CHARACTERS]!r}"
+
+
+def _header(name: str, text: str, delimiter: str, wanted: Collection[str]) -> tuple[str | None, int, str]:
+    """Find the names of the columns, before which a log may have comments, lines that begin with #.
+
+    Returns the line with the names where it is such a comment, how many lines stand before the rest, and the
+    rest, which else begins with the names. Raises CommandFailure where that line is none of a table.
+    """
+    comments: list[str] = []
+    number = start = 0
+    line = ""
+    while start < len(text):
+        end = text.find("\n", start)
+        line = text[start : end if end >= 0 else len(text)]
+        if line.strip() and not line.lstrip().startswith("#"):
+            break
+        comments += [line] if line.strip() else []
+        number, start, line = number + 1, end + 1 if end >= 0 else len(text), ""
+    rest = text[start:]
+    try:
+        words = _words(line, delimiter)
+    except csv.Error as error:
+        raise _no_table(f"{name}:{number + 1}", error) from None
+    # Others, such as one with a carriage return in it, are no lines of a table.
+    comments = [comment for comment in comments if _can_be_read(comment, delimiter)]
+    if not comments or not set(wanted).isdisjoint(words):
+        return None, number, rest
+    for comment in reversed(comments):
+        if not set(wanted).isdisjoint(_words(comment, delimiter)):
+            return comment, number, rest
+    # None of them has a name that is wanted, which is reported with those that there are.
+    return (comments[-1] if not words or any(map(_is_number, words)) else None), number, rest
+
+
+def _sign(line: str, delimiter: str) -> str:
+    """Return what stands between values, a semicolon where there is no comma."""
+    first = line.partition("\n")[0]
+    return ";" if delimiter == "," and ";" in first and "," not in first else delimiter
+
+
+def _words(line: str, delimiter: str) -> list[str]:
+    return [_word(word) for words in csv.reader([line], delimiter=_sign(line, delimiter)) for word in words]
+
+
+def _can_be_read(line: str, delimiter: str) -> bool:
+    with suppress(csv.Error):
+        _words(line, delimiter)
+        return True
+    return False
+
+
+def _word(word: str) -> str:
+    return word.strip().removeprefix("#").strip()
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _agent(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
+    """Yield one row for an agent's log: how many steps it has, and the last, first, .. of its values.
+
+    As the fitness functions of Modelio's CPSwarm module read it: the last value is that of the largest step.
+    """
+    values: dict[int, float] = {}
+    for number, line in enumerate(_text(name, file).splitlines(), 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        words = line.split("\t")
+        place = f"{name}:{number}"
+        if len(words) != 2 or not re.fullmatch(r"\s*[+-]?\d{1,18}\s*", words[0]):
+            raise CommandFailure(f"{place}: {line[:40]!r} found, expected a whole number, a tab and a number")
+        values[int(words[0])], problem = _number(place, "value", words[1])
+        if problem is not None and not problem.is_number:
+            raise CommandFailure(problem.text)
+    series = [values[step] for step in sorted(values)]
+    yield name, {"steps": len(series), **({} if not series else {"first": series[0], "last": series[-1]})}
+
+
+def _json_lines(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
+    # Text in JSON may have other ends of lines, such as U+2028, within it.
+    for number, line in enumerate(_text(name, file).split("\n"), 1):
+        if line.strip():
+            yield f"{name}:{number}", _object(f"{name}:{number}", _parsed(f"{name}:{number}", line))
+
+
+def _json(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
+    value = _parsed(name, _text(name, file))
+    for index, one in enumerate(value if isinstance(value, list) else [value]):
+        place = f"{name}: item {index}" if isinstance(value, list) else name
+        yield place, _object(place, one)
+
+
+def _parsed(place: str, text: str) -> Any:  # noqa: ANN401 - any JSON value
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise CommandFailure(f"{place}: is not valid JSON: {error}; was the log cut off?") from None
+    except RecursionError:
+        raise CommandFailure(f"{place}: is JSON that is nested too deeply") from None
+
+
+def _object(place: str, value: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
+    if not isinstance(value, dict):
+        raise CommandFailure(f"{place}: holds no object, {{..}}")
+    try:
+        return dict(flat(value))
+    except RecursionError:
+        raise CommandFailure(f"{place}: is JSON that is nested too deeply") from None
+
+
+def flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested mappings, with names such as `pose.x`."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{before}{name}.")
+        else:
+            yield f"{before}{name}", value
+
+
+def _what_is_there(folder: Path) -> str:
+    """Return in words what a work folder holds."""
+    names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    if not names:
+        return "its work folder is empty: have the command write into {folder}, its working folder"
+    more = f" and {len(names) - _SHOWN_NAMES} more" if len(names) > _SHOWN_NAMES else ""
+    return f"found: {', '.join(names[:_SHOWN_NAMES])}{more}"
+
+
+_READERS: dict[str, Reader] = {
+    "csv": _table(","),
+    "tsv": _table("\t"),
+    "agents": _agent,
+    "jsonl": _json_lines,
+    "json": _json,
+    "rosbag": bags.rosbag,
+    "mcap": bags.mcap,
+}

@@ -1,0 +1,265 @@
+"""Placeholders in commands, environments and files: {seed}, {parameters}, {speed}, ..
+
+Parameters come from optimization tools, which a server does not have to trust. Numbers and truth values can
+stand anywhere. Text could name another program, be an option, or end a string in a shell's code, so it stands
+only where it can do none of this; see `Template.problem`.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from functools import lru_cache
+from typing import Any
+
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import shown
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.untrusted import leads_elsewhere
+from swarmwright.simulations.command.programs import runs_code, runs_others
+
+_NAME = r"[A-Za-z_][\w.\-/]*"
+_PLACE = re.compile(rf"\{{\{{{_NAME}\}}\}}|(?<!\$)\{{({_NAME})\}}")
+"""{{name}}, which stands for {name}, or a placeholder; ${name} is a shell's variable."""
+IN_A_COMMAND = {
+    "parameters": "the path of the parameter file",
+    "controller": "the path of the controller's file",
+    "weights": "the path of the file with the controller's weights",
+    "log": "the path of the log",
+    "folder": "the work folder",
+    "build": "the folder of what was compiled",
+    "here": "the folder of the experiment file",
+    "seed": "the episode's seed",
+    "episode": "the number of the episode",
+    "instance": "the number of the instance",
+    "port": "a free TCP port",
+}
+"""What can be put into a command beside the simulation's parameters, and what it stands for."""
+_LOADS_CODE = re.compile(
+    r"(?:LD_|DYLD_|PYTHON|PERL5|RUBY|NODE_|BASH_|JAVA_|_JAVA|JDK_|LUA_|JULIA_|GIT_|GCONV_|GTK_|QT_).*"
+    r"|.*(?:LIBRARY|PLUGIN|PACKAGE|PREFIX|RESOURCE)\w*PATH|.*PLUGINS?|PATH|CLASSPATH|CDPATH|ZDOTDIR|ENV|IFS|PS4|HOME"
+    r"|SHELL|SHELLOPTS|BASHOPTS|EDITOR|VISUAL|PAGER|BROWSER|.*_COMMAND"
+)
+"""Variables of the environment that name programs or libraries to be run, or folders with these."""
+_UNUSABLE = re.compile("[\0\ud800-\udfff]")
+"""Zero and halves of characters."""
+
+
+class Place(Enum):
+    """Where a placeholder stands."""
+
+    ARGUMENT = auto()
+    """A word of its own of a command."""
+    PART = auto()
+    """Beside other characters of a word."""
+    PROGRAM = auto()
+    """A word that names, or might name, the program or script."""
+    CODE = auto()
+    """A command whose program runs code from its arguments."""
+    VARIABLE = auto()
+    """A variable of the environment."""
+    LOADER = auto()
+    """One that says what programs load or run."""
+    FILE = auto()
+    """A file that is put into the work folder."""
+
+
+@dataclass(frozen=True)
+class Placeholder:
+    """The name between braces."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Values:
+    """What placeholders stand for."""
+
+    own: Mapping[str, object] = field(default_factory=dict)
+    """Swarmwright's own: paths, the seed, a port. They go before parameters of the same names."""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    """Those of the experiment, which a peer has sent."""
+    choices: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    """All values that a parameter may have, where the definition says so."""
+    declared: Mapping[str, Any] = field(default_factory=dict)
+    """Parameters of the program's own file, with their defaults."""
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.own or name in self.parameters
+
+    def __or__(self, own: Mapping[str, object]) -> "Values":
+        """Return the same with more values of Swarmwright's own."""
+        return Values({**self.own, **own}, self.parameters, self.choices, self.declared)
+
+
+@dataclass(frozen=True)
+class Template:
+    """A word, a variable's value or a file's text, parsed: text and placeholders."""
+
+    parts: tuple[str | Placeholder, ...]
+    where: str
+    """What messages begin with: command, environment.DISPLAY, files: world.sdf."""
+    place: Place
+    program: str = ""
+    """Of PROGRAM and CODE: what runs the text."""
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the placeholders."""
+        return [part.name for part in self.parts if isinstance(part, Placeholder)]
+
+    def filled(self, values: Values) -> str:
+        """Return the text with its placeholders filled in.
+
+        Raises InputError for a placeholder that has no value, other than in a file, and for text that may not
+        stand there.
+        """
+        return "".join(
+            part if isinstance(part, str) else self._value(part.name, values) for part in self.parts
+        )
+
+    def check(self, values: Values) -> None:
+        """Raise InputError for a parameter whose value may not stand here."""
+        for name in self.names:
+            if name not in values.own and name in values.parameters:
+                problem = self.problem(name, values)
+                if problem is not None:
+                    raise InputError(f"{name}: {problem}")
+
+    def _value(self, name: str, values: Values) -> str:
+        if name in values.own:
+            return plain(values.own[name])
+        if name not in values.parameters:
+            if self.place is Place.FILE:
+                return f"{{{name}}}"
+            known = [*values.own, *values.parameters]
+            hint = did_you_mean(name, known) or f"; available: {', '.join(known)}"
+            raise InputError(
+                f"{self.where}: {{{name}}} is not a placeholder, and no parameter has this name{hint}"
+            )
+        problem = self.problem(name, values)
+        if problem is not None:
+            raise InputError(f"{name}: {problem}")
+        return plain(values.parameters[name])
+
+    def problem(self, name: str, values: Values) -> str | None:
+        """Return why a parameter's value may not stand here; None where it may.
+
+        Numbers and truth values may. Text whose choices are declared may, except in code. Other text may be a
+        variable of the environment, or, if the program's own file declares it, a word of its own.
+        """
+        value = values.parameters[name]
+        if _is_number(value):
+            return None
+        reason = self._reason(name, value, values)
+        return None if reason is None else f"{shown(value)} found, but {self.where}: {{{name}}} {reason}"
+
+    def _reason(self, name: str, value: Any, values: Values) -> str | None:  # noqa: ANN401 - any JSON value
+        if isinstance(value, str) and _UNUSABLE.search(value):
+            return "cannot hold a zero byte or half a character"
+        by_variable = _by_variable(name)
+        if self.place is Place.CODE:
+            return f"may only be a number, since {self.program} runs its arguments as code; {by_variable}"
+        if name in values.choices:
+            return (
+                None if is_choice(value, values.choices[name]) else "has other choices (simulation.choices)"
+            )
+        if self.place is Place.VARIABLE and isinstance(value, str):
+            return None
+        declare = f"declare simulation.choices: {{{name}: [..]}}, all values that it may have, or "
+        if not isinstance(value, str):
+            return "may only be a number or text; have the program read it from the file {parameters}"
+        if self.place is Place.LOADER:
+            return f"decides what programs load or run; {declare}use a variable of another name"
+        if self.place is Place.FILE:
+            return (
+                f"may only be a number, since text could change the rest of the file; {declare}have the "
+                "program read it from the file {parameters}"
+            )
+        if self.place is Place.PART:
+            return f"stands beside other characters, so it may only be a number; {declare}{by_variable}"
+        if self.place is Place.PROGRAM:
+            return f"could name what {self.program} runs; {declare}{by_variable}"
+        if not isinstance(values.declared.get(name), str):
+            return f"is not declared as text; {declare}{by_variable}"
+        if value.startswith(("-", "@")) or ":=" in value or leads_elsewhere(value):
+            return f"could be taken for an option, or for a path elsewhere; {declare}{by_variable}"
+        return None
+
+
+def is_choice(value: object, choices: Sequence[Any]) -> bool:
+    """Return whether a value is one of several; true is not 1."""
+    return any(value == one and isinstance(value, bool) == isinstance(one, bool) for one in choices)
+
+
+def _by_variable(name: str) -> str:
+    variable = re.sub(r"\W", "_", name).upper()
+    return (
+        f'pass it as a variable, simulation.environment: {{{variable}: "{{{name}}}"}}, or in the file '
+        "{parameters}"
+    )
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a value has no text of a peer: numbers, truth values, nothing, and lists of these."""
+    if isinstance(value, list | tuple):
+        return all(map(_is_number, value))
+    return value is None or isinstance(value, bool | int | float)
+
+
+def names_in(text: str) -> list[str]:
+    """Return the names of the placeholders in a text."""
+    return [match[1] for match in _PLACE.finditer(text) if match[1] is not None]
+
+
+@lru_cache(maxsize=64)
+def command(words: tuple[str, ...], where: str = "command") -> tuple[Template, ...]:
+    """Return the words of a command, parsed."""
+    code = runs_code(words)
+    templates = []
+    for index, word in enumerate(words):
+        parts = _parts(word)
+        program = code or runs_others(words, index)
+        if code:
+            place = Place.CODE
+        elif program:
+            place = Place.PROGRAM
+        else:
+            place = Place.ARGUMENT if len(parts) == 1 else Place.PART
+        templates.append(Template(parts, where, place, program))
+    return tuple(templates)
+
+
+def variable(name: str, text: str) -> Template:
+    """Return the value of a variable of the environment, parsed."""
+    place = Place.LOADER if _LOADS_CODE.fullmatch(name) else Place.VARIABLE
+    return Template(_parts(text), f"environment.{name}", place)
+
+
+def file(name: str, text: str) -> Template:
+    """Return the text of a file, parsed; only known placeholders are filled in, and {{name}} stays."""
+    return Template(_parts(text, keep_double=True), f"files: {name}", Place.FILE)
+
+
+def _parts(text: str, *, keep_double: bool = False) -> tuple[str | Placeholder, ...]:
+    parts: list[str | Placeholder] = []
+    at = 0
+    for match in _PLACE.finditer(text):
+        plain_text = text[at : match.start()]
+        if match[1] is None:
+            plain_text += match[0] if keep_double else match[0][1:-1]
+        if plain_text:
+            parts.append(plain_text)
+        if match[1] is not None:
+            parts.append(Placeholder(match[1]))
+        at = match.end()
+    if at < len(text):
+        parts.append(text[at:])
+    return tuple(parts)
+
+
+def plain(value: object) -> str:
+    """Return a value as programs read it: true, 0.25, text."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(value)

@@ -1,0 +1,122 @@
+"""Robots of a ROS system, driven by a program that connects to it."""
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import weakref
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from numpy.typing import ArrayLike
+
+from swarmwright.common.errors import InputError
+from swarmwright.common.ranges import Range
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.temporary import private_place
+from swarmwright.simulations.command.definition import CommandOptions
+from swarmwright.simulations.command.folders import Instance
+from swarmwright.simulations.command.placeholders import Placeholder, Template, Values, command
+from swarmwright.simulations.command.process import resolved_word
+from swarmwright.simulations.command.ros_definition import ATTACHMENT, DOMAINS, OF_AN_INSTANCE, RosOptions
+from swarmwright.simulations.command.simulation import CommandSimulation
+from swarmwright.simulations.command.stepwise import Start
+
+
+class RosSimulation(CommandSimulation):
+    """Robots of a ROS system.
+
+    A program that knows the definition runs in the Python of the middleware; it is stepped over its standard
+    input and output as any command can be.
+    """
+
+    _is_own_program: ClassVar[bool] = True
+
+    def __init__(self) -> None:
+        self._definition = RosOptions.of(self.adapted)
+        self._has_robots = False
+        self.metrics = list(self._definition.metrics)
+        super().__init__()
+        self.sensor_names = [one.sensor for one in self._definition.sensors]
+        self.actuator_names = [one.actuator for one in self._definition.actuators]
+        self.sensor_ranges = [
+            Range.scaled(1 / one.scale, -one.offset / one.scale) if one.scale else None
+            for one in self._definition.sensors
+        ]
+        self.actuator_ranges = [Range.scaled(one.scale, one.offset) for one in self._definition.actuators]
+        self.step_seconds = self._definition.step.duration  # None where a service makes a step
+
+    @classmethod
+    def _options(cls) -> CommandOptions:
+        return RosOptions.of(cls.adapted).as_command()
+
+    @property
+    def _label(self) -> str:
+        return SimulationName.parse(self.adapted).label
+
+    def _placeholders(self, instance: Instance, episode: int) -> dict[str, Any]:
+        values = super()._placeholders(instance, episode)
+        return {**values, "domain": 1 + instance.number % DOMAINS}
+
+    def _start(self) -> Start:
+        start = super()._start()
+        if self._definition.is_shared and not self._has_robots:
+            self._lock(start.environment)
+        text = json.dumps(self._attachment())
+        (self.folder / ATTACHMENT).write_text(text, "utf-8")
+        return start
+
+    def _lock(self, environment: Mapping[str, str]) -> None:
+        """Have the robots for this object. Raises InputError when another one on this machine has them."""
+        known = {**os.environ, **environment}
+        where = [known.get(name, "") for name in ("ROS_MASTER_URI", "ROS_DOMAIN_ID")]
+        names = list(self._definition.robots)
+        if self._definition.step.is_called:
+            names.append("the simulation")  # a step is one of all robots
+        with contextlib.ExitStack() as locks:
+            for name in names:
+                text = "\n".join([str(self._definition.ros), *where, name])
+                path = private_place() / f"ros-{hashlib.sha256(text.encode()).hexdigest()[:16]}.lock"
+                lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+                locks.callback(os.close, lock)
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except OSError:
+                    raise InputError(
+                        f"simulation: another server on this machine drives {name}; have one server only "
+                        "(servers: 1), or let each start a simulator of its own (simulation.start)"
+                    ) from None
+            weakref.finalize(self, locks.pop_all().close)
+        self._has_robots = True
+
+    def _attachment(self) -> dict[str, Any]:
+        """Return what the program reads: the definition, with what only this instance knows."""
+        attachment = self._definition.attachment()
+        if self._definition.start is not None:
+            attachment["start"] = self._command(self._definition.start)
+        attachment["reset"]["command"] = [self._reset_parts(word) for word in self._reset_command] or None
+        values = {name: str(value) for name, value in self._values.own.items() if name != "episode"}
+        return {**attachment, "values": values}
+
+    @property
+    def _reset_command(self) -> tuple[Template, ...]:
+        return command(tuple(self._definition.reset.command or ()), "reset.command")
+
+    def _reset_parts(self, word: Template) -> list[str | dict[str, str]]:
+        """Return a word as JSON has it, so that the program parses nothing: text and names of placeholders.
+
+        Text that is a word of its own may name a file.
+        """
+        here = Path(self._definition.folder)
+        if len(word.parts) == 1 and isinstance(word.parts[0], str):
+            return [resolved_word(word.parts[0], here)]
+        return [{"name": part.name} if isinstance(part, Placeholder) else part for part in word.parts]
+
+    def reset(self, parameters: dict[str, Any], seed: int, controller: str | None = None) -> ArrayLike:
+        """Begin an episode. Raises InputError for text that would decide what `reset.command` runs."""
+        given = Values(dict.fromkeys(OF_AN_INSTANCE), parameters, self._choices)
+        for word in self._reset_command:
+            word.check(given)
+        return super().reset(parameters, seed, controller)

@@ -1,0 +1,511 @@
+"""Simulations that are commands, by files (D6.1, 4.1) or over standard input and output."""
+
+import hashlib
+import itertools
+import json
+import logging
+import math
+import os
+import weakref
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmwright.common.errors import EpisodeError, InputError, explained
+from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.temporary import private_place, remove
+from swarmwright.controllers.controller import Controller
+from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.command import (
+    _controller_files,
+    builds,
+    folders,
+    logs,
+    parameter_file,
+    placeholders,
+    work_files,
+)
+from swarmwright.simulations.command._stepped_episodes import SteppedEpisodes
+from swarmwright.simulations.command.definition import STANDARD_OUTPUT, CommandOptions
+from swarmwright.simulations.command.failure import CommandFailure, ReportedFailure
+from swarmwright.simulations.command.output import Printed
+from swarmwright.simulations.command.placeholders import IN_A_COMMAND, Values, is_choice, names_in
+from swarmwright.simulations.command.process import Processes, resolved_word
+from swarmwright.simulations.command.reductions import Reduction
+from swarmwright.simulations.command.running import Limits, run
+from swarmwright.simulations.command.stepwise import Start
+from swarmwright.simulations.fitness import OWN, FitnessExpression
+from swarmwright.simulations.parameters import Parameter
+from swarmwright.simulations.user_code.command_sources import digest
+
+_log = logging.getLogger("swarmwright")
+_TEMPORARY = ".tmp"
+"""Folder in a work folder."""
+_LONGEST_TEMPORARY = 60
+"""Characters of its path; that of a socket has 107 at most."""
+_DIGITS = 12
+"""Of the digest in a title."""
+
+
+class CommandSimulation(Simulation):
+    """A simulation that is a command; an episode is a process with a folder of its own.
+
+    An experiment can say all that is needed, `simulation: {command: ..}`. Where it cannot, derive a class: it
+    has `definition` with the same keys, and overrides some of the functions of D6.1 (4.1), which are called
+    for an episode in this order: `setEnvironment`, `exportRepresentation` where there is a controller that
+    was not compiled before, `setParameters`, `run`, `readLogs`, which may use `getLogs`.
+
+        class Rescue(CommandSimulation):
+            definition = {"command": "python3 rescue.py {parameters}", "log": "rescue.txt"}
+            metrics = ["rescued"]
+
+            def readLogs(self):
+                return {"rescued": self.getLogs()["rescue.txt"].count("RESCUED")}
+    """
+
+    definition: ClassVar[Mapping[str, Any]] = {}
+    """What an experiment would say below `simulation`; paths are relative to the file of the class."""
+    adapted: ClassVar[str] = ""
+    """The name from which the class was made; empty for a user-written class."""
+    digest: ClassVar[str] = ""
+    """SHA-256 of definition and files when the class was made; empty for a user-written class."""
+    copies = False
+    takes_controller = False
+    most_steps = None
+    """`timeout` is the limit."""
+    steers_itself = True
+    """Parameter sets are possible; said so that no episode is run to find out."""
+    _is_own_program: ClassVar[bool] = False
+    """Whether the command is Swarmwright's own program: the reasons that it reports are complete messages."""
+    visual: ClassVar[bool] = False
+    """Whether episodes are run by `runVisual`, as `swarmwright simulate --visual` asks for."""
+
+    folder: Path
+    """The work folder of the episode."""
+    build: Path | None = None
+    """The folder where the controller is compiled, where it is."""
+    environment: dict[str, str]
+    """Variables of the environment that the command gets beside those of this process."""
+    seed: int
+    """Of the episode, 0 to 2**64 - 1."""
+
+    def __init__(self) -> None:
+        self.options = self._options()
+        self._here = Path(self.options.folder)
+        self.takes_controller = self.options.takes_controller
+        self.title = type(self).title or self.options.title or self._title()
+        self.sensors, self.actuators = self.options.sensors or 1, self.options.actuators or 1
+        self.dimensions, self.determinism = self.options.dimensions, self.options.determinism
+        self._own = None if self.options.fitness is None else FitnessExpression(self.options.fitness)
+        self._reductions = self.options.reductions
+        if not self.metrics:
+            named = () if self._own is None else self._own.metrics
+            self.metrics = [name for name in self._reductions or named if name != OWN]
+        if not self.parameters and self.options.parameters is not None:
+            self.parameters = parameter_file.defaults(self._here / self.options.parameters)
+        own = {name: one for name, one in self.parameters.items() if isinstance(one, Parameter)}
+        self._choices = self.options.choices | {
+            name: one.choices for name, one in own.items() if one.choices is not None
+        }
+        self._declared = {**self.parameters, **{name: one.default for name, one in own.items()}}
+        self._limits = Limits(
+            self.options.timeout, self.options.output, self.options.disk, self.options.children
+        )
+        self._instance: folders.Instance | None = None
+        self._processes: Processes | None = None
+        self._stepped = (
+            SteppedEpisodes(self._start, self._limits, self.options.recycle, self.metrics)
+            if self.options.controller == "stepwise"
+            else None
+        )
+        self._episodes = itertools.count()
+        self._measured: dict[str, float] = {}
+        self._unusable: dict[str, str] = {}
+        """What is wrong with metrics that are NaN or infinite."""
+
+    @classmethod
+    def _options(cls) -> CommandOptions:
+        if cls.adapted:
+            return CommandOptions.of(cls.adapted)
+        from swarmwright.simulations.command.checking import checked_definition
+        from swarmwright.simulations.loading import file_of
+
+        file = file_of(cls)
+        return checked_definition(cls.definition, Path() if file is None else file.parent, cls.__name__)
+
+    def _title(self) -> str:
+        return f"{self._label}@{(self.digest or digest(self.options))[:_DIGITS]}"
+
+    @property
+    def _label(self) -> str:
+        """What failures and the title call it."""
+        return SimulationName.parse(self.options.name).label
+
+    # The functions of D6.1.
+
+    def setEnvironment(self, environment: Mapping[str, str]) -> None:  # noqa: N802 - D6.1's name
+        """Set variables of the command's environment, with their placeholders filled in."""
+        self.environment = {
+            name: placeholders.variable(name, text).filled(self._values) for name, text in environment.items()
+        }
+
+    def setParameters(self, parameters: Mapping[str, Any]) -> None:  # noqa: N802 - D6.1's name
+        """Write the parameter file, and the files that have placeholders, into the work folder.
+
+        parameters: all of the simulation, and `seed`.
+        """
+        form = self.options.parameters_format
+        self._write(parameter_file.FILES[form], parameter_file.text(parameters, form).encode())
+        for name, path in work_files.named(self.options.files, self._here).items():
+            data = work_files.read(path)
+            text = work_files.text_of(data)
+            if text is not None:
+                data = placeholders.file(name, text).filled(self._values).encode("utf-8", "surrogateescape")
+            target = self._write(name, data)
+            if os.access(path, os.X_OK):
+                target.chmod(target.stat().st_mode | 0o100)
+
+    def exportRepresentation(self, controller: Controller) -> None:  # noqa: N802 - D6.1's name
+        """Write the controller as the simulator reads it: into the work folder, or where it is compiled."""
+        form, loads = self.options.controller, self.options.loads_weights
+        for name, data in _controller_files.files(form, controller, without_weights=loads).items():
+            (self.build or self.folder).joinpath(name).write_bytes(data)
+
+    def run(self) -> None:
+        """Run the command to its end."""
+        self._run(self.options.command)
+
+    def runVisual(self) -> None:  # noqa: N802 - D6.1's name
+        """Run the command so that it shows itself: `visual` of the definition, else as `run`."""
+        if self.options.visual is None:
+            self.run()
+        else:
+            self._run(self.options.visual)
+
+    def readLogs(self) -> Mapping[str, float]:  # noqa: N802 - D6.1's name
+        """Return the metrics of the episode, and `fitness` where the logs have that."""
+        wanted = {one.column for one in self._reductions.values()}
+        wanted |= set(self.metrics) - set(self._reductions)
+        if (self._own is None and OWN not in self._reductions) or self._asks_own:
+            wanted.add(OWN)
+        columns = logs.read(self._log_files(), self.options.log_format, wanted)
+        plain = (set(self.metrics) | {OWN}) & set(columns)
+        reductions = {name: Reduction("last", name) for name in sorted(plain)} | self._reductions
+        for name, one in reductions.items():
+            problem = columns[one.column].problem(one.function)
+            if problem is not None and not problem.is_number:
+                raise CommandFailure(problem.text)
+            if problem is not None:
+                self._unusable[name] = problem.text
+        return {name: one.of(columns[one.column]) for name, one in reductions.items()}
+
+    def getLogs(self) -> dict[str, str]:  # noqa: N802 - D6.1's name
+        """Return the content of the logs, by the names of their files; `stdout` is what was printed."""
+        return {
+            name: (file if isinstance(file, bytes) else file.read_bytes()).decode("utf-8", "replace")
+            for name, file in self._log_files().items()
+        }
+
+    # What the engine calls.
+
+    def reset(self, parameters: dict[str, Any], seed: int, controller: str | None = None) -> ArrayLike:
+        """Run the episode, or begin one that is stepped; see `Simulation.reset`."""
+        self.seed = seed
+        self._measured, self._unusable = {}, {}
+        self._check_choices(parameters)
+        if self._stepped is not None:
+            stepped, processes = self._stepped, self._ready()[1]
+            return self._sensed(lambda: stepped.reset(processes, parameters, seed))
+        if controller is None and self.takes_controller:
+            raise InputError(
+                "simulation.controller: the command gets its controller as a file, which needs the mode "
+                "offloaded, and a controller of another kind than parameter_set"
+            )
+        self._episode(parameters, None if controller is None else Controller(controller))
+        return np.zeros((1, self.sensors))
+
+    def step(self, actions: NDArray[np.float32]) -> ArrayLike:
+        """Advance by one step, where the command is stepped."""
+        stepped = self._stepped
+        assert stepped is not None
+        return self._sensed(lambda: stepped.step(actions))
+
+    def done(self) -> bool:
+        """Return whether the episode has ended."""
+        return self._stepped is None or self._stepped.done
+
+    def acting(self) -> ArrayLike | None:
+        """Return who acts next."""
+        return None if self._stepped is None else self._stepped.acting
+
+    def fitness(self) -> float:
+        """Return the fitness: of the definition's expression, or what the logs say."""
+        if self._own is None or not self._own_applies:
+            if OWN not in self._measured:
+                raise EpisodeError(f"{self._label}: {self._without_fitness}")
+            return self._measured[OWN]
+        row = np.array([[self._measured[name] for name in self._own.metrics]])
+        values, faults = self._own(np.array([self._measured.get(OWN, 0.0)]), row)
+        if faults:
+            raise EpisodeError(f"fitness: {faults[0].reason}")
+        return float(values[0])
+
+    @property
+    def _without_fitness(self) -> str:
+        """What is missing, and where it can come from."""
+        other = "give the experiment a `fitness`, an expression over metrics"
+        if self._stepped is None:
+            return f"readLogs has returned no fitness: have it return one, or {other}"
+        return (
+            'ended an episode without a fitness: have its last line say {"done": true, "fitness": NUMBER}, '
+            f"or {other} that it reports"
+        )
+
+    def measure(self) -> Mapping[str, float]:
+        """Return the metrics."""
+        return self._measured
+
+    # How it is done.
+
+    def _check_used(self) -> None:
+        """Raise CommandFailure where the fitness is made of a number that is not finite; others may be."""
+        own = self._own if self._own_applies else None
+        used = [OWN] if own is None else [*own.metrics, *([OWN] if own.uses_own else [])]
+        for name in used:
+            value = self._measured.get(name, 0.0)
+            if not math.isfinite(value):
+                raise CommandFailure(
+                    self._unusable.get(name) or f"{name} is {value}, expected a finite number"
+                )
+
+    @property
+    def _asks_own(self) -> bool:
+        """Whether the expression of the fitness uses what the logs call fitness."""
+        return self._own is not None and self._own.uses_own
+
+    @property
+    def _own_applies(self) -> bool:
+        """Whether the expression is computed: a stepped command may report a fitness and no metrics."""
+        return self._own is not None and all(name in self._measured for name in self._own.metrics)
+
+    def _episode(self, parameters: Mapping[str, Any], controller: Controller | None) -> None:
+        """Run an episode from files to files."""
+        instance = self._ready()[0]
+        number = next(self._episodes)
+        # One name, so that the same failure has the same reason.
+        name = f"episode-{number}" if self.options.keep == "all" else "episode"
+        self.folder = instance.new_folder(name)
+        for log in self.options.log:
+            (self.folder / log).parent.mkdir(parents=True, exist_ok=True)
+        # A parameter of the program with the name of a placeholder is in the parameter file alone.
+        own = {"seed": self.seed} | self._placeholders(instance, number)
+        self._values = Values(own, parameters, self._choices, self._declared)
+        self._printed = Printed(self._limits.most_output, keep=STANDARD_OUTPUT in self.options.log)
+        try:
+            self._check_names(parameters)
+            if controller is not None and self.options.compile is not None:
+                self.build = self._build_of(controller, instance.place)
+                self._values |= {"build": self.build, "controller": self.build / self._controller_file}
+            self.setEnvironment(self.options.environment)
+            if controller is not None and self.options.compile is not None:
+                self._compile(controller, self.options.compile)
+            elif controller is not None:
+                self.exportRepresentation(controller)
+            if controller is not None and self.options.loads_weights:
+                (self.folder / _controller_files.WEIGHTS).write_bytes(_controller_files.weights(controller))
+            self.setParameters({**parameters, "seed": self.seed})
+            (self.runVisual if self.visual else self.run)()
+            self._measured = {name: float(value) for name, value in self.readLogs().items()}
+            self._check_used()
+        except CommandFailure as failure:
+            self._put_away(str(failure))
+            raise self._explained(failure, self._printed) from None
+        except (Exception, SystemExit) as error:  # of a class that is derived
+            self._put_away(explained(error))
+            raise
+        except BaseException:  # an interrupt is no failure of the episode
+            self._put_away()
+            raise
+        self._put_away()
+
+    def _check_choices(self, parameters: Mapping[str, Any]) -> None:
+        """Raise InputError for a value that is none of those that the definition declares."""
+        for name, choices in self._choices.items():
+            if name in parameters and not is_choice(parameters[name], choices):
+                raise InputError(
+                    f"{name}: {parameters[name]!r} found, expected one of {', '.join(map(repr, choices))} "
+                    "(simulation.choices)"
+                )
+
+    def _check_names(self, parameters: Mapping[str, Any]) -> None:
+        """Raise CommandFailure where a value of the experiment has the name of a placeholder that is used.
+
+        New experiments are refused then. Stored ones may be from versions that put the value there, and would
+        now compute something else.
+        """
+        own = self.parameters
+        for name, value in parameters.items():
+            if name in self._placeholders_used and (name not in own or own[name] != value):
+                raise CommandFailure(
+                    f"the parameter {name} has the name of {{{name}}}, {IN_A_COMMAND[name]}, in the place of "
+                    "which earlier versions put its value; start a new run in which the parameter, and its "
+                    "placeholder, have another name"
+                )
+
+    @cached_property
+    def _placeholders_used(self) -> frozenset[str]:
+        """Those beside parameters and the seed that command, files and environment have."""
+        options = self.options
+        texts = [*options.command, *options.environment.values(), *(options.compile or ())]
+        texts += options.visual or ()
+        texts += [text for _, text in work_files.texts(options.files, self._here)]
+        used = frozenset(name for text in texts for name in names_in(text))
+        return used & IN_A_COMMAND.keys() - {"seed"}
+
+    def _put_away(self, failure: str = "") -> None:
+        """Remove the work folder, or keep it; the log names the folder of the first failure of each kind.
+
+        The reason of a failed episode does not: runs store it, and count failures that have the same one.
+
+        failure: why the episode failed; empty if it did not.
+        """
+        instance, keep = self._instance, self.options.keep
+        if instance is None or not self.folder.exists():
+            return
+        is_named = bool(failure) and instance.is_first_of_kind(failure)
+        if keep == "failed" and is_named:
+            kept = instance.keep_failed(self.folder)
+        elif keep == "all":
+            kept = self.folder
+        else:
+            remove(self.folder)
+            return
+        if is_named:
+            _log.warning("%s: %s; the work folder of this episode is kept: %s", self._label, failure, kept)
+
+    def _explained(self, failure: CommandFailure, printed: Printed) -> EpisodeError:
+        """Return a failure with the last of what the command printed."""
+        reason = str(failure)
+        if self._is_own_program and isinstance(failure, ReportedFailure):
+            reason = failure.reason
+        last = f"; its last output: {printed.summary}" if printed.summary else ""
+        return EpisodeError(f"{self._label}: {reason}{last}", printed.tail or None)
+
+    def _compile(self, controller: Controller, command: list[str]) -> None:
+        """Compile a controller, unless that was done for this one, or for one with the same source."""
+
+        def build(folder: Path) -> None:
+            assert self._processes is not None
+            self.exportRepresentation(controller)
+            words = self._command(command)
+            run(self._processes, words, folder, self._variables, self._limits, self._printed)
+
+        assert self.build is not None
+        try:
+            builds.built(self.build, build)
+        except CommandFailure as failure:
+            raise CommandFailure(f"compile: {failure}") from None
+
+    def _build_of(self, controller: Controller, place: Path) -> Path:
+        """Return the folder where a controller is compiled."""
+        compiled = controller.json
+        if self.options.loads_weights:
+            compiled = json.dumps({**controller.specification, "weights": None}, sort_keys=True)
+        key = hashlib.sha256(f"{self.digest or self.options.name}\n{compiled}".encode())
+        return place / "builds" / key.hexdigest()
+
+    @property
+    def _controller_file(self) -> str:
+        return _controller_files.main_file(self.options.controller)
+
+    def _run(self, command: list[str]) -> None:
+        assert self._processes is not None
+        words = self._command(command)
+        run(self._processes, words, self.folder, self._variables, self._limits, self._printed)
+
+    @property
+    def _variables(self) -> Mapping[str, str]:
+        """The variables that the command gets, also for temporary files, which go with the work folder.
+
+        Not where their paths would be too long for the sockets that programs make there.
+        """
+        folder = self.folder / _TEMPORARY
+        if len(str(folder)) > _LONGEST_TEMPORARY:
+            return self.environment
+        folder.mkdir(exist_ok=True)
+        return {**dict.fromkeys(("TMPDIR", "TMP", "TEMP"), str(folder)), **self.environment}
+
+    def _command(self, words: list[str]) -> list[str]:
+        return [
+            resolved_word(template.filled(self._values), self._here)
+            for template in placeholders.command(tuple(words))
+        ]
+
+    def _ready(self) -> tuple[folders.Instance, Processes]:
+        """Return the instance and its processes, which are made where there are none."""
+        if self._instance is None:
+            place = private_place() if self.options.work is None else self._here / self.options.work
+            self._instance = folders.Instance(place)
+            if self.options.keep != "all":
+                self._instance.clear()
+            weakref.finalize(self, self._instance.close)
+        if self._processes is None or not self._processes.is_alive:
+            self._processes = Processes()
+        return self._instance, self._processes
+
+    def _placeholders(self, instance: folders.Instance, episode: int) -> dict[str, Any]:
+        """Return what can be put into the command beside the parameters."""
+        values: dict[str, Any] = {
+            "folder": self.folder,
+            "here": self._here.resolve(),
+            "instance": instance.number,
+            "port": instance.port(),
+            "episode": episode,
+        }
+        if self._stepped is None:
+            values["parameters"] = self.folder / parameter_file.FILES[self.options.parameters_format]
+        if self.takes_controller:
+            values["controller"] = self.folder / self._controller_file
+        if self.options.loads_weights:
+            values["weights"] = self.folder / _controller_files.WEIGHTS
+        if len(self.options.log) == 1:
+            values["log"] = self.folder / self.options.log[0]
+        return values
+
+    def _write(self, name: str, data: bytes) -> Path:
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+        return path
+
+    def _log_files(self) -> dict[str, Path | bytes]:
+        files: dict[str, Path | bytes] = {}
+        if STANDARD_OUTPUT in self.options.log:
+            files[STANDARD_OUTPUT] = bytes(self._printed.all or b"")
+        paths = logs.find(self.folder, [one for one in self.options.log if one != STANDARD_OUTPUT])
+        return files | {path.relative_to(self.folder).as_posix(): path for path in paths}
+
+    # A command that is stepped.
+
+    def _start(self) -> Start:
+        instance = self._ready()[0]
+        self.folder = instance.new_folder("stepwise")
+        self._values = Values(self._placeholders(instance, next(self._episodes)))
+        self.setEnvironment(self.options.environment)
+        return Start(self._command(self.options.command), self.folder, self._variables)
+
+    def _sensed(self, exchange: Callable[[], ArrayLike | None]) -> ArrayLike:
+        """Exchange a message for sensors, zeros where the episode has ended."""
+        assert self._stepped is not None
+        try:
+            sensors = exchange()
+            self._measured = self._stepped.measured
+            if self._stepped.done:
+                self._check_used()
+        except CommandFailure as failure:
+            raise self._explained(failure, self._stepped.abandon()) from None
+        return np.zeros((1, self.sensors)) if sensors is None else sensors

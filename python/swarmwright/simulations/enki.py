@@ -1,0 +1,286 @@
+"""E-pucks and Thymios in Enki, a fast simulator of robots on a plane, and the arena's missions.
+
+`swarmwright serve swarmwright.simulations.enki:EPucks`, or `simulation: swarmwright.simulations.enki:Thymios`
+in an experiment. Enki is Debian's package python3-enki2; it needs the version of Python that Debian has.
+
+Source: Magnenat, Waibel, Beyeler, Enki: The fast 2D robot simulator, https://github.com/enki-community/enki.
+"""
+
+import importlib.util
+import sys
+import sysconfig
+from abc import abstractmethod
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swarmwright.common.errors import InputError
+from swarmwright.display import Body, Scene
+from swarmwright.simulations.attachment.placing import free_place
+from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.parameters import Parameter
+from swarmwright.simulations.physics import Physics, PushedObject, World
+
+_DEBIAN = Path("/usr/lib/python3/dist-packages")
+
+
+def _library() -> Any:  # noqa: ANN401 - it has no types
+    """Return Enki's module, Debian's where Python finds none itself; InputError where there is none."""
+    try:
+        import pyenki
+    except ModuleNotFoundError:
+        pass
+    else:
+        return pyenki
+    # Alone, since the folder holds packages that are others than those of a virtual environment.
+    file = _DEBIAN / f"pyenki{sysconfig.get_config_var('EXT_SUFFIX')}"
+    if not file.is_file():
+        others = sorted(_DEBIAN.glob("pyenki.*.so"))
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        raise InputError(
+            f"Enki is there for Debian's Python, not for this one, {version}; serve the simulation from a "
+            "separate environment: /usr/bin/python3 -m venv enki"
+            if others
+            else "Enki is not installed; apt install python3-enki2"
+        )
+    spec = importlib.util.spec_from_file_location("pyenki", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    sys.modules["pyenki"] = module
+    return module
+
+
+enki = _library()
+
+
+class Robots(Simulation):
+    """Robots drive in an arena with pillars and avoid collisions.
+
+    Sensors: one for each of the robot's proximity sensors, 0 (nothing in range) to 1 (touching).
+    Actuators (2): speed of the left and of the right wheel, 1 is full speed ahead.
+    Fitness: the mean over robots and steps of V (1 - sqrt(D)) (1 - S): V is the mean speed of the wheels, D
+    how much they differ, S the reading of the sensor that reads most, each from 0 to 1. Floreano, Mondada,
+    Automatic creation of an autonomous agent: genetic evolution of a neural-network driven robot, SAB 1994.
+
+    Wheels and sensors are noisy. The seed sets all positions and the noise; but Enki steps objects
+    in the order of their addresses in memory, so that two runs may differ.
+    """
+
+    actuators = 2
+    determinism = "none"
+    step_seconds = 0.1
+    copies = False  # one source of noise for the whole process
+    metrics = {"touching": "Share of robots with something within 1 cm, mean over the episode."}  # noqa: RUF012
+    parameters = {  # noqa: RUF012 - as in the base class
+        "agents": Parameter(4, "Robots.", minimum=1, maximum=200),
+        "size": Parameter(100.0, "Side of the arena, centimetres.", minimum=30.0, maximum=10_000.0),
+        "pillars": Parameter(4, "Pillars of 5 cm radius, placed by the seed.", minimum=0, maximum=100),
+        "steps": Parameter(300, "Steps of control in an episode, 0.1 s each.", minimum=1),
+    }
+
+    reach: ClassVar[float]
+    """How far proximity sensors see, centimetres."""
+    fastest: ClassVar[float]
+    """Of a wheel, centimetres per second."""
+    half: ClassVar[float]
+    """Radius of a circle around the robot, centimetres."""
+
+    @abstractmethod
+    def robot(self) -> Any:  # noqa: ANN401 - one of Enki's
+        """Return a new robot."""
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
+        """Go to the start of an episode."""
+        random = np.random.default_rng(seed)
+        self.size, self.left = parameters["size"], parameters["steps"]
+        self.steps = self.left
+        self._sum = self._touched = 0.0
+        self.world = enki.World(self.size, self.size)
+        self.world.setRandomSeed((seed ^ seed >> 32) & 0x7FFF_FFFF)
+        taken: list[tuple[float, float, float]] = []
+        self.pillars = []
+        for _ in range(parameters["pillars"]):
+            pillar = enki.CircularObject(5, 10, -1, enki.Color(0.4, 0.4, 0.4))
+            pillar.pos = _free(random, taken, self.size, 5, "pillars")
+            self.pillars.append(pillar)
+        self.robots = []
+        for _ in range(parameters["agents"]):
+            robot = self.robot()
+            robot.pos = _free(random, taken, self.size, self.half + 1, "agents")
+            robot.angle = float(random.uniform(-np.pi, np.pi))
+            self.robots.append(robot)
+        for thing in (*self.pillars, *self.robots):
+            self.world.addObject(thing)
+        self.world.step(0.001)  # sensors read something from here on
+        return self._look()
+
+    def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Advance by one step of control."""
+        for robot, (left, right) in zip(self.robots, actions.tolist(), strict=True):
+            robot.leftSpeed, robot.rightSpeed = self.fastest * left, self.fastest * right
+        self.world.step(self.step_seconds, 3)
+        self.left -= 1
+        seen = self._look()
+        wheels = (actions.astype(float) + 1) / 2
+        fast, differ = np.abs(actions).mean(axis=1), np.abs(wheels[:, 0] - wheels[:, 1])
+        self._sum += float((fast * (1 - np.sqrt(differ)) * (1 - seen.max(axis=1))).mean())
+        self._touched += float((seen.max(axis=1) > 1 - 1 / self.reach).mean())
+        return seen
+
+    def done(self) -> bool:
+        """Return whether the time is over."""
+        return bool(self.left == 0)
+
+    def fitness(self) -> float:
+        """Return how fast, straight and far from everything robots drove."""
+        return float(self._sum / max(self.steps - self.left, 1))
+
+    def measure(self) -> dict[str, float]:
+        """Return the metrics."""
+        return {"touching": self._touched / max(self.steps - self.left, 1)}
+
+    def scene(self) -> Scene:
+        """Return what the arena looks like from above, in centimetres."""
+        bodies = [Body("obstacle", x, y, "", 5.0) for x, y in (pillar.pos for pillar in self.pillars)]
+        bodies += [Body("agent", x, y, "free", self.half) for x, y in (robot.pos for robot in self.robots)]
+        return Scene(self.size, self.size, self.steps - self.left, self.title, bodies)
+
+    def _look(self) -> NDArray[np.float64]:
+        distances = np.array([list(robot.proximitySensorDistances) for robot in self.robots])
+        return 1 - np.clip(distances / self.reach, 0, 1)
+
+
+class EPucks(Robots):
+    """E-pucks, with 8 proximity sensors around."""
+
+    title = "enki e-pucks"
+    sensors = 8
+    reach, fastest, half = 12.0, 12.8, 3.7
+
+    def robot(self) -> Any:  # noqa: ANN401 - Enki's
+        """Return an e-puck."""
+        return enki.EPuck()
+
+
+class Thymios(Robots):
+    """Thymios II, with 5 proximity sensors in front and 2 behind."""
+
+    title = "enki thymios"
+    sensors = 7
+    reach, fastest, half = 14.0, 16.6, 8.0
+
+    def robot(self) -> Any:  # noqa: ANN401 - Enki's
+        """Return a Thymio II."""
+        return enki.Thymio2()
+
+
+class Missions(Physics):
+    """The arena's missions with Enki's e-pucks: their motors, whose speed is 5 % off at random, and contacts.
+
+    Enki steps objects in the order of their addresses in memory, so that two episodes may differ.
+    """
+
+    title = "arena-enki"
+    determinism = "none"
+    copies = False  # as above
+
+    def start(
+        self,
+        world: World,
+        changed: bool,
+        robots: NDArray[np.float32],
+        objects: NDArray[np.float32],
+        seed: int,
+    ) -> None:
+        """Go to the start of an episode. InputError for robots that are no e-pucks."""
+        if changed:
+            self._check(world)
+        self._world = enki.World()
+        self._world.setRandomSeed((seed ^ seed >> 32) & 0x7FFF_FFFF)
+        for box in world.wall_boxes(_WALL):
+            sides = (100 * box.length, 100 * box.thickness, 100 * box.height)
+            self._add(enki.RectangularObject(*sides, -1, _GREY), box.x, box.y, box.angle)
+        self._objects = [
+            self._add(_pushed_object(one), *pose)
+            for one, pose in zip(world.objects, objects.tolist(), strict=True)
+        ]
+        self._robots = [self._add(enki.EPuck(), *pose) for pose in robots.tolist()]
+        self._tick, self._bases = world.tick, [model.wheel_base for model in world.models]
+        self._models = world.robots
+
+    def step(self, motions: NDArray[np.float32]) -> None:
+        """Go on by a tick."""
+        for robot, model, (ahead, _, turn) in zip(self._robots, self._models, motions.tolist(), strict=True):
+            half = turn * self._bases[model] / 2
+            robot.leftSpeed, robot.rightSpeed = 100 * (ahead - half), 100 * (ahead + half)
+        self._world.step(self._tick, _PARTS)
+
+    def poses(self) -> tuple[ArrayLike, ArrayLike]:
+        """Return where robots and objects are."""
+        return _poses(self._robots), _poses(self._objects)
+
+    def _add(self, thing: Any, x: float, y: float, angle: float) -> Any:  # noqa: ANN401 - Enki's
+        thing.pos, thing.angle = (100 * x, 100 * y), angle
+        self._world.addObject(thing)
+        return thing
+
+    @staticmethod
+    def _check(world: World) -> None:
+        for model in world.models:
+            if not model.wheel_base or abs(model.radius - _EPUCK) > 0.005:
+                raise InputError(
+                    f"robot: one with a radius of {model.radius:.3g} m"
+                    f"{'' if model.wheel_base else ' and without wheels'} found; Enki has e-pucks here: "
+                    "expected a robot with a differential drive and a radius of 0.035 m, such as e-puck-rm1.1"
+                )
+
+
+_EPUCK = 0.035
+"""Radius of an e-puck, metres."""
+_WALL = 0.05
+"""Thickness of walls, metres."""
+_PARTS = 10
+"""Steps of the physics in a tick."""
+_GREY = enki.Color(0.4, 0.4, 0.4)
+
+
+def _pushed_object(one: PushedObject) -> Any:  # noqa: ANN401 - Enki's
+    """Return an object that robots push."""
+    if one.radius:
+        made = enki.CircularObject(100 * one.radius, 100 * one.height, one.mass, _GREY)
+    else:
+        made = enki.RectangularObject(100 * one.width, 100 * one.depth, 100 * one.height, one.mass, _GREY)
+    made.dryFrictionCoefficient = one.friction
+    return made
+
+
+def _poses(things: list[Any]) -> ArrayLike:
+    return [(thing.pos[0] / 100, thing.pos[1] / 100, thing.angle) for thing in things]
+
+
+def _free(
+    random: np.random.Generator,
+    taken: list[tuple[float, float, float]],
+    size: float,
+    clearance: float,
+    name: str,
+) -> tuple[float, float]:
+    """Return a place in the arena with clearance around it, and take it. InputError where there is none."""
+
+    def draw() -> tuple[float, float]:
+        x, y = random.uniform(clearance, size - clearance, 2).tolist()
+        return x, y
+
+    def is_free(place: tuple[float, float]) -> bool:
+        x, y = place
+        return all((x - a) ** 2 + (y - b) ** 2 > (clearance + r) ** 2 for a, b, r in taken)
+
+    place = free_place(draw, is_free)
+    if place is None:
+        raise InputError(f"{name}: the arena is too small for them")
+    taken.append((*place, clearance))
+    return place

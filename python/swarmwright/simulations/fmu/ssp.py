@@ -1,0 +1,345 @@
+"""Systems of FMUs: System Structure and Parameterization (SSP) 1.0, files `.ssp`."""
+
+import math
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any, Literal
+from xml.etree import ElementTree as ET
+
+from swarmwright.common import archives
+from swarmwright.common.errors import InputError, explained
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.temporary import TemporaryFolder
+from swarmwright.common.warn_once import warn_once
+from swarmwright.simulations.fmu import description as fmus
+from swarmwright.simulations.fmu.description import Description, Variable, checked_xml, place, runs_here
+from swarmwright.simulations.fmu.layout import stop_time
+from swarmwright.simulations.fmu.ssp_parameters import SSD, Parameter, bindings, start_value
+from swarmwright.simulations.fmu.transformations import (
+    IDENTITY,
+    SSC,
+    Linear,
+    Transformation,
+    linear_of,
+    table_of,
+)
+from swarmwright.simulations.fmu.units import Unit, units_of
+
+Algorithm = Literal["jacobi", "gauss_seidel"]
+"""How the components of a system are stepped."""
+STRUCTURE = "SystemStructure.ssd"
+VERSION = "SSP 1.0"
+ENDING = ".ssp"
+_FMU_TYPES = (None, "application/x-fmu-sharedlibrary")
+_MOST_FAULTS = 300
+_SHOWN_NAMES = 10
+
+
+@dataclass(frozen=True)
+class Connection:
+    """An output of a component that is the input of another."""
+
+    start: tuple[str, str]
+    """Component and variable."""
+    end: tuple[str, str]
+    transformation: Transformation = IDENTITY
+    """What the value becomes on the way."""
+
+
+@dataclass(frozen=True)
+class System:
+    """What an SSP holds."""
+
+    name: str
+    sources: Mapping[str, str]
+    """The file of each component in the archive, in the order of the description."""
+    components: Mapping[str, Description]
+    connections: tuple[Connection, ...]
+    starts: Mapping[str, Any]
+    """Values of the parameter sets, by `component.variable`."""
+    start_time: float | None = None
+    """Of the default experiment; None where there is none."""
+    stop_time: float | None = None
+
+
+def described(file: Path, start: Mapping[str, Any] | None = None) -> Description:
+    """Return what an FMU or an SSP announces. Raises InputError where the file is neither.
+
+    Variables of an SSP are named `component.variable`; inputs that are connected are local. Arrays of an FMU
+    have the sizes that structural parameters in `start` give them.
+    """
+    return _flat(file, system_of(file)) if file.suffix == ENDING else fmus.described(file, start)
+
+
+def system_of(file: Path) -> System:
+    """Return what an SSP holds. Raises InputError."""
+    try:
+        changed = file.stat().st_mtime_ns
+    except OSError:
+        raise InputError(f"{file}: there is no such file") from None
+    return _system(file, changed)
+
+
+@lru_cache(maxsize=16)
+def _system(file: Path, _changed: int) -> System:
+    if not fmus.is_installed():
+        raise InputError(fmus.NEEDS)
+    with archives.opened(file, "an SSP") as archive:
+        root = _parsed(file, archive, STRUCTURE, "SystemStructureDescription.xsd")
+        top = root.find(f"{SSD}System")
+        assert top is not None  # the schema requires it
+        elements = list(top.iterfind(f"{SSD}Elements/*"))
+        others = [one.get("name", "") for one in elements if one.tag != f"{SSD}Component"]
+        if others:
+            raise InputError(
+                f"{file}: {STRUCTURE}: {', '.join(others)}: systems inside of systems and signal "
+                "dictionaries are not supported; export one system of components"
+            )
+        sources = {one.get("name", ""): _source(file, one) for one in elements}
+        if not sources:
+            raise InputError(f"{file}: {STRUCTURE}: the system has no components")
+        known = System(top.get("name") or file.stem, sources, _components(file, sources), (), {})
+        experiment = root.find(f"{SSD}DefaultExperiment")
+        try:
+            known = replace(known, connections=tuple(_connections(known, root)))
+            starts = _starts(file, archive, known, [*elements, top])
+            times = [_time(experiment, key) for key in ("startTime", "stopTime")]
+        except (InputError, ValueError) as error:
+            raise InputError(f"{file}: {STRUCTURE}: {error}") from None
+    return replace(known, starts=starts, start_time=times[0], stop_time=times[1])
+
+
+def _time(experiment: ET.Element | None, key: str) -> float | None:
+    """Return a time of the default experiment; None where it has none."""
+    text = None if experiment is None else experiment.get(key)
+    return None if text is None or not math.isfinite(float(text)) else float(text)
+
+
+def _components(file: Path, sources: Mapping[str, str]) -> dict[str, Description]:
+    """Return what the FMU of each component announces."""
+    found, sizes = {}, {}
+    with TemporaryFolder("ssp") as folder:
+        for source in dict.fromkeys(sources.values()):
+            fmu = extracted(file, source, folder)
+            found[source] = fmus.for_coupling(fmu)
+            with archives.opened(fmu, "an FMU") as archive:
+                sizes[source] = fmu.stat().st_size + archives.unpacked_bytes(archive)
+    # Each component is unpacked for itself.
+    archives.check_size(file, sum(sizes[one] for one in sources.values()), "its components unpack to")
+    return {name: found[source] for name, source in sources.items()}
+
+
+def _parsed(file: Path, archive: zipfile.ZipFile, name: str, schema: str) -> ET.Element:
+    """Return the root of an XML file of an SSP. Raises InputError unless it is valid by its schema."""
+    from fmpy.ssp.ssd import validate_tree  # noqa: PLC0415 - optional
+    from lxml import etree  # noqa: PLC0415 - comes with FMPy
+
+    try:
+        data = checked_xml(archive, file, name)
+        validate_tree(etree.fromstring(data), schema)
+        return ET.fromstring(data)  # noqa: S314 - it has been checked
+    except Exception as error:  # noqa: BLE001 - whatever a broken file leads to
+        words = str(error) if isinstance(error, InputError) else f"{file}: {name}: {explained(error)}"
+        raise InputError(f"{file}: is not an SSP: {words.removeprefix(f'{file}: ')[:_MOST_FAULTS]}") from None
+
+
+def extracted(file: Path, source: str, folder: Path) -> Path:
+    """Take the FMU of a component out of an SSP. Raises InputError where it is not there."""
+    with archives.opened(file, "an SSP") as archive:
+        try:
+            return Path(archive.extract(source, folder))
+        except (KeyError, OSError, *archives.DAMAGED) as error:
+            raise InputError(f"{file}: {source}: cannot be taken out: {explained(error)}") from None
+
+
+def _source(file: Path, component: ET.Element) -> str:
+    source = component.get("source", "")
+    if component.get("type") not in _FMU_TYPES or not source.endswith(".fmu"):
+        raise InputError(
+            f"{file}: {STRUCTURE}: {component.get('name')}: its source is {source or 'missing'}, expected an "
+            "FMU in the archive, resources/NAME.fmu"
+        )
+    return source
+
+
+def variable_of(system: System, name: str) -> Variable:
+    """Return the variable `component.variable`. Raises InputError, which names what there is."""
+    component, _, variable = name.partition(".")
+    if component not in system.components:
+        known = list(system.components)
+        hint = did_you_mean(component, known) or f"; available: {', '.join(known)}"
+        raise InputError(f"{name}: there is no component {component!r}{hint}")
+    found = system.components[component].variables.get(variable)
+    if found is None:
+        known = list(system.components[component].variables)
+        few = ", ".join(known[:20]) + (", .." if len(known) > 20 else "")
+        hint = did_you_mean(variable, known) or f"; available: {few}"
+        raise InputError(f"{name}: the FMU of {component} has no variable {variable!r}{hint}")
+    return found
+
+
+def checked(system: System, start: str, end: str) -> tuple[Variable, Variable]:
+    """Return the variables of a connection.
+
+    Raises InputError for an unknown name, for a start that is no output, an end that is no input, and where
+    one is text or an array.
+    """
+    found = variable_of(system, start), variable_of(system, end)
+    for one, name, causality in zip(found, (start, end), ("output", "input"), strict=True):
+        if one.causality != causality:
+            raise InputError(
+                f"{name} has the causality {one.causality}, expected {causality}; write {causality}s as "
+                f"{'the start' if causality == 'output' else 'the end'} of a connection"
+            )
+        if not one.is_number:
+            kind = "an array" if one.is_array else f"of the type {one.type}"
+            raise InputError(f"{name} is {kind}; only numbers and booleans can be connected")
+    return found
+
+
+def _connections(system: System, root: ET.Element) -> Iterator[Connection]:
+    units = {
+        one.get("name", ""): Unit.of(one.find(f"{SSC}BaseUnit"))
+        for one in root.iterfind(f"{SSD}Units/{SSC}Unit")
+    }
+    taken: dict[str, str] = {}
+    for one in root.iterfind(f"{SSD}System/{SSD}Connections/{SSD}Connection"):
+        names = [one.get(f"{side}Element") for side in ("start", "end")]
+        if None in names:
+            continue  # from or to the outside, where nothing is connected
+        start, end = (
+            f"{one.get(f'{side}Element')}.{one.get(f'{side}Connector')}" for side in ("start", "end")
+        )
+        if [variable_of(system, name).causality for name in (start, end)] == ["input", "output"]:
+            start, end = end, start  # start and end do not say where data flows, the variables do
+        checked(system, start, end)
+        if end in taken:
+            raise InputError(f"{end} is connected twice, to {taken[end]} and to {start}")
+        taken[end] = start
+        ends = _parts(start), _parts(end)
+        yield Connection(*ends, _transformation(system, one, ends, units))
+
+
+def _transformation(
+    system: System,
+    connection: ET.Element,
+    ends: tuple[tuple[str, str], tuple[str, str]],
+    units: Mapping[str, Unit | None],
+) -> Transformation:
+    """Return what values become in a connection: by units first, and then by its transformation."""
+    first, last = (system.components[name].variables[variable] for name, variable in ends)
+    table = table_of(connection, first, last, f"the connection from {'.'.join(ends[0])}")
+    if table is not None:
+        return table
+    linear = linear_of(connection)
+    if connection.get("suppressUnitConversion") in ("true", "1"):
+        return linear or IDENTITY
+    try:
+        start, end = (".".join(names) for names in ends)
+        by = conversion(system, start, end, first.unit, last.unit, units)
+    except InputError:
+        if linear is None:
+            raise
+        return linear  # of quantities that only it relates to one another, such as a current and a force
+    return by if linear is None else linear.after(by)
+
+
+def _parts(name: str) -> tuple[str, str]:
+    component, _, variable = name.partition(".")
+    return component, variable
+
+
+def conversion(
+    system: System, start: str, end: str, first: str, last: str, units: Mapping[str, Unit | None]
+) -> Linear:
+    """Return the conversion from one unit to another; by those of the FMUs, else those of the system.
+
+    Raises InputError for units of different quantities.
+    """
+    one, other = (
+        units_of(system.components[_parts(name)[0]].units).get(unit) or units.get(unit)
+        for name, unit in ((start, first), (end, last))
+    )
+    about = f"{start} [{first}] and {end} [{last}]"
+    return _conversion(one, other, (first, last), about, "the connection a linear transformation or")
+
+
+def _conversion(
+    one: Unit | None, other: Unit | None, names: tuple[str, str], about: str, remedy: str
+) -> Linear:
+    if names[0] == names[1] or not all(names):
+        return IDENTITY
+    if one is None or other is None:
+        raise InputError(
+            f"{about}: the unit {names[0] if one is None else names[1]} is not defined, so that it cannot be "
+            f"converted; give {remedy} suppressUnitConversion"
+        )
+    if one.exponents != other.exponents:
+        raise InputError(f"{about}: these units are of different quantities")
+    return Linear(one.factor / other.factor, (one.offset - other.offset) / other.factor)
+
+
+def _from_set(name: str, one: Parameter, unit: str, units: Mapping[str, Unit | None]) -> Linear:
+    """Return the conversion of a value of a parameter set to the unit of its variable."""
+    about = f"{name} [{unit}]: a value in {one.unit}"
+    base = one.base or units.get(one.unit)
+    return _conversion(base, units.get(unit), (one.unit, unit), about, "an entry of a parameter mapping")
+
+
+def _starts(
+    file: Path, archive: zipfile.ZipFile, system: System, elements: list[ET.Element]
+) -> dict[str, Any]:
+    """Return the values of all parameter sets, those of the system after those of its components.
+
+    As SSP has it: the later one of two values counts, and names without a variable are ignored.
+    """
+    found: dict[str, Any] = {}
+    unknown: dict[str, None] = {}
+    for element in elements:
+        prefix = "" if element.tag == f"{SSD}System" else f"{element.get('name')}."
+        for name, one, entry in bindings(element, partial(_parsed, file, archive)):
+            full = f"{prefix}{name}"
+            component, variable = _parts(full)
+            known = system.components.get(component)
+            if known is None or variable not in known.variables:
+                unknown[full] = None
+                continue
+            convert = partial(_from_set, full, one, known.variables[variable].unit, known.units)
+            found[full] = start_value(full, known.variables[variable], one, entry, convert)
+    if unknown:
+        names = ", ".join(list(unknown)[:_SHOWN_NAMES]) + (", .." if len(unknown) > _SHOWN_NAMES else "")
+        warn_once(f"{file}: parameter sets have values for {names}, which are no variables: ignored")
+    return found
+
+
+def _flat(file: Path, system: System) -> Description:
+    """Return a system as if it was one FMU."""
+    ends = {one.end for one in system.connections}
+    variables = {}
+    for component, known in system.components.items():
+        for name, one in known.variables.items():
+            full = f"{component}.{name}"
+            causality = "local" if (component, name) in ends else one.causality
+            start = system.starts.get(full, one.start)
+            elements = tuple(f"{component}.{element}" for element in one.elements)
+            variables[full] = replace(one, name=full, causality=causality, start=start, elements=elements)
+    every = list(system.components.values())
+    missing = [one for one in every if not runs_here(one)]
+    sizes = {one.step_size for one in every if one.step_size is not None}
+    stops = [time for time in map(stop_time, every) if time is not None]
+    return Description(
+        version=VERSION,
+        identifier=system.name,
+        token=str(file),
+        variables=variables,
+        start_time=every[0].start_time if system.start_time is None else system.start_time,
+        stop_time=min(stops, default=None) if system.stop_time is None else system.stop_time,
+        step_size=max(sizes, default=None),
+        tolerance=None,
+        only_once=any(one.only_once for one in every),
+        platforms=missing[0].platforms if missing else place(),
+        units={},
+    )

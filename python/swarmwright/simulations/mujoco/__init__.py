@@ -1,0 +1,19 @@
+"""Robots in MuJoCo, three-dimensional physics with contacts: rovers, quadrotors, and the arena's missions.
+
+`swarmwright serve swarmwright.simulations.mujoco:Rovers`, or in an experiment
+`simulation: swarmwright.simulations.mujoco:Quadrotors`.
+
+Source: Todorov, Erez, Tassa, MuJoCo: A physics engine for model-based control, IROS 2012.
+"""
+
+from swarmwright.simulations.mujoco._library import load as _load
+
+undrawable = _load()
+"""Why MuJoCo cannot draw here, known from importing it; None where it can."""
+
+from swarmwright.simulations.mujoco._missions import Missions  # noqa: E402
+from swarmwright.simulations.mujoco._quadrotors import Quadrotors  # noqa: E402
+from swarmwright.simulations.mujoco._robots import Robots  # noqa: E402
+from swarmwright.simulations.mujoco._rovers import Rovers  # noqa: E402
+
+__all__ = ["Missions", "Quadrotors", "Robots", "Rovers"]

@@ -1,0 +1,181 @@
+"""The program that drives robots, over standard input and output: see `simulations.command.stepwise`."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import sys
+import time
+import traceback
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Mapping
+
+from .control import ending
+from .episodes import Failure, Robots
+from .mapping import MappingError
+from .middleware import Middleware, MiddlewareError
+from .processes import ProcessError, Simulator
+from .simulation_interfaces import MESSAGES, SERVICES, SimulationError
+
+_IDLE_S = 1.0
+"""Seconds beyond a step's duration without a message until robots that move by themselves are stopped."""
+_CHUNK_BYTES = 1 << 16
+"""Read at a time."""
+_FAILURES = (Failure, MappingError, MiddlewareError, ProcessError, SimulationError, TimeoutError)
+
+
+def main(arguments: list[str]) -> int:
+    """Run episodes until the standard input ends; return the exit status."""
+    definition = json.loads(Path(arguments[0]).read_text("utf-8"))
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what others print does not get among answers
+    numbers = ending()
+    for number in numbers:
+        signal.signal(number, _end)
+    program = _Program(definition)
+    try:
+        for message in program.messages():
+            repeated = {"id": message["id"]} if "id" in message else {}
+            answer = {**program.answer(message), **repeated}
+            answers.write(f"{json.dumps(answer)}\n")
+            answers.flush()
+    except BrokenPipeError:
+        pass
+    finally:
+        try:
+            for number in numbers:
+                signal.signal(number, signal.SIG_IGN)
+        finally:  # a signal may come before it is ignored
+            program.end()
+    return 0
+
+
+def _end(number: int, _: object) -> None:
+    raise SystemExit(128 + number)
+
+
+class _Program:
+    def __init__(self, definition: Mapping[str, Any]) -> None:
+        self._definition = definition
+        self._simulator: Simulator | None = None
+        self._node: Middleware | None = None
+        self._robots: Robots | None = None
+        self._under_way = False
+
+    def messages(self) -> Any:
+        """Yield messages of the standard input until it ends."""
+        rest = b""
+        while True:
+            line, found, rest = rest.partition(b"\n")
+            if found:
+                yield json.loads(line)
+                continue
+            rest = line
+            self._await_input()
+            piece = os.read(0, _CHUNK_BYTES)
+            if not piece:
+                return
+            rest += piece
+
+    def _await_input(self) -> None:
+        """Wait for input; meanwhile robots that move by themselves do not do so for long."""
+        if self._robots is None or not (self._under_way and self._robots.moves_alone):
+            return
+        wait = _IDLE_S + float(self._definition["step"]["duration"])
+        if not select.select([0], [], [], wait)[0]:
+            self._robots.stop()
+            select.select([0], [], [])
+            self._robots.rest()
+
+    def answer(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return what is answered to a message."""
+        try:
+            if "reset" in message:
+                reset = message["reset"]
+                answer = self._connected().reset(reset["parameters"], int(reset["seed"]))
+            else:
+                answer = self._connected().step(message["actuators"])
+        except _FAILURES as error:
+            return self._failed(str(error))
+        except Exception as error:  # noqa: BLE001 - of ROS, or of the simulator's definitions; told to who asked
+            traceback.print_exc()
+            return self._failed(f"{type(error).__name__}: {error}")
+        self._under_way = "sensors" in answer
+        return answer
+
+    def _failed(self, reason: str) -> Mapping[str, Any]:
+        self._under_way = False
+        with suppress(Exception):
+            if self._robots is not None:
+                self._robots.stop()
+        if self._simulator is not None:
+            time.sleep(0.05)  # its end may be noticed before it has ended
+            try:
+                self._simulator.check()
+            except ProcessError as error:
+                reason = str(error)
+        return {"error": reason}
+
+    def _connected(self) -> Robots:
+        """Return the robots, connected when they are asked for first."""
+        if self._robots is None:
+            definition = self._definition
+            if definition["start"] is not None:
+                self._simulator = Simulator(definition["start"], master=definition["ros"] == 1)
+            self._node = _node(definition)
+            self._robots = Robots(definition, self._node, self._check)
+            self._node.before_end(self._robots.stop)
+        return self._robots
+
+    def _check(self) -> None:
+        if self._simulator is not None:
+            self._simulator.check()
+        if self._node is not None and self._node.ended():
+            raise MiddlewareError("the node was told to end")
+
+    def end(self) -> None:
+        """Stop the robots and leave."""
+        with suppress(Exception):
+            if self._robots is not None:
+                self._robots.stop()
+        with suppress(Exception):
+            if self._node is not None:
+                self._node.close()
+        if self._simulator is not None:
+            self._simulator.end()
+
+
+def _node(definition: Mapping[str, Any]) -> Middleware:
+    """Return a node. Raises MiddlewareError."""
+    kind, simulated = definition["middleware"], definition["step"]["clock"] == "ros"
+    name = f"swarmwright_{os.getpid()}"
+    try:
+        if kind == "rospy":
+            from .rospy_middleware import Rospy
+
+            return Rospy(name, use_sim_time=simulated, patience=float(definition["startup"]))
+        if kind == "rclpy":
+            import rclpy
+            from rclpy.node import Node
+            from rclpy.parameter import Parameter
+            from rclpy.signals import SignalHandlerOptions
+
+            from .rclpy_middleware import Rclpy
+
+            # Its own handlers would leave ROS before the robots are stopped.
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            time_of = Parameter("use_sim_time", value=simulated)
+            return Rclpy(Node(name, parameter_overrides=[time_of]))
+        from .dds import Dds
+        from .dds_messages import define
+
+        define(MESSAGES, SERVICES)
+        return Dds(name, use_sim_time=simulated)
+    except ImportError as error:
+        raise MiddlewareError(
+            f"{sys.executable} cannot import {error.name or kind} ({error}); source the setup.bash of ROS, "
+            "or name the Python that ROS is installed for as simulation.python"
+        ) from error

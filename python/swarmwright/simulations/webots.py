@@ -1,0 +1,220 @@
+"""Robots in Webots, each with an extern controller, in lock-step: `python -m swarmwright.simulations.webots`.
+
+The program is a command that an experiment attaches, see docs/how-to/attach-webots.md. Each robot has a
+process with Webots' own module `controller`, since a process can drive one robot; a supervisor resets.
+
+Source: https://cyberbotics.com/doc/guide/running-extern-robot-controllers.
+"""
+
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from swarmwright.simulations._webots_robot import ACTUATORS, SENSORS
+from swarmwright.simulations.attachment import episodes as _attached
+from swarmwright.simulations.attachment.definition import Attachment
+from swarmwright.simulations.attachment.episodes import AttachmentError, Simulator, Started, kind_of
+from swarmwright.simulations.command.ros_sections import Pose
+
+PORT = 1234
+"""Of a Webots that was started without an option for it."""
+SUPERVISOR = "supervisor"
+"""The robot that resets, in worlds whose robots have no supervisor's rights."""
+_ROBOT = Path(__file__).with_name("_webots_robot.py")
+_CHUNK_BYTES = 1 << 16
+"""Read at a time."""
+_END_S = 2.0
+_CHECK_S = 0.5
+_LATE_S = 0.1
+"""Seconds until the end of a process is noticed, after that of its connections."""
+
+
+class _Robot:
+    """The process of a robot's controller."""
+
+    def __init__(self, name: str, url: str, role: str) -> None:
+        self.name = name
+        environment = {**os.environ, "WEBOTS_CONTROLLER_URL": f"{url}/{quote(name)}"}
+        home = os.environ.get("WEBOTS_HOME")
+        if home:
+            paths = [str(Path(home) / "lib" / "controller" / "python"), os.environ.get("PYTHONPATH", "")]
+            environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
+        self._process = subprocess.Popen(
+            [sys.executable, str(_ROBOT), role],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=environment,
+        )
+        self._rest = b""
+
+    def ask(self, request: Mapping[str, Any]) -> None:
+        """Send a request; `answer` reads what comes."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(f"{json.dumps(request)}\n".encode())
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            raise AttachmentError(f"{self.name}: its controller has ended") from None
+
+    @property
+    def output(self) -> int:
+        """Where answers come from."""
+        assert self._process.stdout is not None
+        return self._process.stdout.fileno()
+
+    def answer(self) -> dict[str, Any] | None:
+        """Take what has come; return the answer when it is whole. Raises AttachmentError for an error."""
+        piece = os.read(self.output, _CHUNK_BYTES)
+        if not piece:
+            raise AttachmentError(f"{self.name}: its controller has ended")
+        self._rest += piece
+        if b"\n" not in self._rest:
+            return None
+        line, _, self._rest = self._rest.partition(b"\n")
+        found: dict[str, Any] = json.loads(line)
+        if "error" in found:
+            raise AttachmentError(f"{self.name}: {found['error']}")
+        return found
+
+    def leave(self) -> None:
+        """Tell it to end."""
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.close()
+
+    def end(self, seconds: float) -> None:
+        """Wait until it has ended; kill it after so many seconds."""
+        assert self._process.stdout is not None
+        try:
+            self._process.wait(max(seconds, 0))
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._process.stdout.close()
+
+
+class Webots(Simulator):
+    """Webots, with a controller for each robot and one for the supervisor.
+
+    Raises InputError for kinds of devices that it does not have, AttachmentError when it does not answer, or
+    a robot or a device is not in the world.
+    """
+
+    def __init__(self, attachment: Attachment) -> None:
+        attachment.check_kinds(SENSORS, ACTUATORS)
+        self._given, self._seconds = attachment, attachment.startup
+        self._robots: list[_Robot] = []
+        port = PORT if attachment.start is None else _attached.free_port()
+        self._started = (
+            None if attachment.start is None else Started(attachment.start, port, attachment.folder)
+        )
+        remote = self._started is None and attachment.host not in ("localhost", "127.0.0.1")
+        url = f"tcp://{attachment.host}:{port}" if remote else f"ipc://{port}"
+        try:
+            self._robots = [_Robot(name, url, "robot") for name in attachment.robots]
+            self._robots.append(_Robot(SUPERVISOR, url, "supervisor"))
+            self._connect()
+        except BaseException:
+            self.close()
+            raise
+        self._seconds = attachment.patience
+
+    def reset(self, poses: Sequence[Pose]) -> None:
+        """Reset the simulation and put robots where they start."""
+        *robots, supervisor = self._robots
+        self._each([{"reset": "devices"}] * len(robots) + [{"reset": "simulation"}])
+        self._step([[]] * len(robots))  # the reset takes place in a step
+        if poses:
+            places = [[one.x, one.y, one.z or None, one.yaw] for one in poses]
+            self._each([{"poses": places}], [supervisor])
+        self._each([{"reset": "devices"}] * len(robots), robots)
+        self._step([[]] * len(robots))
+
+    def step(self, commands: Sequence[Sequence[float]]) -> None:
+        """Set actuators and go on."""
+        self._step(commands)
+
+    def sensed(self) -> list[list[float | None]]:
+        """Return what devices read in the last step."""
+        return self._read
+
+    def poses(self) -> list[Pose]:
+        """Ask the supervisor."""
+        (found,) = self._each([{"where": True}], [self._robots[-1]])
+        return [Pose(x=x, y=y, z=z, yaw=yaw) for x, y, z, yaw in found["poses"]]
+
+    def close(self) -> None:
+        """End the controllers, and Webots where it was started for this."""
+        deadline = time.monotonic() + _END_S
+        for robot in self._robots:
+            robot.leave()
+        for robot in self._robots:
+            robot.end(deadline - time.monotonic())
+        if self._started is not None:
+            self._started.end()
+
+    def _connect(self) -> None:
+        given = self._given
+        sensors = [(one.device, kind_of(one, SENSORS), one.index) for one in given.sensors]
+        actuators = [(one.device, kind_of(one, ACTUATORS)) for one in given.actuators]
+        devices = {"devices": {"sensors": sensors, "actuators": actuators}, "ticks": given.ticks}
+        none = {"devices": {"sensors": [], "actuators": []}, "ticks": given.ticks}
+        self._each([devices] * len(given.robots) + [none])
+        self._each([{"find": given.robots}], [self._robots[-1]])
+
+    def _step(self, commands: Sequence[Sequence[float]]) -> None:
+        answers = self._each([{"step": row} for row in commands] + [{"step": []}])
+        self._read: list[list[float | None]] = [answer["read"] for answer in answers[:-1]]
+
+    def _each(
+        self, requests: Sequence[Mapping[str, Any]], robots: Sequence[_Robot] | None = None
+    ) -> list[dict[str, Any]]:
+        """Send each robot a request, then read all answers: Webots goes on when all have stepped."""
+        asked = self._robots if robots is None else robots
+        for robot, request in zip(asked, requests, strict=True):
+            robot.ask(request)
+        waiting = {robot.output: robot for robot in asked}
+        answers: dict[str, dict[str, Any]] = {}
+        deadline = time.monotonic() + self._seconds
+        while waiting:
+            left = deadline - time.monotonic()
+            ready = select.select(list(waiting), [], [], max(min(left, _CHECK_S), 0))[0]
+            if not ready:
+                self._check(left, [robot.name for robot in waiting.values()])
+            for output in ready:
+                try:
+                    answer = waiting[output].answer()
+                except AttachmentError:
+                    time.sleep(_LATE_S)
+                    self._check(1, [])  # the end of Webots is the reason, where it has ended
+                    raise
+                if answer is not None:
+                    answers[waiting.pop(output).name] = answer
+        return [answers[robot.name] for robot in asked]
+
+    def _check(self, left: float, silent: Sequence[str]) -> None:
+        """Raise AttachmentError when Webots has ended, or no time is left."""
+        if self._started is not None:
+            self._started.check()
+        if left <= 0:
+            raise AttachmentError(
+                f"{', '.join(silent)}: Webots does not answer for {self._seconds:g} s; is there a robot of "
+                'each of these names whose controller is "<extern>", and no other such robot?'
+            )
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run episodes until the standard input ends; return the exit status."""
+    return _attached.serve(arguments, "swarmwright.simulations.webots", Webots)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
