@@ -12,8 +12,8 @@ import numpy as np
 
 from benchmarks.measurement import Samples
 from swarmwright import Experiment
-from swarmwright.evaluation.base import Controllers
-from swarmwright.evaluation.opening import open_backend
+from swarmwright.servers.evaluation.base import Controllers
+from swarmwright.servers.evaluation.opening import open_backend
 
 PROGRAM = """
 import json, sys, time

@@ -16,9 +16,9 @@ import numpy as np
 
 from swarmwright import Experiment, templates
 from swarmwright.common.yaml import parse
-from swarmwright.evaluation.base import Controllers
-from swarmwright.evaluation.opening import open_backend
 from swarmwright.methods import METHODS
+from swarmwright.servers.evaluation.base import Controllers
+from swarmwright.servers.evaluation.opening import open_backend
 
 SEEDS = range(1, 41)
 

@@ -11,8 +11,8 @@ import numpy as np
 from benchmarks.measurement import Samples
 from benchmarks.processes import ROOT, embedded
 from swarmwright import _engine
-from swarmwright.launchers import LAUNCHERS, Code, Specification
-from swarmwright.store import Journal
+from swarmwright.servers.launchers import LAUNCHERS, Code, Specification
+from swarmwright.servers.rows import Journal
 
 SERVERS = 2
 SPINS = 1.0

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from benchmarks.measurement import Samples
 from swarmwright import Experiment, optimize
-from swarmwright.evaluation.base import Servers
 from swarmwright.runs import picture
+from swarmwright.servers.evaluation.base import Servers
 
 SERVERS = 2
 POPULATIONS = (4096, 16_384)

@@ -12,7 +12,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from benchmarks.processes import PATIENCE, Broker
 from swarmwright import _engine
-from swarmwright.store import Journal
+from swarmwright.servers.rows import Journal
 
 ARCHITECTURE: dict[str, Any] = {
     "version": 1,

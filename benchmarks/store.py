@@ -13,9 +13,9 @@ from unittest.mock import patch
 from benchmarks.measurement import Samples
 from benchmarks.processes import ROOT
 from swarmwright import Experiment, optimize
-from swarmwright.evaluation.base import Controllers
-from swarmwright.evaluation.opening import open_backend
 from swarmwright.runs import picture
+from swarmwright.servers.evaluation.base import Controllers
+from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.store import StoreWriter
 
 CANDIDATES = 1000

@@ -14,7 +14,7 @@ from benchmarks.measurement import Samples
 from benchmarks.processes import ROOT, embedded, servers
 from benchmarks.rollout import Block, minisim, stadium
 from swarmwright import _engine
-from swarmwright.store import Journal
+from swarmwright.servers.rows import Journal
 
 SERVERS = 2
 PREFIX = "bench/tasks"

@@ -24,7 +24,7 @@ from benchmarks.measurement import Samples
 from benchmarks.processes import PATIENCE, PROGRAM, ROOT, Broker, embedded, peak_memory
 from benchmarks.rollout import LAYERED, Block
 from swarmwright import _engine
-from swarmwright.store import Journal
+from swarmwright.servers.rows import Journal
 
 JAR = ROOT / "wrappers" / "java" / "target" / "minisim.jar"
 CPP = ROOT / "wrappers" / "cpp" / "build" / "minisim"

@@ -78,8 +78,6 @@ if TYPE_CHECKING:
     from swarmwright.analysis.transfer.transfer import transfer
     from swarmwright.controllers import modules
     from swarmwright.controllers.controller import Controller
-    from swarmwright.evaluation.episodes import Episodes
-    from swarmwright.evaluation.evaluate import EvaluatedEpisodes, evaluate, evaluate_episodes, simulate
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.export.bundle import Bundle, export_bundle
     from swarmwright.export.bundle_report import BundleVerification
@@ -92,6 +90,13 @@ if TYPE_CHECKING:
     from swarmwright.runs.repeat import Repeated, repeat
     from swarmwright.runs.run import Run
     from swarmwright.runs.validation import Validation
+    from swarmwright.servers.evaluation.episodes import Episodes
+    from swarmwright.servers.evaluation.evaluate import (
+        EvaluatedEpisodes,
+        evaluate,
+        evaluate_episodes,
+        simulate,
+    )
     from swarmwright.simulations.base import Simulation
     from swarmwright.simulations.batches import BatchSimulation
     from swarmwright.simulations.command.simulation import CommandSimulation
@@ -168,8 +173,8 @@ _LAZY = {
     "Comparison": "analysis.comparison",
     "Controller": "controllers.controller",
     "ControllerComparison": "analysis.paired",
-    "Episodes": "evaluation.episodes",
-    "EvaluatedEpisodes": "evaluation.evaluate",
+    "Episodes": "servers.evaluation.episodes",
+    "EvaluatedEpisodes": "servers.evaluation.evaluate",
     "Experiment": "experiment.experiment",
     "Exported": "export.exporting",
     "Generation": "optimization.optimize",
@@ -187,8 +192,8 @@ _LAZY = {
     "Validation": "runs.validation",
     "compare": "analysis.comparison",
     "compare_controllers": "analysis.paired",
-    "evaluate": "evaluation.evaluate",
-    "evaluate_episodes": "evaluation.evaluate",
+    "evaluate": "servers.evaluation.evaluate",
+    "evaluate_episodes": "servers.evaluation.evaluate",
     "export_bundle": "export.bundle",
     "export_controller": "export.exporting",
     "learning_curve": "runs.learning_curve",
@@ -196,7 +201,7 @@ _LAZY = {
     "post_evaluate": "runs.post_evaluation",
     "repeat": "runs.repeat",
     "resume": "optimization.optimize",
-    "simulate": "evaluation.evaluate",
+    "simulate": "servers.evaluation.evaluate",
     "sweep": "analysis.sweep.result",
     "transfer": "analysis.transfer.transfer",
     "verify_bundle": "export.bundle_verification",

@@ -22,7 +22,7 @@ from swarmwright.common.engine_types import (
     ServerEvent,
     Timeouts,
 )
-from swarmwright.evaluation.served_modules import ServedModules
+from swarmwright.servers.evaluation.served_modules import ServedModules
 from swarmwright.simulations.hosts import AnyHost
 
 __all__ = [

@@ -21,7 +21,6 @@ from swarmwright.analysis.transfer.result import GroupLoss, GroupPair, GroupTask
 from swarmwright.common.correlation import Correlation
 from swarmwright.common.ranges import Range
 from swarmwright.common.statistics import Estimate, Summary
-from swarmwright.evaluation.episodes import Observation
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
 from swarmwright.export.verification import Verification
@@ -31,8 +30,9 @@ from swarmwright.runs.learning_curve import CurvePoint
 from swarmwright.runs.page import ReplayPage
 from swarmwright.runs.run import Best
 from swarmwright.runs.transfer.transferred import Candidate, Transferred
+from swarmwright.servers.evaluation.episodes import Observation
+from swarmwright.servers.rows import Attempt, Event, Session
 from swarmwright.store import Evaluation
-from swarmwright.store.rows import Attempt, Event, Session
 from swarmwright.store.table import RecordTable
 
 __all__ = [

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, RunError, optimize
-from swarmwright.launchers import LAUNCHERS, Specification
+from swarmwright.servers.launchers import LAUNCHERS, Specification
 from swarmwright.testing import check_launcher
 from tests.conftest import ROOT, Run, Start
 from tests.paced_simulation import written
@@ -60,7 +60,7 @@ class Cluster:
                 variables = (entry / "environ").read_bytes()
             except OSError:
                 continue
-            found += b"swarmwright.launchers._tied" in program and self.mark.encode() in variables
+            found += b"swarmwright.servers.launchers._tied" in program and self.mark.encode() in variables
         return found
 
     def close(self) -> None:
@@ -111,7 +111,7 @@ def test_the_conformance_check(cluster: Cluster) -> None:
 
 
 def test_a_killed_node_changes_nothing(cluster: Cluster, tmp_path: Path) -> None:
-    from swarmwright.evaluation.launched.access import own_address
+    from swarmwright.servers.evaluation.launched.access import own_address
 
     # As on other machines: the code travels, the broker has TLS and accounts.
     made = experiment(cluster, written(tmp_path / "simulation"), broker_host=own_address())
@@ -158,7 +158,7 @@ def test_servers_finish_on_sigterm(cluster: Cluster) -> None:
             int(entry.name)
             for entry in Path("/proc").iterdir()
             if entry.name.isdecimal() and cluster.mark.encode() in _read(entry / "environ")
-            if b"swarmwright.launchers._tied" in _read(entry / "cmdline")
+            if b"swarmwright.servers.launchers._tied" in _read(entry / "cmdline")
         )
         os.kill(own, signal.SIGTERM)
         until(lambda: launcher.health()[21].state == "ended")

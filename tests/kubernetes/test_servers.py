@@ -53,7 +53,7 @@ def test_the_conformance_check(cluster: Cluster, namespace: Namespace) -> None:
 def test_a_deleted_pod_a_drained_node_and_a_lost_api_change_nothing(
     cluster: Cluster, namespace: Namespace, tmp_path: Path
 ) -> None:
-    from swarmwright.evaluation.launched.access import own_address
+    from swarmwright.servers.evaluation.launched.access import own_address
 
     control, name = cluster.control, namespace("lab", "pod-security.kubernetes.io/enforce=restricted")
     made = experiment(cluster, name, written(tmp_path / "simulation"), broker_host=own_address())
@@ -209,7 +209,7 @@ def test_a_cluster_that_is_gone_in_mid_run(
     cluster: Cluster, namespace: Namespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its API does not answer, and no server is left: the results are kept, and `resume` goes on."""
-    monkeypatch.setattr("swarmwright.evaluation.launched.servers.LAUNCHER_TIMEOUT_S", 2.0)
+    monkeypatch.setattr("swarmwright.servers.evaluation.launched.servers.LAUNCHER_TIMEOUT_S", 2.0)
     control, name = cluster.control, namespace("gone")
     made = experiment(cluster, name, written(tmp_path / "simulation"))
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)

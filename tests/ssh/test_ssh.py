@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, RunError, optimize
-from swarmwright.launchers import Code
+from swarmwright.servers.launchers import Code
 from swarmwright.testing import check_launcher
 from tests.conftest import PROGRAM, environment
 from tests.paced_simulation import written
@@ -114,7 +114,7 @@ def test_values_of_the_environment_are_in_no_arguments(machine: Machine, tmp_pat
 
 @pytest.mark.timeout(120)
 def test_tls_with_an_account_and_a_connection_that_breaks(machine: Machine, tmp_path: Path) -> None:
-    from swarmwright.evaluation.launched.access import own_address
+    from swarmwright.servers.evaluation.launched.access import own_address
 
     broken: list[int] = []
 

@@ -12,8 +12,8 @@ from PIL import Image
 
 from swarmwright import InputError, Run, RunError, _engine
 from swarmwright.display import Recording
-from swarmwright.evaluation import remote
 from swarmwright.runs.replay import Replay
+from swarmwright.servers.evaluation import remote
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch
 from tests.system.plain_server import Json, PlainServer

@@ -1,5 +1,5 @@
 //! Machines with behaviours and conditions in Python on a simulation server: what
-//! `swarmwright.evaluation.served_modules.ServedModules` computes.
+//! `swarmwright.servers.evaluation.served_modules.ServedModules` computes.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

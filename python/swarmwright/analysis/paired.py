@@ -28,13 +28,13 @@ from swarmwright.common.problems import shown
 from swarmwright.common.statistics import Estimate, estimate
 from swarmwright.common.untrusted import one_line
 from swarmwright.controllers.controller import Controller
-from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.runs.choice import choose
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import EPISODES, ControllerEvaluation, Where, of_controllers
 from swarmwright.runs.run import Run
 from swarmwright.runs.validation import gain_of
+from swarmwright.servers.evaluation.base import Progress, Servers
 from swarmwright.store.database import FILE
 
 if TYPE_CHECKING:

@@ -15,9 +15,9 @@ from swarmwright.common.errors import InputError
 
 if TYPE_CHECKING:
     from swarmwright import _engine
-    from swarmwright.broker.private import Account
+    from swarmwright.servers.broker.private import Account
 
-_LOGGER = logging.getLogger("swarmwright.broker")
+_LOGGER = logging.getLogger("swarmwright.servers.broker")
 _HEAD = "# Account of `swarmwright broker`, valid while that runs.\n"
 """First line of a file of --account."""
 
@@ -42,7 +42,7 @@ def account_for(others: Mapping[str, object], file: Path | None, *, has_port: bo
         raise click.UsageError("--account is for a port, add --port PORT; clients of a socket need none.")
     if given or not has_port:
         return None
-    from swarmwright.broker.private import new_account
+    from swarmwright.servers.broker.private import new_account
 
     return UserAccount(new_account(), file)
 

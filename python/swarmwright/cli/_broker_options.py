@@ -5,13 +5,13 @@ import os
 
 import click
 
-from swarmwright.broker.address import PREFIX_VARIABLE, environment_prefix
 from swarmwright.cli._options import Decorator
 from swarmwright.cli._parameter_types import (
     BrokerUrl,
     Prefix,
     RealNumber,
 )
+from swarmwright.experiment.broker_address import PREFIX_VARIABLE, environment_prefix
 
 DEFAULT_BROKER = "mqtt://localhost:1883"
 BROKER_VARIABLE = "SWARMWRIGHT_BROKER"

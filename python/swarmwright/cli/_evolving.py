@@ -29,8 +29,8 @@ from swarmwright.common.formatting import duration, rate
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
     from swarmwright.callbacks import Callback
-    from swarmwright.evaluation.base import Progress as OnProgress
     from swarmwright.optimization.generation import OnGeneration
+    from swarmwright.servers.evaluation.base import Progress as OnProgress
 
 FILES = {
     "best.json": "the best controller",

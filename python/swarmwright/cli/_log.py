@@ -14,11 +14,11 @@ import click
 
 from swarmwright.cli._output import finite
 from swarmwright.cli._parameter_types import WholeNumber
-from swarmwright.common.attempts import is_overtaken
 from swarmwright.common.errors import InputError
+from swarmwright.servers.attempts import is_overtaken
 
 if TYPE_CHECKING:
-    from swarmwright.evaluation.reports import Report
+    from swarmwright.servers.evaluation.reports import Report
 
 LEVELS = ("debug", "info", "warning", "error")
 _NAMES = {logging.WARNING: "warning", logging.ERROR: "error", logging.CRITICAL: "error"}

@@ -97,7 +97,7 @@ class ToolObserver:
 @contextmanager
 def observed(output: Output, wanted: Observing) -> Iterator[ToolObserver]:
     """Open what is wanted of an optimization tool for the time of a `with` block, and show its warnings."""
-    from swarmwright.evaluation.reports import listening
+    from swarmwright.servers.evaluation.reports import listening
 
     with ExitStack() as stack:
         log = stack.enter_context(Log(wanted.log, wanted.log_level, size=wanted.log_size))

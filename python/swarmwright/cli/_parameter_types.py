@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 
 import click
 
-from swarmwright.broker.address import broker_problem, prefix_problem
 from swarmwright.common.suggestions import did_you_mean
+from swarmwright.experiment.broker_address import broker_problem, prefix_problem
 
 LARGEST_ID = 2**63 - 1
 """Largest id of a server, in the protocol."""
@@ -241,7 +241,7 @@ class ServerCount(click.ParamType[Servers]):
 
 def _leave_out_hint(value: str) -> str:
     """Return what to do for the launcher of the experiment, empty for a text that is no launcher."""
-    from swarmwright.launchers import LAUNCHERS
+    from swarmwright.servers.launchers import LAUNCHERS
 
     return "; leave --servers out to use the experiment's" if value in LAUNCHERS.names() else ""
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
     from swarmwright import Generation
-    from swarmwright.evaluation.base import Progress as EpisodeProgress
+    from swarmwright.servers.evaluation.base import Progress as EpisodeProgress
 
 PATIENCE_S = 2.0
 """Seconds without a result after which the blocking server is shown."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from swarmwright import _engine
 
-_LOGGER = logging.getLogger("swarmwright.broker")
+_LOGGER = logging.getLogger("swarmwright.servers.broker")
 
 
 @contextmanager

@@ -17,11 +17,11 @@ from swarmwright.cli._validation import (
     validation_facts,
     validation_lines,
 )
-from swarmwright.common.attempts import TURN
 from swarmwright.common.formatting import counted, duration
 from swarmwright.common.machine_texts import controller_text
 from swarmwright.common.modules import is_modules, label_of
 from swarmwright.common.untrusted import one_line
+from swarmwright.servers.attempts import TURN
 from swarmwright.simulations.user_code.copying import display_name
 
 if TYPE_CHECKING:
@@ -269,7 +269,7 @@ def describe(output: Output, run: "Run") -> None:
 
 
 def _list_sessions(output: Output, run: "Run") -> None:
-    from swarmwright.store.rows import NOTHING_LEFT
+    from swarmwright.servers.rows import NOTHING_LEFT
 
     for session in run.sessions:
         took = "?" if session.seconds is None else duration(session.seconds)
@@ -310,7 +310,7 @@ def _list_servers(output: Output, servers: list[dict[str, Any]], failures: list[
 
 def _list_failures(output: Output, failures: list[dict[str, Any]]) -> None:
     """Print why attempts failed, how often and on which servers."""
-    from swarmwright.store.rows import IN_PROCESS
+    from swarmwright.servers.rows import IN_PROCESS
 
     if failures:
         output.text()

@@ -14,7 +14,7 @@ LINES = 20
 
 @contextmanager
 def _shown() -> Iterator[None]:
-    from swarmwright.supervision import listening_to_output
+    from swarmwright.servers.supervision import listening_to_output
 
     last: deque[str] = deque(maxlen=LINES)
     try:

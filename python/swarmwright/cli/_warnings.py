@@ -10,7 +10,7 @@ from swarmwright.common.message_kinds import kind_of
 from swarmwright.common.untrusted import one_line
 
 if TYPE_CHECKING:
-    from swarmwright.evaluation.reports import Report
+    from swarmwright.servers.evaluation.reports import Report
 
 PAUSE_S = 10.0
 """Seconds until the first count of one kind; the pause before the next one is twice as long each time."""

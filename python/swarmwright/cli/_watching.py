@@ -4,9 +4,9 @@ import datetime as dt
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from swarmwright.broker.watching import SILENCE, ServerRow, ToolRow, View, views, words
 from swarmwright.cli._output import Output
 from swarmwright.common.formatting import duration
+from swarmwright.servers.broker.watching import SILENCE, ServerRow, ToolRow, View, views, words
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType, RenderResult

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from swarmwright.broker.address import PREFIX_VARIABLE
 from swarmwright.cli._broker_account import UserAccount, account_for
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log, log_options
@@ -22,6 +21,7 @@ from swarmwright.cli._output import Output
 from swarmwright.cli._parameter_types import ExistingPath, Prefix, WholeNumber
 from swarmwright.cli._reloading import hangups, reload
 from swarmwright.common.open_files import allow_more_open_files
+from swarmwright.experiment.broker_address import PREFIX_VARIABLE
 
 if TYPE_CHECKING:
     from swarmwright import _engine
@@ -41,7 +41,7 @@ class Mode(click.ParamType[int]):
         return int(value, 8)
 
 
-_LOGGER = logging.getLogger("swarmwright.broker")
+_LOGGER = logging.getLogger("swarmwright.servers.broker")
 
 LOG_SIZE = 64
 """MiB of a log file by default: every client that reaches the broker can cause log lines."""
@@ -347,7 +347,7 @@ def _check_exposure(
 
 def _check_certificate(file: Path | None) -> None:
     """Warn of a certificate that clients refuse."""
-    from swarmwright.broker.certificates import is_of_authority
+    from swarmwright.servers.broker.certificates import is_of_authority
 
     if file is not None and is_of_authority(file):
         _LOGGER.warning(
@@ -377,7 +377,7 @@ def _loopback(host: str) -> bool:
 
 
 def _add_user(output: Output, file: Path, name: str) -> int:
-    from swarmwright.broker.passwords import check_user, set_password
+    from swarmwright.servers.broker.passwords import check_user, set_password
 
     check_user(name)
     if sys.stdin.isatty():
@@ -408,7 +408,7 @@ def _init(
     prefixes: tuple[str, ...],
     iterations: int | None,
 ) -> int:
-    from swarmwright.broker.mosquitto import add_accounts, can_add, write_configuration
+    from swarmwright.servers.broker.mosquitto import add_accounts, can_add, write_configuration
 
     if prefixes and not hosts and port is None and can_add(folder):
         added = add_accounts(folder, prefixes, iterations)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright.broker.credentials import prepare
 from swarmwright.cli._broker_options import DEFAULT_BROKER, broker_option, prefix_option, wait_option
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log
@@ -20,8 +19,9 @@ from swarmwright.cli._options import json_option, trust_option
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._parameter_types import LARGEST_ID, RealNumber, WholeNumber
 from swarmwright.cli._signals import Terminated
-from swarmwright.supervision import Ended, Event, News, Restarted, Supervisor
-from swarmwright.supervision import Output as Printed
+from swarmwright.servers.broker.credentials import prepare
+from swarmwright.servers.supervision import Ended, Event, News, Restarted, Supervisor
+from swarmwright.servers.supervision import Output as Printed
 
 if TYPE_CHECKING:
     from swarmwright.monitoring.prometheus import ServeFigures
@@ -234,7 +234,7 @@ def _modules_in_words(modules: Sequence[str]) -> str:
     """Which modules are offered, in words; errors are reported before any server is started."""
     if not modules:
         return ""
-    from swarmwright.evaluation.module_code import offered
+    from swarmwright.servers.evaluation.module_code import offered
 
     return f" with {', '.join(dict.fromkeys(name for _, name in offered(modules)))}"
 

@@ -36,7 +36,7 @@ from swarmwright.cli._server_output import server_output_option
 if TYPE_CHECKING:
     from swarmwright import Experiment
     from swarmwright.display import Shown
-    from swarmwright.evaluation.evaluate import Episode
+    from swarmwright.servers.evaluation.evaluate import Episode
 
 
 @click.command(
@@ -102,7 +102,7 @@ def command(
         check_file(picture)
     shown = shown_parts(parts, colors)
     from swarmwright import Controller
-    from swarmwright.evaluation.evaluate import episode
+    from swarmwright.servers.evaluation.evaluate import episode
 
     output = Output(as_json=as_json)
     show_warnings()
@@ -131,8 +131,8 @@ def _save(
     speed: float,
     shown: "Shown",
 ) -> None:
-    from swarmwright.evaluation.evaluate import Episode
-    from swarmwright.evaluation.shown import ShownEpisode
+    from swarmwright.servers.evaluation.evaluate import Episode
+    from swarmwright.servers.evaluation.shown import ShownEpisode
 
     episode = ShownEpisode.of_experiment(experiment, controller, seed=seed, broker=broker)
     recording = episode.save(picture, speed=speed, shown=shown)

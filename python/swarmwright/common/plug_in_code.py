@@ -16,8 +16,8 @@ from swarmwright.common.untrusted import one_line
 _PACKAGE = "swarmwright"
 _SORTS = (
     "swarmwright.controllers._base",
-    "swarmwright.launchers",
     "swarmwright.methods",
+    "swarmwright.servers.launchers",
 )
 """Modules and packages whose base classes plug-ins derive from."""
 

@@ -15,8 +15,8 @@ from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.simulation_names import is_python
 from swarmwright.display import Recording
 from swarmwright.display.drawing import Picture
-from swarmwright.evaluation.episodes import DrawnEpisodes, EpisodeSequence, fitness_and_faults
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.servers.evaluation.episodes import DrawnEpisodes, EpisodeSequence, fitness_and_faults
 from swarmwright.simulations import catalogue
 
 _DPI = 80

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.broker.address import environment_prefix
 from swarmwright.common.errors import InputError
 from swarmwright.common.read_only import plain
 from swarmwright.common.yaml import Source, read
 from swarmwright.controllers import REPRESENTATIONS
+from swarmwright.experiment.broker_address import environment_prefix
 from swarmwright.experiment.unavailable import method_of
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.simulations.fitness import FitnessExpression

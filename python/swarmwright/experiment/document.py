@@ -6,12 +6,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from swarmwright import _engine
-from swarmwright.broker.address import broker_problem, prefix_problem
 from swarmwright.common.options import Options
 from swarmwright.common.problems import shown
 from swarmwright.common.simulation_names import is_command
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.launchers import LauncherOptions
+from swarmwright.experiment.broker_address import broker_problem, prefix_problem
+from swarmwright.experiment.launchers import LauncherOptions
 from swarmwright.simulations.fitness import FitnessExpression
 
 _NAME_CHARACTERS = 1000

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, Never, Self
+from typing import TYPE_CHECKING, Any, Literal, Never, Self
 
 from swarmwright.common.arguments import checked, instance, listed, mapping, path_of
 from swarmwright.common.errors import InputError
@@ -21,6 +21,7 @@ from swarmwright.experiment.budget import LIMITS, Budget, sets_limit
 from swarmwright.experiment.derived import given_source, steers_agents
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
 from swarmwright.experiment.fitting import announced_sizes, check_fits
+from swarmwright.experiment.launcher_entries import Entries, written
 from swarmwright.experiment.robots import subject_of
 from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
 from swarmwright.experiment.start_from import start_genomes
@@ -34,13 +35,14 @@ from swarmwright.experiment.unavailable import (
     ranking_of,
     require,
 )
-from swarmwright.launchers.entries import Entries, written
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.methods.rankings import Ranking, RankingOptions
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.simulations.names import name_of
 from swarmwright.simulations.near_names import no_experiment
-from swarmwright.store import StoreReader
+
+if TYPE_CHECKING:
+    from swarmwright.store import StoreReader
 
 LARGEST_GENOME = 1_000_000
 """Genes of a controller, at most; the engine's own limit."""
@@ -426,7 +428,7 @@ def recorded_experiment(values: Mapping[str, Any], folder: Path | None = None) -
     return Experiment._checked(Source("", values=values), None, ask=False, folder=folder)
 
 
-def stored_experiment(store: StoreReader, values: Mapping[str, Any] | None = None) -> Experiment:
+def stored_experiment(store: "StoreReader", values: Mapping[str, Any] | None = None) -> Experiment:
     """Return the experiment as a run has stored it. Raises InputError when it cannot be used here.
 
     values: of the experiment, read from the store before; default: those that it has now.

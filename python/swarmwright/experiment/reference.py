@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from swarmwright.experiment.document import DEFAULT_KINDS
+from swarmwright.experiment.launchers import LAUNCHERS, LauncherOptions
 from swarmwright.experiment.schema import experiment_schema, options_schema
-from swarmwright.launchers import LAUNCHERS, LauncherOptions
 from swarmwright.methods import METHODS
 from swarmwright.simulations import catalogue
 

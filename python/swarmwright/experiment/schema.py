@@ -5,7 +5,7 @@ from typing import Any
 from swarmwright.common.descriptions import described
 from swarmwright.common.options import Options
 from swarmwright.experiment.document import DEFAULT_KINDS, Document
-from swarmwright.launchers import LAUNCHERS
+from swarmwright.experiment.launchers import LAUNCHERS
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.simulations.command.definition import CommandOptions
 from swarmwright.simulations.command.fmu_definition import FmuOptions

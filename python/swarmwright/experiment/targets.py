@@ -15,13 +15,13 @@ from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.document import Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, with_source
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
+from swarmwright.experiment.run_folder import STORE
 from swarmwright.methods.rankings.absolute import AbsoluteOptions
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.methods.rankings.transferability import TransferabilityOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute
 from swarmwright.simulations.user_code.permission import require_named
-from swarmwright.store import FILE
 
 CHANGED = ELSEWHERE - {"validate"} | {"simulation", "parameters", "sensors", "actuators", "fitness"}
 """Keys of an experiment that a file of a target may have."""
@@ -264,7 +264,7 @@ def _range_problems(experiment: Experiment, source: Source) -> list[str]:
 def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_, *, ask: bool) -> Entry:
     """Return one target with everything that it needs. Raises InputError with its place."""
     folder = Path(source.name).parent if source.name and not source.is_option(path) else Path()
-    if ask and (folder / FILE).exists():
+    if ask and (folder / STORE).exists():
         _require_trusted(entry, folder)
     if isinstance(entry, Mapping):
         if not ask:

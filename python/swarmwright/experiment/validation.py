@@ -13,16 +13,16 @@ from swarmwright.common.simulation_names import LIBRARIES, is_python
 from swarmwright.common.yaml import Path_, Source
 from swarmwright.experiment.checks import check_values
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked
+from swarmwright.experiment.launcher_entries import entries_of, names_launchers
 from swarmwright.experiment.misplaced import with_right_place
 from swarmwright.experiment.parameter_files import is_mission, resolve
+from swarmwright.experiment.run_folder import STORE
 from swarmwright.experiment.start_from import entries
 from swarmwright.experiment.unavailable import UnavailableMethod, UnreadRanking
-from swarmwright.launchers.entries import entries_of, names_launchers
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, of_run
 from swarmwright.simulations.user_code import permission
-from swarmwright.store import FILE
 
 
 def check(
@@ -134,14 +134,14 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
         from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
 
         simulation = values["simulation"] = commands.name_of(
-            simulation, values, None if (folder / FILE).exists() else folder, report
+            simulation, values, None if (folder / STORE).exists() else folder, report
         )
         ask = ask and simulation != commands.WRONG
     if not isinstance(simulation, str):
         return False
     if not is_python(simulation):
         return catalogue.built_in(simulation) is not None
-    find = of_run if (folder / FILE).exists() else absolute
+    find = of_run if (folder / STORE).exists() else absolute
     values["simulation"] = find(simulation, folder)
     if ask:
         try:
@@ -270,7 +270,7 @@ def _with_launchers(
 def _module(name: Any, folder: Path, report: Callable[[str], None]) -> Any:  # noqa: ANN401 - any value of a file
     if not isinstance(name, str) or not is_in_file(name):
         return name
-    if not (folder / FILE).exists():
+    if not (folder / STORE).exists():
         return absolute(name, folder)
     found = of_run(name, folder)
     try:

@@ -75,9 +75,9 @@ def _same(stated: float | None, found: float) -> bool:
 
 
 def _episode_fitness(values: Mapping[str, Any], subject: Subject, seeds: list[int]) -> list[float]:
-    from swarmwright.evaluation.base import Controllers  # noqa: PLC0415 - loads the engine
-    from swarmwright.evaluation.opening import open_backend  # noqa: PLC0415 - loads the engine
     from swarmwright.experiment.experiment import Experiment  # noqa: PLC0415 - loads the engine
+    from swarmwright.servers.evaluation.base import Controllers  # noqa: PLC0415 - loads the engine
+    from swarmwright.servers.evaluation.opening import open_backend  # noqa: PLC0415 - loads the engine
 
     experiment = Experiment.from_mapping(dict(values))
     architecture = {**subject.specification, "weights": []}

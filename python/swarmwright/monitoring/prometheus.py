@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.common.attempts import is_overtaken
 from swarmwright.common.errors import InputError
+from swarmwright.servers.attempts import is_overtaken
 
 if TYPE_CHECKING:
     from prometheus_client.core import Metric

@@ -10,11 +10,11 @@ from swarmwright.common.errors import engine_errors
 from swarmwright.common.statistics import Figures
 from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.controllers import Representation
-from swarmwright.evaluation.base import Backend, Progress, Results
 from swarmwright.methods import Method
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.absolute import Absolute
 from swarmwright.methods.search import SearchMethod
+from swarmwright.servers.evaluation.base import Backend, Progress, Results
 
 
 class Produced(NamedTuple):

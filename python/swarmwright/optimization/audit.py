@@ -16,10 +16,10 @@ import numpy as np
 from swarmwright.common.errors import SwarmwrightError
 from swarmwright.common.formatting import duration
 from swarmwright.common.simulation_names import SimulationName, is_command, is_environment, is_python
-from swarmwright.evaluation.base import AuditedEpisode, Backend, BudgetSpent, Controllers, Progress
 from swarmwright.experiment.derived import has_python_modules
 from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.servers.evaluation.base import AuditedEpisode, Backend, BudgetSpent, Controllers, Progress
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.catalogue import built_in
 from swarmwright.simulations.command.checking import definition_of_name

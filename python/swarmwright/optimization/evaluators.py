@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.typing import Fitness, Genomes
-from swarmwright.evaluation.base import Backend, Controllers, OnResults, Progress, Results
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.race import Race
 from swarmwright.methods.rankings.slow_simulation import SlowRanking
 from swarmwright.optimization.raced import race
 from swarmwright.optimization.two_simulations import TwoSimulations, descriptor_columns, evaluate_both
+from swarmwright.servers.evaluation.base import Backend, Controllers, OnResults, Progress, Results
 
 
 class Evaluator:

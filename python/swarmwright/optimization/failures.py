@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmwright.common.attempts import NOT_FINISHED, SAME_END_S, is_overtaken, is_server_end
 from swarmwright.common.formatting import counted
 from swarmwright.common.untrusted import one_line
-from swarmwright.evaluation.base import Results
-from swarmwright.store import Journal, WarningEntry
-from swarmwright.store.rows import AttemptEntry
+from swarmwright.servers.attempts import NOT_FINISHED, SAME_END_S, is_overtaken, is_server_end
+from swarmwright.servers.evaluation.base import Results
+from swarmwright.servers.rows import AttemptEntry, Journal, WarningEntry
 
 _log = logging.getLogger("swarmwright")
 _UNATTRIBUTED = "an evaluation failed after "

@@ -6,9 +6,9 @@ import numpy as np
 
 from swarmwright.common.errors import RunError
 from swarmwright.common.message_kinds import kind_of
-from swarmwright.evaluation.base import FIRST, OnResults, Results
 from swarmwright.optimization.failures import failures_of
-from swarmwright.store import Journal
+from swarmwright.servers.evaluation.base import FIRST, OnResults, Results
+from swarmwright.servers.rows import Journal
 
 
 class FirstFailedError(RunError):

@@ -13,7 +13,7 @@ from swarmwright.common.formatting import duration
 from swarmwright.common.statistics import figures_of, summarize
 from swarmwright.experiment.budget import Budget, Limit
 from swarmwright.optimization.ahead import Produced
-from swarmwright.store import Evaluated
+from swarmwright.servers.rows import Evaluated
 
 
 @dataclass(frozen=True, kw_only=True)

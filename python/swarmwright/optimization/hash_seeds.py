@@ -7,8 +7,8 @@ from typing import Any
 from swarmwright.common.errors import SwarmwrightError
 from swarmwright.common.hash_seed import RANDOM
 from swarmwright.common.simulation_names import is_command, is_python
-from swarmwright.evaluation.base import Backend
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.servers.evaluation.base import Backend
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.host import Host

@@ -15,8 +15,6 @@ from swarmwright.common.plug_in_code import is_plug_in, numbers, place
 from swarmwright.common.statistics import means
 from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.controllers import Representation
-from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
-from swarmwright.evaluation.seeds import check_seeds
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
@@ -34,7 +32,10 @@ from swarmwright.optimization.memory import LARGE_POPULATION, candidates, progre
 from swarmwright.optimization.recorder import Recorder
 from swarmwright.optimization.strayed import strayed
 from swarmwright.optimization.two_simulations import needed_columns
-from swarmwright.store import Evaluated, Journal, StoreReader, StoreWriter
+from swarmwright.servers.evaluation.base import Backend, Controllers, Progress, Results
+from swarmwright.servers.evaluation.seeds import check_seeds
+from swarmwright.servers.rows import Evaluated, Journal
+from swarmwright.store import StoreReader, StoreWriter
 
 
 class Loop:

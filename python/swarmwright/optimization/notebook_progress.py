@@ -5,8 +5,8 @@ from contextlib import contextmanager
 
 from swarmwright.common.formatting import duration
 from swarmwright.common.notebook import Text, in_notebook
-from swarmwright.evaluation.base import Progress
 from swarmwright.optimization.generation import Generation, OnGeneration
+from swarmwright.servers.evaluation.base import Progress
 
 Callbacks = tuple[OnGeneration | None, Progress | None]
 

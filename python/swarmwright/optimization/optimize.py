@@ -21,7 +21,6 @@ from swarmwright.common.processes import use_threads
 from swarmwright.common.simulation_names import is_python
 from swarmwright.common.warn_once import warn_once
 from swarmwright.controllers import Representation
-from swarmwright.evaluation.base import HERE, Backend, Progress, Servers, chosen
 from swarmwright.experiment.derived import (
     check_new,
     has_python_modules,
@@ -48,6 +47,8 @@ from swarmwright.runs.folders import check_names, default_folder, is_replaceable
 from swarmwright.runs.run import Run, written_run
 from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import validate
+from swarmwright.servers.evaluation.base import HERE, Backend, Progress, Servers, chosen
+from swarmwright.servers.rows import NOTHING_LEFT
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.user_code.loaded import warn_of_edits
 from swarmwright.simulations.user_code.parts import SECTIONS, distributions
@@ -55,7 +56,6 @@ from swarmwright.simulations.user_code.sessions import fingerprints
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.folder import check_folder
 from swarmwright.store.lock import MovedError
-from swarmwright.store.rows import NOTHING_LEFT
 
 __all__ = ["Generation", "optimize", "resume"]
 

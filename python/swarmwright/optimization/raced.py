@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from swarmwright.evaluation.base import Backend, Controllers, OnResults, Progress, Results
 from swarmwright.methods.rankings.race import Race
-from swarmwright.store import Journal
+from swarmwright.servers.evaluation.base import Backend, Controllers, OnResults, Progress, Results
+from swarmwright.servers.rows import Journal
 
 
 def race(

@@ -6,11 +6,12 @@ from contextlib import contextmanager
 from swarmwright import _engine
 from swarmwright.common.errors import PlugInError, RunError
 from swarmwright.common.typing import Genomes
-from swarmwright.evaluation.base import Progress
-from swarmwright.evaluation.code_failures import FailureOf, failed
 from swarmwright.optimization.account import Account
 from swarmwright.optimization.generation import OnGeneration, Told, goes_on
-from swarmwright.store import Evaluated, Journal, StoreWriter
+from swarmwright.servers.evaluation.base import Progress
+from swarmwright.servers.evaluation.code_failures import FailureOf, failed
+from swarmwright.servers.rows import Evaluated, Journal
+from swarmwright.store import StoreWriter
 
 
 class Recorder:

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.typing import Genome, Genomes
-from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, weights_of
 from swarmwright.experiment.budget import Ended
 from swarmwright.optimization.ahead import Produced
 from swarmwright.optimization.generation import OnGeneration, Told
 from swarmwright.optimization.loop import Loop
-from swarmwright.store import Evaluated, Journal
+from swarmwright.servers.evaluation.base import Backend, Controllers, Progress, Results, weights_of
+from swarmwright.servers.rows import Evaluated, Journal
 
 
 @dataclass

@@ -12,8 +12,13 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.common.engine_types import AttemptRow
 from swarmwright.common.errors import InputError, RunError, SimulationError, reworded
-from swarmwright.common.server_use import ServerUses
-from swarmwright.evaluation.base import (
+from swarmwright.experiment.derived import fitness_expression, place_of, steers_agents, with_environment
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.targets import OtherSimulation, slow_of
+from swarmwright.methods.rankings import Ranking
+from swarmwright.methods.rankings.slow_simulation import METRIC, SlowRanking
+from swarmwright.optimization.raced import extend
+from swarmwright.servers.evaluation.base import (
     HERE,
     AuditedEpisode,
     Backend,
@@ -26,16 +31,11 @@ from swarmwright.evaluation.base import (
     chosen,
     metrics_of,
 )
-from swarmwright.evaluation.opening import open_backend
-from swarmwright.experiment.derived import fitness_expression, place_of, steers_agents, with_environment
-from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.targets import OtherSimulation, slow_of
-from swarmwright.methods.rankings import Ranking
-from swarmwright.methods.rankings.slow_simulation import METRIC, SlowRanking
-from swarmwright.optimization.raced import extend
+from swarmwright.servers.evaluation.opening import open_backend
+from swarmwright.servers.rows import Journal
+from swarmwright.servers.server_use import ServerUses
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.user_code.permission import require_named
-from swarmwright.store import Journal
 
 _SLOW_PREFIX = "slow: "
 """Before the names of launchers of the slow simulation."""

@@ -17,7 +17,7 @@ from swarmwright.common.simulation_names import SimulationName, is_environment, 
 from swarmwright.common.warn_once import warn_once
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.launchers.entries import files_of
+from swarmwright.experiment.launcher_entries import files_of
 from swarmwright.runs import edits
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, environment_held, environment_in, name_of

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.runs.run import Run
-    from swarmwright.store import Evaluated
+    from swarmwright.servers.rows import Evaluated
 
 
 class Elite(NamedTuple):

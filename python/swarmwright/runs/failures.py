@@ -11,7 +11,7 @@ from swarmwright.methods.rankings.race import Race
 if TYPE_CHECKING:
     from swarmwright.methods.rankings import Ranking
     from swarmwright.runs.run import Run
-    from swarmwright.store import Evaluated
+    from swarmwright.servers.rows import Evaluated
 
 
 class Taken(NamedTuple):

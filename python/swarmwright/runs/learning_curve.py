@@ -14,10 +14,10 @@ from swarmwright.common.arguments import checked
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.files import write_text
 from swarmwright.common.html import table
-from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import EPISODES, PostEvaluation, Where, of_candidates
+from swarmwright.servers.evaluation.base import Progress, Servers
 from swarmwright.store.lookup import nothing
 
 if TYPE_CHECKING:

@@ -21,14 +21,14 @@ from swarmwright.common.html import facts
 from swarmwright.common.statistics import Estimate, estimate, quantile
 from swarmwright.common.typing import Genomes
 from swarmwright.controllers.controller import Controller
-from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, Servers
-from swarmwright.evaluation.code_failures import failed
-from swarmwright.evaluation.metrics import asked_for
-from swarmwright.evaluation.module_code import is_in_python
-from swarmwright.evaluation.opening import open_backend, open_once
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.methods.rankings import Ranking
 from swarmwright.runs.code import used_for
+from swarmwright.servers.evaluation.base import Backend, Controllers, Progress, Results, Servers
+from swarmwright.servers.evaluation.code_failures import failed
+from swarmwright.servers.evaluation.metrics import asked_for
+from swarmwright.servers.evaluation.module_code import is_in_python
+from swarmwright.servers.evaluation.opening import open_backend, open_once
 from swarmwright.store import Evaluation
 
 if TYPE_CHECKING:
@@ -447,7 +447,7 @@ def of_controllers(
 
     Raises as `post_evaluate`, before the first episode where a controller does not fit.
     """
-    from swarmwright.evaluation.evaluate import check_fit  # noqa: PLC0415 - takes long, not for reading runs
+    from swarmwright.servers.evaluation.evaluate import check_fit  # noqa: PLC0415 - takes long, not for reading runs
 
     seeds = where.seeds(experiment, used)
     where.check(experiment)

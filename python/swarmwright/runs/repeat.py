@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.arguments import checked
-from swarmwright.common.attempts import is_overtaken
 from swarmwright.common.by_value import ComparedByValue
-from swarmwright.evaluation.base import Controllers, Servers
-from swarmwright.evaluation.evaluate import tell_failures
-from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.methods.rankings.race import Race
 from swarmwright.runs.code import used_for
 from swarmwright.runs.instances import instances
+from swarmwright.servers.attempts import is_overtaken
+from swarmwright.servers.evaluation.base import Controllers, Servers
+from swarmwright.servers.evaluation.evaluate import tell_failures
+from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.store import Evaluation
 
 if TYPE_CHECKING:

@@ -14,11 +14,11 @@ from swarmwright.common.flatten import flat
 from swarmwright.common.modules import label_of
 from swarmwright.controllers.controller import Controller, controller_words
 from swarmwright.display import Caption
-from swarmwright.evaluation.module_code import is_in_python
-from swarmwright.evaluation.shown import ShownEpisode, check_shown_on
 from swarmwright.experiment.settings import Setting, parse_settings, refuse_seed
 from swarmwright.runs.choice import Choice, choose
 from swarmwright.runs.code import used_for
+from swarmwright.servers.evaluation.module_code import is_in_python
+from swarmwright.servers.evaluation.shown import ShownEpisode, check_shown_on
 from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:

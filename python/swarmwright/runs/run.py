@@ -24,8 +24,9 @@ from swarmwright.methods.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.runs.export import write_table
 from swarmwright.runs.failures import taken
 from swarmwright.runs.instances import best_words
+from swarmwright.servers.rows import Attempt, Event, Session
 from swarmwright.simulations.user_code.trust import trusting
-from swarmwright.store import Attempt, Evaluation, Event, Session, StoreReader
+from swarmwright.store import Evaluation, StoreReader
 from swarmwright.store.folder import find_store
 from swarmwright.store.lock import is_locked
 from swarmwright.store.lookup import nothing

@@ -28,7 +28,6 @@ from swarmwright.common.statistics import Estimate, estimate
 from swarmwright.common.typing import Genome
 from swarmwright.common.warn_once import warn_once
 from swarmwright.controllers import Representation
-from swarmwright.evaluation.base import Backend, Progress
 from swarmwright.experiment.derived import reports_slow
 from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
@@ -50,6 +49,7 @@ from swarmwright.runs.post_evaluation import (
     stored_post_evaluation,
     unseen_seeds,
 )
+from swarmwright.servers.evaluation.base import Backend, Progress
 from swarmwright.store import Evaluation, StoreReader
 from swarmwright.store.table import column_of
 

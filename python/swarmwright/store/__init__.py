@@ -9,22 +9,14 @@ from swarmwright.store.blocks import Record
 from swarmwright.store.database import FILE, FORMAT
 from swarmwright.store.lookup import Best, Evaluation
 from swarmwright.store.reader import StoreReader
-from swarmwright.store.rows import Attempt, AttemptEntry, Evaluated, Event, Journal, Session, WarningEntry
 from swarmwright.store.writer import StoreWriter
 
 __all__ = [
     "FILE",
     "FORMAT",
-    "Attempt",
-    "AttemptEntry",
     "Best",
-    "Evaluated",
     "Evaluation",
-    "Event",
-    "Journal",
     "Record",
-    "Session",
     "StoreReader",
     "StoreWriter",
-    "WarningEntry",
 ]

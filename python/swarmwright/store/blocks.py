@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.common.by_value import ComparedByValue
-from swarmwright.store.rows import Evaluated
+from swarmwright.servers.rows import Evaluated
 
 _BLOCK = 1 << 22
 """Bytes that a block has at most, unless a single evaluation has more."""

@@ -13,9 +13,10 @@ from pathlib import Path
 
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.open_files import more_open_files, no_more_files
+from swarmwright.experiment.run_folder import STORE
 from swarmwright.store import digests
 
-FILE = "run.sqlite"
+FILE = STORE
 """Name of the store in a run folder."""
 NEW = f"{FILE}.new"
 """What it is called while it is made."""

@@ -5,10 +5,10 @@ import sqlite3
 from typing import NamedTuple
 
 from swarmwright import _engine
+from swarmwright.servers.rows import Evaluated, Journal
 from swarmwright.store.blocks import EvaluationsDigest, Sample, encoded, of_columns
 from swarmwright.store.digests import of_generation
 from swarmwright.store.provenance import timestamp
-from swarmwright.store.rows import Evaluated, Journal
 
 _BLOCK = "INSERT INTO block VALUES (?, ?, ?, ?, ?, ?, ?)"
 _SAMPLE = "INSERT INTO sample VALUES (?, ?, ?)"

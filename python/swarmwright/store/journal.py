@@ -5,11 +5,11 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
-from swarmwright.common.attempts import NOT_FINISHED, OVERTAKEN, SAME_END_S, is_server_end
 from swarmwright.common.formatting import counted
 from swarmwright.common.message_kinds import kind_of
+from swarmwright.servers.attempts import NOT_FINISHED, OVERTAKEN, SAME_END_S, is_server_end
+from swarmwright.servers.rows import FailureReason, ServerShare, journal_line
 from swarmwright.store.pieces import Begin
-from swarmwright.store.rows import FailureReason, ServerShare, journal_line
 
 _SHARES = """
 WITH numbers AS (

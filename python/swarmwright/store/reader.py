@@ -15,17 +15,9 @@ from swarmwright.common.channels import problem_of
 from swarmwright.common.errors import InputError
 from swarmwright.common.json_text import loads
 from swarmwright.common.place import Place
-from swarmwright.common.server_use import ServerUse, read
 from swarmwright.common.statistics import Summary
 from swarmwright.common.typing import Genome
-from swarmwright.store import journal, pieces
-from swarmwright.store.best_of_equals import BestOfEquals
-from swarmwright.store.blocks import Record, joined
-from swarmwright.store.database import BEST, FILE, FRONT, checked_facts, reading, reading_on
-from swarmwright.store.generations import LARGEST, Generations, Row
-from swarmwright.store.lookup import Best, Evaluation, Lookup
-from swarmwright.store.moment import Moment, session_rows
-from swarmwright.store.rows import (
+from swarmwright.servers.rows import (
     Attempt,
     Evaluated,
     Event,
@@ -34,6 +26,14 @@ from swarmwright.store.rows import (
     Session,
     journal_line,
 )
+from swarmwright.servers.server_use import ServerUse, read
+from swarmwright.store import journal, pieces
+from swarmwright.store.best_of_equals import BestOfEquals
+from swarmwright.store.blocks import Record, joined
+from swarmwright.store.database import BEST, FILE, FRONT, checked_facts, reading, reading_on
+from swarmwright.store.generations import LARGEST, Generations, Row
+from swarmwright.store.lookup import Best, Evaluation, Lookup
+from swarmwright.store.moment import Moment, session_rows
 
 
 class StoreReader:

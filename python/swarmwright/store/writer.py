@@ -15,10 +15,11 @@ from swarmwright import _engine
 from swarmwright.common.arrays import shortest
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.files import write_text
-from swarmwright.common.server_use import ServerUses, together, written
 from swarmwright.common.tracebacks import located, words_of
 from swarmwright.common.yaml import dump
 from swarmwright.controllers import Representation
+from swarmwright.servers.rows import Evaluated, Journal
+from swarmwright.servers.server_use import ServerUses, together, written
 from swarmwright.simulations.user_code.copying import FOLDER as CODE
 from swarmwright.simulations.user_code.copying import Copy
 from swarmwright.simulations.user_code.copying import remove as remove_copies
@@ -33,7 +34,6 @@ from swarmwright.store.lock import Lock, MovedError
 from swarmwright.store.open_store import OpenStore
 from swarmwright.store.provenance import HASH_SEED, recorded, timestamp, versions
 from swarmwright.store.reader import StoreReader
-from swarmwright.store.rows import Evaluated, Journal
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment

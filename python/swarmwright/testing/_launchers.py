@@ -6,8 +6,8 @@ from contextlib import ExitStack
 from typing import Any
 
 from swarmwright import _engine
-from swarmwright.broker.private import start_private
-from swarmwright.launchers import LAUNCHERS, Launcher, LauncherOptions, Specification
+from swarmwright.servers.broker.private import start_private
+from swarmwright.servers.launchers import LAUNCHERS, Launcher, LauncherOptions, Specification
 from swarmwright.testing._common import check_common_options
 
 _POLL_S = 0.2
@@ -74,7 +74,7 @@ def _check_options(component: type[Launcher], kind: str, given: Mapping[str, Any
     assert component.kind == kind, f"{component.__name__}.kind is {component.kind!r}, registered as {kind!r}"
     model = component.options_model
     assert issubclass(model, LauncherOptions), (
-        f"{model.__name__} must derive from swarmwright.launchers.LauncherOptions"
+        f"{model.__name__} must derive from swarmwright.servers.launchers.LauncherOptions"
     )
     check_common_options(model, "launcher", kind, given)
     return model.model_validate({**given, "launcher": kind, "count": 2})

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from swarmwright.broker.watching import ServerRow, ToolRow, View
 from swarmwright.cli._output import Output
 from swarmwright.cli._watching import Lines, Screen, cells, headline
+from swarmwright.servers.broker.watching import ServerRow, ToolRow, View
 
 Json = dict[str, Any]
 WORDS = "server 3 has not answered the actuators of agent 2 in step 7 for 4.0 s"

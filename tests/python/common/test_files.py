@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from swarmwright import Controller, Experiment, InputError, frevo, sweep
-from swarmwright.broker.passwords import set_password
 from swarmwright.common import yaml
 from swarmwright.common.files import near_file, read_bytes, write_whole
+from swarmwright.servers.broker.passwords import set_password
 
 Read = Callable[[Path], object]
 Named = Callable[[Path, Path], Path]

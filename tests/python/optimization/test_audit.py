@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from swarmwright import BatchSimulation, Experiment, InputError, Run, RunError, Simulation, optimize
-from swarmwright.evaluation.base import BudgetSpent
-from swarmwright.evaluation.in_process import PythonBackend
 from swarmwright.optimization import audit
+from swarmwright.servers.evaluation.base import BudgetSpent
+from swarmwright.servers.evaluation.in_process import PythonBackend
 from swarmwright.store import StoreReader
 
 WORDS = "that were repeated came out differently"

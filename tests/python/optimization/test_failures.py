@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, RunError, optimize, resume
-from swarmwright.evaluation.base import Results
-from swarmwright.evaluation.evaluate import tell_failures
 from swarmwright.optimization.failures import Failures
-from swarmwright.store import Journal, WarningEntry
-from swarmwright.store.rows import AttemptEntry
+from swarmwright.servers.evaluation.base import Results
+from swarmwright.servers.evaluation.evaluate import tell_failures
+from swarmwright.servers.rows import AttemptEntry, Journal, WarningEntry
 
 FRAGILE = """\
 import numpy as np

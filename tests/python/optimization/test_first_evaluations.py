@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, Run, RunError, SimulationError, optimize
-from swarmwright.evaluation.base import FIRST, Results
 from swarmwright.optimization.first_evaluations import FirstEvaluations, FirstFailedError
-from swarmwright.store import Journal, WarningEntry
-from swarmwright.store.rows import AttemptEntry
+from swarmwright.servers.evaluation.base import FIRST, Results
+from swarmwright.servers.rows import AttemptEntry, Journal, WarningEntry
 
 BROKEN = """\
 import numpy as np

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, optimize, resume
-from swarmwright.evaluation.evaluate import evaluate
 from swarmwright.optimization.raced import extend
-from swarmwright.store import Journal, WarningEntry
+from swarmwright.servers.evaluation.evaluate import evaluate
+from swarmwright.servers.rows import Journal, WarningEntry
 from tests.python.records import same_record
 
 NOISY: dict[str, Any] = {
@@ -339,10 +339,10 @@ def test_repeating_compares_the_episodes_that_were_run(
 
 
 def test_candidates_that_were_dropped_do_not_hide_that_the_ranking_failed() -> None:
-    from swarmwright.evaluation.base import Results
     from swarmwright.methods.rankings.race import Race, RaceOptions
     from swarmwright.optimization.evaluators import RaceEvaluator
-    from swarmwright.store import Journal
+    from swarmwright.servers.evaluation.base import Results
+    from swarmwright.servers.rows import Journal
 
     ranking = Race(RaceOptions(episodes=6, first_test=3))
     evaluator = RaceEvaluator(ranking)

@@ -17,8 +17,8 @@ from swarmwright import (
     optimize,
     simulate,
 )
-from swarmwright.evaluation.base import Controllers, Results
-from swarmwright.evaluation.opening import open_backend
+from swarmwright.servers.evaluation.base import Controllers, Results
+from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.simulations.host import Host
 from swarmwright.testing import check_batch_simulation
 from tests.python.records import same_record

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from swarmwright import Experiment, InputError, RunError, evaluate, optimize, simulate
 from swarmwright.cli._commands import program
 from swarmwright.common.random_numbers import Stream
-from swarmwright.evaluation.base import Controllers
-from swarmwright.evaluation.opening import open_backend
+from swarmwright.servers.evaluation.base import Controllers
+from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.simulations.expression import ExpressionError
 from swarmwright.simulations.fitness import FitnessExpression
 

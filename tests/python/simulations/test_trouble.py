@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from swarmwright import BatchSimulation, Experiment, InputError, RunError, _engine, evaluate, simulate
-from swarmwright.evaluation.base import Controllers, Results
-from swarmwright.evaluation.opening import open_backend
+from swarmwright.servers.evaluation.base import Controllers, Results
+from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.simulations.host import Host
 from tests.python.simulations import troubled
 from tests.python.simulations.troubled import Walk

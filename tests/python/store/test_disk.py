@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Generation, InputError, Run, RunError, optimize, resume
-from swarmwright.store import Journal, StoreReader, StoreWriter
+from swarmwright.servers.rows import Journal
+from swarmwright.store import StoreReader, StoreWriter
 from tests.python.records import EXPERIMENT
 
 FAILING = Path(__file__).with_name("failing_disk.c")

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, resume
-from swarmwright.store import FILE, Journal, StoreReader, StoreWriter, database, open_store, reader, writer
+from swarmwright.servers.rows import Journal
+from swarmwright.store import FILE, StoreReader, StoreWriter, database, open_store, reader, writer
 from swarmwright.store.database import NEW
 from tests.python.records import EXPERIMENT, same_record
 
@@ -259,7 +260,7 @@ def test_the_last_generation_is_kept_when_the_next_one_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is handed to the store during the evaluation of the next one, or else at the end."""
-    from swarmwright.evaluation.in_process import InProcessBackend
+    from swarmwright.servers.evaluation.in_process import InProcessBackend
 
     # Of a method that the engine does not evolve by itself.
     experiment = EXPERIMENT.replace(method={"kind": "random_search", "population": 8, "generations": 4})

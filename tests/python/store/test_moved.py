@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Generation, Run, RunError, optimize, resume
-from swarmwright.store import FILE, Journal, StoreWriter, writer
+from swarmwright.servers.rows import Journal
+from swarmwright.store import FILE, StoreWriter, writer
 from tests.python.records import EXPERIMENT
 
 PAUSING = """

@@ -17,7 +17,8 @@ from click.testing import CliRunner
 from swarmwright import InputError, Run, RunError, optimize, resume
 from swarmwright.cli import run
 from swarmwright.cli._commands import program
-from swarmwright.store import FILE, Journal, StoreReader, StoreWriter, WarningEntry
+from swarmwright.servers.rows import Journal, WarningEntry
+from swarmwright.store import FILE, StoreReader, StoreWriter
 from swarmwright.store.database import connect_to_read, reading, reopen
 from swarmwright.store.lock import LOCK, Lock, _opened, is_locked
 from tests.python.records import EXPERIMENT, change, change_numbers, seal

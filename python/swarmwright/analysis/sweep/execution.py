@@ -12,10 +12,10 @@ from swarmwright.analysis.sweep.jobs import shares
 from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, UnreadableRunError, reason
 from swarmwright.analysis.sweep_folders import as_missing, as_unreadable
 from swarmwright.common.errors import InputError
-from swarmwright.evaluation.base import HERE, Servers
 from swarmwright.optimization.generation import Generation
 from swarmwright.runs import picture
 from swarmwright.runs.run import Run
+from swarmwright.servers.evaluation.base import HERE, Servers
 from swarmwright.store import FILE as STORE
 
 

@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from swarmwright import _engine
-from swarmwright.broker.credentials import from_keyring
 from swarmwright.common.errors import InputError, PlugInError
 from swarmwright.common.plug_in_code import reported
-from swarmwright.evaluation import here
-from swarmwright.evaluation.base import HERE, Servers, chosen
 from swarmwright.experiment.derived import with_environment
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.launchers.entries import written
+from swarmwright.experiment.launcher_entries import written
 from swarmwright.methods import METHODS
+from swarmwright.servers.broker.credentials import from_keyring
+from swarmwright.servers.evaluation import here
+from swarmwright.servers.evaluation.base import HERE, Servers, chosen
+from swarmwright.servers.supervision.local_servers import automatic_count, processors
 from swarmwright.simulations import catalogue
-from swarmwright.supervision.local_servers import automatic_count, processors
 
 _LISTEN = 1.0
 """Seconds for servers on a broker to say that they are there."""

@@ -26,10 +26,10 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.formatting import duration
 from swarmwright.common.html import facts, table
 from swarmwright.common.notebook import Text, in_notebook
-from swarmwright.evaluation.base import Servers
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs.metric_curves import Names
 from swarmwright.runs.run import Run
+from swarmwright.servers.evaluation.base import Servers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -16,12 +16,10 @@ from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.common.files import contents
 from swarmwright.common.json_text import loads
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.evaluation import opening
-from swarmwright.evaluation.base import HERE, Chosen, Progress, Servers, chosen
 from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.document import AUTO, Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.launchers.entries import Entries
+from swarmwright.experiment.launcher_entries import Entries
 from swarmwright.optimization.generation import OnGeneration
 from swarmwright.optimization.interruption import reported_by_caller
 from swarmwright.optimization.optimize import adopt_budget, optimize, resume
@@ -31,12 +29,14 @@ from swarmwright.runs.edits import differences
 from swarmwright.runs.run import Run
 from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import is_due
+from swarmwright.servers.evaluation import opening
+from swarmwright.servers.evaluation.base import HERE, Chosen, Progress, Servers, chosen
+from swarmwright.servers.supervision.local_servers import LocalServers
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.user_code.copying import display_name
 from swarmwright.store import FILE
 from swarmwright.store.folder import SWEEP, check_folder, without_store
 from swarmwright.store.lock import is_locked
-from swarmwright.supervision.local_servers import LocalServers
 
 _IRRELEVANT_KEYS = ELSEWHERE | {"sensors", "actuators"}
 """Keys that say where it is computed, or that a server may have announced."""

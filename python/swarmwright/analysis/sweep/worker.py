@@ -24,10 +24,10 @@ from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, reason
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.common.errors import SwarmwrightError
-from swarmwright.evaluation import reports as incidents
 from swarmwright.experiment.experiment import recorded_experiment
 from swarmwright.optimization.generation import Generation
 from swarmwright.optimization.memory import progress
+from swarmwright.servers.evaluation import reports as incidents
 
 REPORT_INTERVAL_S = 0.25
 """Seconds between two reports of how far a generation is."""

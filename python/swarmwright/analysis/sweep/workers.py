@@ -18,11 +18,11 @@ from swarmwright.analysis.sweep.run import Task
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.common import hash_seed
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.evaluation import reports
-from swarmwright.evaluation.base import Servers
 from swarmwright.optimization.generation import Generation
 from swarmwright.runs.run import Run
-from swarmwright.supervision.local_servers import processors
+from swarmwright.servers.evaluation import reports
+from swarmwright.servers.evaluation.base import Servers
+from swarmwright.servers.supervision.local_servers import processors
 
 GRACE_S = 20.0
 """Seconds that interrupted runs have to end and be stored."""

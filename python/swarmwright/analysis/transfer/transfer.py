@@ -13,7 +13,6 @@ from swarmwright.analysis.transfer.result import Transfer
 from swarmwright.common.arguments import checked, integer, listed, text
 from swarmwright.common.errors import InputError
 from swarmwright.common.formatting import counted
-from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
 from swarmwright.experiment.targets import OtherSimulation, Target, is_same, targets_of
 from swarmwright.runs.code import used_for
@@ -23,6 +22,7 @@ from swarmwright.runs.transfer.at_end import seeds_of
 from swarmwright.runs.transfer.evaluation import Plan, Work
 from swarmwright.runs.transfer.transferred import Transferred
 from swarmwright.runs.validation import leading
+from swarmwright.servers.evaluation.base import Progress, Servers
 
 CANDIDATES, SEEDS = 10, 30
 """Unless other numbers are given."""

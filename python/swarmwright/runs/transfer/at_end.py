@@ -14,7 +14,6 @@ from typing import Any, Self
 
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.warn_once import warn_once
-from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.derived import place_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, PseudoReality, Target, slow_of, targets_at_end
@@ -25,6 +24,7 @@ from swarmwright.runs.run import Run, written_run
 from swarmwright.runs.transfer.evaluation import Plan, Work, check_target
 from swarmwright.runs.transfer.transferred import Candidate, Transferred
 from swarmwright.runs.validation import leading
+from swarmwright.servers.evaluation.base import Progress, Servers
 from swarmwright.simulations.user_code.parts import of_simulation
 from swarmwright.simulations.user_code.permission import remember, require_named
 from swarmwright.store import FILE, Evaluation, StoreReader, StoreWriter

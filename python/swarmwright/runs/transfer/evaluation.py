@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import InputError, RunError, reworded
 from swarmwright.common.random_numbers import Streams
 from swarmwright.common.typing import Genomes
-from swarmwright.evaluation.base import Progress, Servers
-from swarmwright.evaluation.here import needs_no_servers, require_here
-from swarmwright.evaluation.opening import open_backend, open_once
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import Target, unfit
 from swarmwright.runs.post_evaluation import evaluated
 from swarmwright.runs.transfer.transferred import Candidate
+from swarmwright.servers.evaluation.base import Progress, Servers
+from swarmwright.servers.evaluation.here import needs_no_servers, require_here
+from swarmwright.servers.evaluation.opening import open_backend, open_once
 from swarmwright.simulations import catalogue
 from swarmwright.store import Evaluation
 

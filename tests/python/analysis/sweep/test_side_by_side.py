@@ -15,7 +15,7 @@ from swarmwright.analysis.sweep.jobs import shares
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.common.errors import PlugInError
 from swarmwright.methods import METHODS
-from swarmwright.supervision.local_servers import processors
+from swarmwright.servers.supervision.local_servers import processors
 from tests.python.cli.processes import children, gone
 
 BASE = "simulation: minisim\nparameters: {maxSteps: 5}\nmethod: {population: 6, generations: 100}\n"

@@ -12,12 +12,12 @@ from swarmwright.cli._commands import program
 from swarmwright.cli._main import run as run_program
 from swarmwright.common.modules import states_of
 from swarmwright.controllers.modules import registered
-from swarmwright.evaluation.module_code import is_in_python
 from swarmwright.experiment.derived import has_python_modules
 from swarmwright.export.exporting import export_controller
 from swarmwright.runs.code import used_for
 from swarmwright.runs.repeat import repeat
 from swarmwright.runs.replay import Replay
+from swarmwright.servers.evaluation.module_code import is_in_python
 from swarmwright.simulations.user_code import trust
 from swarmwright.testing import check_behaviour, check_condition
 from tests.python.controllers.modules.conftest import SPEED, forget, written

@@ -13,10 +13,10 @@ from swarmwright import Controller, Experiment, InputError
 from swarmwright.common.modules import BUILT_IN, PYTHON_KIND
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers.kinds.modules.representation import Modules, ModulesOptions
-from swarmwright.evaluation import python_modules
-from swarmwright.evaluation.base import Controllers
-from swarmwright.evaluation.python_modules import ModulesBackend
 from swarmwright.export.sequences import Sequences, random_sequences
+from swarmwright.servers.evaluation import python_modules
+from swarmwright.servers.evaluation.base import Controllers
+from swarmwright.servers.evaluation.python_modules import ModulesBackend
 from swarmwright.testing import check_behaviour, check_condition, check_representation
 
 FORMS = ("machine", "tree")

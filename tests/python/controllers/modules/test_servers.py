@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, Run, RunError, _engine, evaluate, optimize, resume, simulate
-from swarmwright.evaluation.base import Controllers
-from swarmwright.evaluation.launched.packing import packed
-from swarmwright.evaluation.module_code import names_of, offered
-from swarmwright.evaluation.opening import open_backend
-from swarmwright.evaluation.through_broker import BrokerBackend
-from swarmwright.launchers import Specification
-from swarmwright.launchers._slot import Slot
-from swarmwright.launchers.process import ProcessOptions
 from swarmwright.runs.repeat import repeat
+from swarmwright.servers.evaluation.base import Controllers
+from swarmwright.servers.evaluation.launched.packing import packed
+from swarmwright.servers.evaluation.module_code import names_of, offered
+from swarmwright.servers.evaluation.opening import open_backend
+from swarmwright.servers.evaluation.through_broker import BrokerBackend
+from swarmwright.servers.launchers import Specification
+from swarmwright.servers.launchers._slot import Slot
+from swarmwright.servers.launchers.process import ProcessOptions
 from tests.python.cli.processes import gone
 from tests.python.cli.test_services import events
 from tests.python.controllers.modules.conftest import CODE, forget, written
@@ -198,7 +198,7 @@ def test_a_killed_server_does_not_change_the_record(
 
     def kill(record: Any) -> None:
         if record.generation in {0, 1}:
-            from swarmwright.supervision.local_servers import _running
+            from swarmwright.servers.supervision.local_servers import _running
 
             (servers,) = _running.values()
             killed.append(servers.pids[0])

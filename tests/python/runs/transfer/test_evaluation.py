@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, Run, optimize, transfer
-from swarmwright.supervision.local_servers import LocalServers
+from swarmwright.servers.supervision.local_servers import LocalServers
 
 pytestmark = pytest.mark.slow
 

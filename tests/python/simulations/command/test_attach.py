@@ -22,7 +22,7 @@ from swarmwright import (
     simulate,
 )
 from swarmwright.common import warn_once
-from swarmwright.evaluation.evaluate import episode
+from swarmwright.servers.evaluation.evaluate import episode
 from swarmwright.simulations import catalogue
 from tests.python.cli.test_services import events
 from tests.python.records import same_record

@@ -10,9 +10,9 @@ from typing import Any, Literal
 import pytest
 
 from swarmwright import InputError, Run, optimize, post_evaluate, repeat, resume
-from swarmwright.evaluation.launched.packing import packed
-from swarmwright.launchers import LAUNCHERS, Health, Launcher, LauncherOptions
-from swarmwright.launchers._slot import End, Slot
+from swarmwright.servers.evaluation.launched.packing import packed
+from swarmwright.servers.launchers import LAUNCHERS, Health, Launcher, LauncherOptions
+from swarmwright.servers.launchers._slot import End, Slot
 from swarmwright.store.verification import verify
 from tests.python.records import same_record
 from tests.python.simulations.user_code.conftest import edit

@@ -6,8 +6,8 @@ import pytest
 
 from swarmwright import InputError, Run, RunError, compare, optimize
 from swarmwright.analysis.sweep import Executor, Sweep, tasks
+from swarmwright.servers.supervision.local_servers import LocalServers
 from swarmwright.simulations.user_code.changes import files_of
-from swarmwright.supervision.local_servers import LocalServers
 from tests.python.simulations.user_code.conftest import edit
 
 pytestmark = pytest.mark.slow

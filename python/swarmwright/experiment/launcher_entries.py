@@ -1,0 +1,175 @@
+"""From what experiments and the command line say about launchers to checked options."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from swarmwright.common.errors import InputError
+from swarmwright.common.problems import problems_of, shown
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.experiment.launchers import LAUNCHERS, LauncherOptions
+
+Entries = tuple[LauncherOptions, ...]
+Report = Callable[[tuple[str | int, ...], str], None]
+"""Takes a problem: where in `servers`, what."""
+
+_TEXT = re.compile(r"([^\W\d][\w-]*):(\d+)(?:\.\.(\d+))?")
+WORDS = ("auto", "local", "in-process")
+
+
+def names_launchers(value: Any) -> bool:  # noqa: ANN401 - whatever a file says
+    """Whether a value of `servers` is about launchers: a mapping, a list, or text such as slurm:200."""
+    if isinstance(value, str):
+        return value not in WORDS and (":" in value or value in LAUNCHERS.names())
+    return isinstance(value, Mapping | list | tuple | LauncherOptions)
+
+
+def entries_of(value: Any, folder: Path, report: Report) -> Entries | None:  # noqa: ANN401 - whatever a file says
+    """Return the options of all entries; None where something is wrong, which is reported.
+
+    folder: that paths are relative to.
+    """
+    if isinstance(value, str):
+        try:
+            value = of_text(value, ())
+        except InputError as error:
+            report((), str(error))
+            return None
+    several = isinstance(value, list | tuple)
+    made = [
+        _entry(one, folder, (lambda path, message, at=at: report((*at, *path), message)))  # type: ignore[misc] # the default binds it
+        for one, at in (
+            (one, (index,) if several else ()) for index, one in enumerate(value if several else [value])
+        )
+    ]
+    found = tuple(one for one in made if one is not None)
+    if len(found) < len(made):
+        return None
+    if not found:
+        report((), "must name a launcher, such as {launcher: slurm, count: 4}")
+        return None
+    problem = _together(found)
+    if problem is not None:
+        report((), problem)
+        return None
+    return found
+
+
+def _together(entries: Entries) -> str | None:
+    """Return why entries cannot be used together, None where they can."""
+    if sum(one.launcher == "process" for one in entries) > 1:
+        return "process is there twice; this machine's servers are one entry: add up their numbers"
+    return None
+
+
+def _entry(value: Any, folder: Path, report: Report) -> LauncherOptions | None:  # noqa: ANN401 - whatever a file says
+    if isinstance(value, LauncherOptions):
+        return value
+    if isinstance(value, str):
+        try:
+            return of_text(value, ())[0]
+        except InputError as error:
+            report((), str(error))
+            return None
+    if not isinstance(value, Mapping):
+        report((), f"must be a launcher, such as {{launcher: slurm, count: 4}}, not {shown(value)}")
+        return None
+    kind = value.get("launcher")
+    if not isinstance(kind, str):
+        report(("launcher",), f"is missing; available: {', '.join(LAUNCHERS.names())}")
+        return None
+    try:
+        model = LAUNCHERS.get(kind).options_model
+    except InputError as error:
+        report(("launcher",), str(error))
+        return None
+    try:
+        made = model.model_validate(dict(value))
+    except ValidationError as error:
+        for path, message in problems_of(error, model):
+            report(path, message)
+        return None
+    return _with_paths(made, folder)
+
+
+def _with_paths(options: LauncherOptions, folder: Path) -> LauncherOptions:
+    """Return options with absolute paths of files on this machine."""
+    changes = {}
+    for name in options.paths:
+        value = getattr(options, name)
+        if isinstance(value, str):
+            changes[name] = str((folder / Path(value).expanduser()).resolve())
+    return options.model_copy(update=changes) if changes else options
+
+
+def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
+    """Return the entries that a text such as `slurm:200` or `slurm:100,process:2` names.
+
+    given: the experiment's entries, whose other options hold for a launcher of the same name.
+
+    Raises:
+        InputError: it is something else, or a launcher needs options that only an experiment can have.
+    """
+    made = []
+    for part in text.split(","):
+        match = _TEXT.fullmatch(part.strip())
+        if match is None:
+            # Of `slurm:-3` the number is wrong.
+            known = part.partition(":")[0].strip() in LAUNCHERS.names()
+            hint = "" if known else did_you_mean(part, [*LAUNCHERS.names(), *WORDS])
+            if any(one.launcher == part.strip() for one in given):
+                hint = "; leave it out to start those of the experiment"
+            words = "" if known or part != text else f"{', '.join(WORDS)}, a number, or "
+            raise InputError(
+                f"must be {words}a launcher with a number of servers, such as slurm:4 or slurm:4..200, "
+                f"not {part!r}{hint}"
+            )
+        kind = match[1]
+        number = {"count": int(match[2])}
+        if match[3] is not None:
+            number = {"min": int(match[2]), "max": int(match[3])}
+        model = LAUNCHERS.get(kind).options_model
+        base = next((one for one in given if one.launcher == kind), None)
+        values: dict[str, Any] = {"launcher": kind} if base is None else base.model_dump(exclude_unset=True)
+        try:
+            others = {key: value for key, value in values.items() if key not in {"count", "min", "max"}}
+            made.append(model.model_validate({**others, "launcher": kind, **number}))
+        except ValidationError as error:
+            path, message = problems_of(error, model)[0]
+            key = ".".join(map(str, path))
+            if not path:  # of several options together
+                raise InputError(f"{part}: {message}") from error
+            hint = f"; give it in the experiment, servers: {{launcher: {kind}, {key}: ..}}"
+            raise InputError(f"{part}: {key}: {message}{'' if key in number else hint}") from error
+    problem = _together(tuple(made))
+    if problem is not None:
+        raise InputError(problem)
+    return tuple(made)
+
+
+def files_of(entries: Entries) -> list[str]:
+    """Return the patterns of the files that are copied with the simulation's code."""
+    return list(dict.fromkeys(file for one in entries if one.code is None for file in one.files))
+
+
+def with_files(entries: Entries, given: Entries) -> Entries:
+    """Return entries that replace the experiment's, with the files of these: the simulation needs them.
+
+    given: the experiment's entries.
+    """
+    files = files_of(given)
+    return tuple(
+        one.model_copy(update={"files": files})
+        if files and one.code is None and "files" not in one.model_fields_set
+        else one
+        for one in entries
+    )
+
+
+def written(entries: Entries) -> Any:  # noqa: ANN401 - a mapping or a list
+    """Return entries as an experiment file has them, every default written out; a single one as a mapping."""
+    found = [one.model_dump(exclude_none=True) for one in entries]
+    return found[0] if len(found) == 1 else found

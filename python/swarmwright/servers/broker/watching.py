@@ -1,0 +1,226 @@
+"""The state of a broker's peers: servers, tools and blocking servers, collected from their messages."""
+
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from swarmwright import _engine
+from swarmwright.servers.broker.credentials import prepare
+
+SILENCE = 1.0
+"""Seconds after which a server with work that sends nothing counts as blocking."""
+STALE_S = 2.5
+"""Seconds after which a tool's status is out of date: tools send it every second while they evaluate."""
+FORGET = 30.0
+"""Seconds after which a silent tool is dropped: it was killed."""
+
+Json = dict[str, Any]
+
+
+@dataclass
+class _Tool:
+    status: Json
+    heard: float
+
+
+@dataclass(frozen=True)
+class ServerRow:
+    """The state of one server."""
+
+    server: int
+    state: str | None
+    """ready, busy, lost; None for a server of the D6.1 profile, which does not report it."""
+    simulations: Sequence[str]
+    tool: str | None
+    """The tool that has reserved it."""
+    presence: Json | None = None
+    """Its presence message."""
+    doing: Sequence[Json] = ()
+    """Its work, as in the status message, each with the `tool` that waits for it; silent longest first."""
+    use: Json = field(default_factory=dict)
+    """What the tool that uses it measured: mode, speed, failures, reason, benched."""
+
+    @property
+    def silent(self) -> float:
+        """Seconds since its last useful message while a tool waits for it; 0 when no tool waits."""
+        return max((float(work["silent"]) for work in self.doing), default=0.0)
+
+    def record(self) -> Json:
+        """Everything as plain values."""
+        return {
+            "server": self.server,
+            "state": self.state,
+            "simulations": list(self.simulations),
+            "tool": self.tool,
+            "doing": list(self.doing),
+            **{key: self.use.get(key) for key in ("mode", "speed", "failures", "reason", "benched")},
+        }
+
+
+@dataclass(frozen=True)
+class ToolRow:
+    """One active optimization tool."""
+
+    status: Json
+    """Its last status message, with a description of what it waits for."""
+    heard: float
+    """Seconds since the status message arrived."""
+
+    @property
+    def waits_for(self) -> str | None:
+        """What it waits for, in words; None while nothing blocks."""
+        if self.heard > STALE_S:
+            return f"no message for {self.heard:.0f} s: it is computing, stopped or killed"
+        alone = self.status.get("no_server")
+        if alone:
+            return f"waiting for a server for {alone['seconds']:.1f} s ({alone['found']})"
+        first = next(iter(self.status["waiting_for"]), None)
+        return str(first["words"]) if first and first["silent"] >= SILENCE else None
+
+
+@dataclass(frozen=True)
+class View:
+    """A snapshot of servers and tools."""
+
+    servers: Sequence[ServerRow]
+    tools: Sequence[ToolRow]
+    broker_lost: str | None
+    """Why there is no connection to the broker; None while there is one."""
+
+    abandoned: Sequence[ServerRow] = ()
+    """Servers that are reserved for a tool that has ended, or that has never sent its status."""
+    gone: Collection[str] = ()
+    """Names of tools that have ended."""
+
+    @property
+    def blocking(self) -> ServerRow | None:
+        """The blocking server that has been silent for the longest time; None if there is none."""
+        silent = [server for server in self.servers if server.silent >= SILENCE]
+        return max(silent, key=lambda server: server.silent, default=None)
+
+    def record(self) -> Json:
+        """Everything as plain values."""
+        blocking = self.blocking
+        return {
+            "servers": [server.record() for server in self.servers],
+            "tools": [
+                {**tool.status, "heard": tool.heard, "waits_for": tool.waits_for} for tool in self.tools
+            ],
+            "blocking": None
+            if blocking is None
+            else {"server": blocking.server, "silent": blocking.silent, "words": words(blocking)},
+            "abandoned": [server.server for server in self.abandoned],
+            "broker_lost": self.broker_lost,
+        }
+
+
+def words(server: ServerRow) -> str:
+    """Return which message a server with work owes, in words."""
+    return str(max(server.doing, key=lambda work: float(work["silent"]))["words"])
+
+
+class Watch:
+    """Collects what peers announce; independent of the connection.
+
+    clock: returns seconds, from any origin.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._presences: dict[int, Json] = {}
+        self._tools: dict[str, _Tool] = {}
+        self._broker_lost: str | None = None
+        self._gone: set[str] = set()
+        self._since = clock()
+
+    def update(self, news: Mapping[str, Any]) -> None:
+        """Process one event of `_engine.Watcher.poll`."""
+        if "presence" in news:
+            self._presences[news["presence"]["server"]] = news["presence"]
+        elif "left" in news:
+            self._presences.pop(news["left"], None)
+        elif "status" in news and news["status"]["state"] == "left":
+            self._tools.pop(news["token"], None)
+            self._gone.add(news["status"]["tool"])
+        elif "status" in news:
+            self._tools[news["token"]] = _Tool(news["status"], self._clock())
+            self._gone.discard(news["status"]["tool"])
+        elif "broker" in news:
+            self._broker_lost = news["reason"] if news["broker"] == "lost" else None
+            if self._broker_lost is None:
+                # Peers may have left unnoticed meanwhile; those present are retained and announced again.
+                self._presences.clear()
+                self._since = self._clock()
+
+    def view(self) -> View:
+        """Return the current state."""
+        now = self._clock()
+        for token in [token for token, tool in self._tools.items() if now - tool.heard > FORGET]:
+            del self._tools[token]
+        tools = sorted(
+            (ToolRow(tool.status, now - tool.heard) for tool in self._tools.values()),
+            key=lambda tool: str(tool.status["tool"]),
+        )
+        doing, use = _by_server([tool for tool in tools if tool.heard <= STALE_S])
+        rows = []
+        for server in sorted({*self._presences, *doing, *use}):
+            presence = self._presences.get(server)
+            works = sorted(doing.get(server, ()), key=lambda work: -float(work["silent"]))
+            holder = works[0]["tool"] if works else None
+            rows.append(
+                ServerRow(
+                    server=server,
+                    state=presence["state"] if presence else None,
+                    simulations=presence["simulations"] if presence else (),
+                    tool=(presence or {}).get("tool") or holder,
+                    presence=presence,
+                    doing=works,
+                    use=use.get(server, {}),
+                )
+            )
+        self._gone &= {row.tool for row in rows if row.tool is not None}
+        return View(rows, tools, self._broker_lost, self._abandoned(rows), frozenset(self._gone))
+
+    def _abandoned(self, rows: Sequence[ServerRow]) -> list[ServerRow]:
+        listened = self._clock() - self._since > STALE_S
+        known = {tool.status["tool"] for tool in self._tools.values()}
+        held = (row for row in rows if row.state == "busy" and row.tool is not None and row.tool not in known)
+        return [row for row in held if row.tool in self._gone or listened]
+
+
+def _by_server(tools: Sequence[ToolRow]) -> tuple[dict[int, list[Json]], dict[int, Json]]:
+    """Return the work and the use of each server; the tool that gave it work takes precedence."""
+    doing: dict[int, list[Json]] = {}
+    use: dict[int, Json] = {}
+    for tool in tools:
+        status = tool.status
+        for work in status["waiting_for"]:
+            doing.setdefault(work["server"], []).append({**work, "tool": status["tool"]})
+        working = {work["server"] for work in status["waiting_for"]}
+        for used in status["servers"]:
+            if used["server"] in working or used["server"] not in use:
+                use[used["server"]] = used
+    return doing, use
+
+
+def views(broker: str, *, prefix: str = "", every: float = 1.0) -> Iterator[View]:
+    """Connect to a broker and yield its state every `every` seconds, without end.
+
+    Raises the engine's errors: no broker, refused, a prefix that cannot be.
+    """
+    prepare(broker)
+    watcher = _engine.Watcher(broker, prefix=prefix)
+    try:
+        watch = Watch()
+        first = True
+        while True:
+            # The first view is early: retained messages arrive at once.
+            until = time.monotonic() + (min(every, 0.5) if first else every)
+            first = False
+            while (left := until - time.monotonic()) > 0:
+                for news in watcher.poll(left):
+                    watch.update(news)
+            yield watch.view()
+    finally:
+        watcher.close()

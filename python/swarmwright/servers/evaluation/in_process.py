@@ -1,0 +1,331 @@
+"""Evaluation in this process: of built-in simulations by the engine, and of those in Python."""
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Set as AbstractSet
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright import _engine
+from swarmwright.common import hash_seed
+from swarmwright.common.engine_types import AttemptRow
+from swarmwright.common.errors import SimulationError, engine_errors
+from swarmwright.common.processes import use_threads
+from swarmwright.common.untrusted import one_line
+from swarmwright.experiment.derived import fitness_expression
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.servers.evaluation.base import (
+    FIRST,
+    AuditedEpisode,
+    Controllers,
+    Feed,
+    OnResults,
+    Progress,
+    Results,
+    apply_expression,
+    metrics_of,
+    tolerance_of,
+)
+from swarmwright.servers.evaluation.code_failures import CodeFailures
+from swarmwright.servers.evaluation.repetition import Failed, Repetition, Value
+from swarmwright.servers.rows import Journal
+from swarmwright.servers.server_use import ServerUses
+from swarmwright.simulations import catalogue
+from swarmwright.simulations.hosts import hosted
+from swarmwright.simulations.loading import load
+
+_log = logging.getLogger("swarmwright")
+
+_HOLD_S = 2.0
+"""Seconds from the beginning of an evaluation for which failures are held back, see `tell_held`."""
+
+
+class InProcessBackend:
+    """Evaluates built-in simulations in this process, without broker and servers.
+
+    metrics: asked for beside those that the fitness needs.
+    """
+
+    def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
+        announced = catalogue.description(experiment.simulation, experiment.parameters)
+        self.sensors: int = announced["sensors"]
+        self.actuators: int = announced["actuators"]
+        self.description = "in this process"
+        self.is_foreign = False
+        self.hash_seed: str | None = hash_seed.of_this_process()
+        self._simulation = experiment.simulation
+        self.parameters = experiment.parameters
+        self._expression = fitness_expression(experiment)
+        self.metrics = metrics_of(self._expression, metrics)
+        self.may_fail = self._expression is not None
+        self._failed = 0
+        self._evaluator: tuple[dict[str, Any], _engine.Evaluator] | None = None  # of the last architecture
+
+    def evaluate(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None = None,
+        on_results: OnResults | None = None,
+    ) -> Results:
+        """Return the results; an episode fails where the fitness expression or the simulation's code does."""
+        results = self._evaluate(controllers, seeds, on_progress, meanwhile=meanwhile)
+        if on_results is not None:
+            on_results(range(len(results.fitness)), results)
+        return results
+
+    def _evaluate(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        first: int = 0,
+        meanwhile: Callable[[], None] | None = None,
+    ) -> Results:
+        """Return the results; candidates are counted from `first` on in what is said of them."""
+        with engine_errors():
+            results = self.compute(controllers, seeds, on_progress, meanwhile)
+        if first:
+            journal = Journal()
+            journal.extend(results.journal, first)
+            results = Results(results.fitness, results.metrics, journal)
+        numbers = range(first, first + len(controllers.weights))
+        results = apply_expression(self._expression, results, numbers)
+        self.count_failed(results)
+        return results
+
+    def count_failed(self, results: Results) -> None:
+        """Count failed episodes."""
+        self._failed += int(np.count_nonzero(np.isnan(results.fitness)))
+
+    def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
+        """Return the journal of what the engine has evaluated by itself."""
+        return Journal.of(attempts, warnings)
+
+    def failure_of(self, _reason: str, /) -> SimulationError | None:
+        """Return None: built-in simulations have no such failures."""
+        return None
+
+    def repeat(
+        self, controllers: Controllers, evaluations: Sequence[AuditedEpisode], on_progress: Progress
+    ) -> tuple[Results, list[int | None]]:
+        """Repeat single evaluations, one after the other; no server has a part in it."""
+        parts = []
+        for index, one in enumerate(evaluations):
+            on_progress(index, len(evaluations), "")
+            weights = controllers.weights[one.candidate : one.candidate + 1]
+            alone = Controllers(controllers.architecture, weights)
+            with engine_errors():
+                parts.append(self.compute(alone, [one.seed], lambda *_: None, None))
+        on_progress(len(evaluations), len(evaluations), "")
+        fitness = np.concatenate([part.fitness for part in parts])
+        metrics = np.concatenate([part.metrics for part in parts])
+        results = apply_expression(
+            self._expression, Results(fitness, metrics, Journal()), range(len(evaluations))
+        )
+        return results, [None] * len(evaluations)
+
+    def tolerance(self, _servers: AbstractSet[int | None], /) -> float | None:
+        """Return how far results may differ: built-in simulations find the same, to the bit."""
+        return 0.0
+
+    def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
+        """Return what the engine evaluates with; None where the experiment has its own fitness."""
+        return self._evaluator_of(architecture) if self._expression is None else None
+
+    def ahead(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
+        """Return what the engine evaluates with; None where Python has a part in it."""
+        return self.evaluator(architecture)
+
+    def _evaluator_of(self, architecture: dict[str, Any]) -> _engine.Evaluator:
+        use_threads()
+        if self._evaluator is None or self._evaluator[0] != architecture:
+            evaluator = _engine.Evaluator(
+                self._simulation, self.parameters, architecture, metrics=self.metrics
+            )
+            self._evaluator = architecture, evaluator
+        return self._evaluator[1]
+
+    def compute(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None,
+    ) -> Results:
+        """Return the results with the simulation's own fitness. Raises the engine's errors."""
+        evaluator = self._evaluator_of(controllers.architecture)
+        fitness, metrics = evaluator.evaluate(controllers.weights, list(seeds), on_progress, meanwhile)
+        return Results(fitness, metrics, Journal())
+
+    def check(self) -> None:
+        """Do nothing: there is no other process."""
+
+    def about(
+        self,
+        run: str,
+        generation: int | None,
+        generations: int,
+        evaluations: tuple[int, int] | None = None,
+    ) -> None:
+        """Do nothing: without a broker there are no watchers."""
+
+    def usage(self) -> str:
+        """Return nothing: there are no servers."""
+        return ""
+
+    def server_use(self) -> ServerUses:
+        """Return nothing: there are no servers."""
+        return {}
+
+    def incidents(self) -> dict[str, int]:
+        """Return how many evaluations failed; other faults are errors here."""
+        return {"failed": self._failed} if self._failed else {}
+
+    def log_to(self, folder: Path) -> None:
+        """Do nothing: output goes to this process's own streams."""
+
+    def post_evaluates(self) -> None:
+        """Do nothing: without a broker there are no watchers."""
+
+    def stream(
+        self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
+    ) -> None:
+        """Evaluate all candidates in flight as one batch, repeatedly: in one process none is slower."""
+        first, weights = 0, controllers.weights
+        while len(weights):
+            numbers = range(first, first + len(weights))
+            results = self._evaluate(
+                Controllers(controllers.architecture, weights), seeds, on_progress, first
+            )
+            first += len(weights)
+            more = feed(numbers, results)
+            if more is None:
+                return
+            weights = more
+
+
+class PythonBackend(InProcessBackend):
+    """Evaluates simulations in Python in this process, one episode after the other; failed ones again."""
+
+    def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
+        super().__init__(experiment, metrics)
+        self.may_fail = True
+        self.tell: Callable[[str, str], None] = _tell
+        """Gets (reason, traceback) of a failure, once for each reason."""
+        self._held: list[tuple[str, str]] = []
+        self._begun = 0.0
+        self._host = hosted(load(experiment.simulation), self._report)
+        self._code_failures = CodeFailures()
+        self._repetition = Repetition(experiment.faults.attempts, bitwise=self._host.determinism == "bitwise")
+
+    def _report(self, reason: str, stack: str) -> None:
+        self._held.append((reason, stack))
+        if time.monotonic() - self._begun > _HOLD_S:
+            self.tell_held()
+
+    def tell_held(self) -> None:
+        """Tell failures that were held back: where all episodes fail, an error that ends the run has them."""
+        for reason, stack in self._held:
+            self.tell(reason, stack)
+        self._held.clear()
+
+    def evaluate(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None = None,
+        on_results: OnResults | None = None,
+    ) -> Results:
+        """Return the results; where they are wanted as they come, those of the first candidates first."""
+        count = len(controllers.weights)
+        if on_results is None or count <= FIRST:
+            return super().evaluate(controllers, seeds, on_progress, meanwhile, on_results)
+        parts: list[Results] = []
+        for first, end in ((0, FIRST), (FIRST, count)):
+
+            def progress(done: int, _: int, waiting_for: str, before: int = first * len(seeds)) -> None:
+                on_progress(before + done, count * len(seeds), waiting_for)
+
+            part = Controllers(controllers.architecture, controllers.weights[first:end])
+            parts.append(self._evaluate(part, seeds, progress, first, meanwhile))
+            on_results(range(first, end), parts[-1])
+            meanwhile = None
+        journal = Journal()
+        for one in parts:
+            journal.extend(one.journal, 0)
+        fitness, metrics = ([getattr(one, name) for one in parts] for name in ("fitness", "metrics"))
+        return Results(np.concatenate(fitness), np.concatenate(metrics), journal)
+
+    def tolerance(self, _servers: AbstractSet[int | None], /) -> float | None:
+        """Return how far results may differ, as the class declares it."""
+        return tolerance_of([(self._host.determinism, self._host.tolerance)])
+
+    def evaluator(self, architecture: dict[str, Any]) -> None:
+        """Return None: code in Python is evaluated by Python."""
+
+    def compute(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None,
+    ) -> Results:
+        """Return the results, NaN where the code failed in all attempts. Raises the engine's errors."""
+        self.tell_held()  # the run has gone on
+        self._host.forget_failure()
+        self._begun = time.monotonic()
+        if meanwhile is not None:
+            meanwhile()
+        started = time.time()
+        fitness, metrics, failures = self._once(controllers, seeds, on_progress)
+        total = fitness.size
+
+        def again(candidate: int, episode: int) -> Value | Failed:
+            one = Controllers(controllers.architecture, controllers.weights[candidate : candidate + 1])
+            value, measured, failed = self._once(
+                one, seeds[episode : episode + 1], lambda *_: on_progress(total, total, "")
+            )
+            return failed[0] if failed else Value(float(value[0, 0]), measured[0, 0])
+
+        journal = self._repetition(failures, fitness, metrics, again, started)
+        self._code_failures.note(journal)
+        if np.isfinite(fitness).any() or len(self._held) > 1:  # the error that ends the run has one reason
+            self.tell_held()
+        return Results(fitness, metrics, journal)
+
+    def _once(
+        self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Failed]]:
+        """Return fitness, metrics and failures of one attempt at every evaluation."""
+        fitness, metrics, failures = _engine.evaluate_host(
+            self._host,
+            self.parameters,
+            controllers.architecture,
+            controllers.weights,
+            list(seeds),
+            on_progress,
+            metrics=self.metrics,
+        )
+        return fitness, metrics, [Failed(*one) for one in failures]
+
+    def failure_of(self, reason: str, /) -> SimulationError | None:
+        """Return what the code failed with, for a reason of a journal: the last one with what it raised."""
+        last = self._host.failure
+        return last if last is not None and str(last) == reason else self._code_failures.of(reason)
+
+    def incidents(self) -> dict[str, int]:
+        """Return how often failed evaluations were repeated, and how many failed in all attempts."""
+        retries = {"retries": self._repetition.retries} if self._repetition.retries else {}
+        return retries | super().incidents()
+
+
+def _tell(reason: str, _stack: str) -> None:
+    """Tell why an episode failed, once for each reason; the stack is in the journal of a run."""
+    _log.warning("an episode failed: %s", one_line(reason))

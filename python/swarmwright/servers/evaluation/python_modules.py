@@ -1,0 +1,131 @@
+"""Evaluation of machines with modules in Python in this process."""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from swarmwright import _engine
+from swarmwright.common.errors import RunError, SimulationError
+from swarmwright.common.modules import PYTHON_KIND
+from swarmwright.common.simulation_names import is_python
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.servers.evaluation.base import Controllers, Progress, Results
+from swarmwright.servers.evaluation.code_failures import CodeFailures
+from swarmwright.servers.evaluation.in_process import InProcessBackend, PythonBackend
+from swarmwright.servers.evaluation.machines import LANES, MachineEvaluations
+from swarmwright.servers.evaluation.repetition import Failed, Repetition, Value
+from swarmwright.simulations import catalogue
+
+_REPORT_S = 0.1
+
+
+class ModulesBackend(InProcessBackend):
+    """Evaluates machines with modules in Python in this process, many episodes side by side.
+
+    Controllers that the engine computes are evaluated as usual.
+    """
+
+    def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
+        super().__init__(experiment, metrics)
+        python = is_python(experiment.simulation)
+        self._others = (PythonBackend if python else InProcessBackend)(experiment, metrics)
+        self._together = 1 if python else LANES
+        # What a simulation declares of its determinism says nothing about modules.
+        self._repetition = Repetition(experiment.faults.attempts, bitwise=False)
+        self._code_failures = CodeFailures()
+        self.description = "in this process (behaviours in Python)"
+
+    def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
+        """Return None for machines with modules in Python."""
+        return None if architecture.get("kind") == PYTHON_KIND else self._others.evaluator(architecture)
+
+    def compute(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None,
+    ) -> Results:
+        """Return the results; NaN where a simulation in Python failed in all attempts.
+
+        Raises the engine's errors, InputError for modules that are not installed, RunError where their code
+        fails.
+        """
+        if controllers.architecture.get("kind") != PYTHON_KIND:
+            return self._others.compute(controllers, seeds, on_progress, meanwhile)
+        if meanwhile is not None:
+            meanwhile()
+        work = self._work(controllers, seeds)
+        failures: list[Failed] = []
+        report = _Report(on_progress, work.total)
+        started = time.time()
+        more = True
+        while more:
+            try:
+                more = work.step()
+            except RunError as error:
+                failures.append(self._failure_of(work, error))
+            report(work.done)
+        fitness, metrics = work.fitness(), work.metrics()
+
+        def again(candidate: int, episode: int) -> Value | Failed:
+            report(work.done)
+            one = self._work(
+                Controllers(controllers.architecture, controllers.weights[candidate : candidate + 1]),
+                seeds[episode : episode + 1],
+            )
+            try:
+                while one.step():
+                    report(work.done)
+            except RunError as error:
+                return self._failure_of(one, error)
+            return Value(float(one.fitness()[0, 0]), one.metrics()[0, 0])
+
+        journal = self._repetition(failures, fitness, metrics, again, started)
+        self._code_failures.note(journal)
+        report(work.total, last=True)
+        return Results(fitness, metrics, journal)
+
+    def _work(self, controllers: Controllers, seeds: Sequence[int]) -> MachineEvaluations:
+        return MachineEvaluations(
+            catalogue.playable(self._simulation),
+            self.parameters,
+            controllers.architecture,
+            controllers.weights,
+            seeds,
+            self.metrics,
+            together=self._together,
+        )
+
+    def _failure_of(self, work: MachineEvaluations, error: RunError) -> Failed:
+        """Return which evaluation failed; raise the error where a module's code did, not the simulation's."""
+        stack = error.stack if isinstance(error, SimulationError) else None
+        of_simulation = isinstance(error, SimulationError) or isinstance(error.__cause__, _engine.EngineError)
+        if self._together > 1 or not of_simulation:
+            raise error
+        candidate, episode = work.part[0].tolist()
+        return Failed(candidate, episode, str(error), stack)
+
+    def failure_of(self, reason: str, /) -> SimulationError | None:
+        """Return what a simulation's code failed with, for a reason of a journal; None for others."""
+        return self._code_failures.of(reason) or self._others.failure_of(reason)
+
+    def incidents(self) -> dict[str, int]:
+        """Return how often failed evaluations were repeated, and how many failed in all attempts."""
+        retries = self._repetition.retries + self._others.incidents().get("retries", 0)
+        return ({"retries": retries} if retries else {}) | super().incidents()
+
+
+class _Report:
+    """Reports progress some ten times a second."""
+
+    def __init__(self, on_progress: Progress, total: int) -> None:
+        self._on_progress = on_progress
+        self._total = total
+        self._next = time.monotonic() + _REPORT_S
+
+    def __call__(self, done: int, *, last: bool = False) -> None:
+        now = time.monotonic()
+        if last or now >= self._next:
+            self._next = now + _REPORT_S
+            self._on_progress(done, self._total, "")

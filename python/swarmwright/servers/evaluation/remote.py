@@ -1,0 +1,97 @@
+"""Episodes that a simulation server computes and that are shown here."""
+
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from swarmwright import _engine
+from swarmwright.common.errors import RunError, engine_errors
+from swarmwright.common.untrusted import one_line
+from swarmwright.display import Playable, Recording, record
+from swarmwright.experiment.derived import with_environment
+from swarmwright.servers.broker.credentials import prepare
+from swarmwright.servers.broker.waiting import connect_with_retries
+from swarmwright.simulations import catalogue
+
+if TYPE_CHECKING:
+    from swarmwright.common.engine_types import Requirements
+    from swarmwright.experiment.experiment import Experiment
+
+Result = TypeVar("Result")
+
+ATTEMPTS = 3
+"""How often an episode is begun whose messages are lost."""
+
+_LOGGER = logging.getLogger("swarmwright")
+
+
+def begin(
+    experiment: "Experiment", broker: str, parameters: dict[str, Any], controller: str
+) -> _engine.RemoteEpisode:
+    """Begin an episode on a server that has scenes.
+
+    Args:
+        experiment: names simulation, requirements, prefix and time-outs.
+        broker: where servers are.
+        parameters: of the episode, `seed` among them.
+        controller: its specification with weights, as JSON.
+
+    Raises:
+        RunError: no broker, no free server that has scenes, or the episode did not begin.
+        InputError: the address or the requirements cannot be used.
+    """
+    prepare(broker)
+    prefix = with_environment(experiment).prefix
+    requirements = cast("Requirements", experiment.requirements.model_dump(exclude_none=True))
+
+    def attempt() -> _engine.RemoteEpisode:
+        return _engine.RemoteEpisode(
+            broker,
+            simulation=catalogue.title(experiment.simulation),
+            parameters=parameters,
+            requirements=requirements,
+            controller=controller,
+            prefix=prefix,
+            discovery=experiment.timeouts.discovery,
+            step=experiment.timeouts.step,
+        )
+
+    with engine_errors():
+        return repeated(lambda: connect_with_retries(attempt, experiment.timeouts.connect, _LOGGER.warning))
+
+
+def recorded(make: Callable[[], tuple[_engine.RemoteEpisode, Playable]]) -> Recording:
+    """Play an episode to its end, from its beginning again where messages are lost.
+
+    make: begins the episode; what it returns second is played. Raises RunError when all attempts fail.
+    """
+
+    def attempt() -> Recording:
+        episode, played = make()
+        try:
+            recording = record(played)
+            if episode.missing:
+                scenes = f"{episode.missing} scene{'s' * (episode.missing > 1)}"
+                _LOGGER.warning("server %d: %s did not arrive and are left out", episode.server, scenes)
+            return recording
+        finally:
+            episode.close()
+
+    with engine_errors():
+        return repeated(attempt)
+
+
+def repeated(attempt: Callable[[], Result]) -> Result:
+    """Return what `attempt` returns, which is tried again where messages were lost.
+
+    Raises RunError with the last reason when all attempts fail.
+    """
+    for number in range(1, ATTEMPTS + 1):
+        try:
+            return attempt()
+        except _engine.LostError as error:
+            reason = one_line(str(error))
+            if number == ATTEMPTS:
+                raise RunError(f"{reason}; tried {ATTEMPTS} times") from error
+            _LOGGER.warning("%s; the episode is begun again", reason)
+    raise AssertionError  # the last attempt returns or raises

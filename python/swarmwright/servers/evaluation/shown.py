@@ -1,0 +1,269 @@
+"""Episodes of experiments that are played to be shown."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from swarmwright import _engine
+from swarmwright.common.arguments import simulation_seed
+from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.random_numbers import Stream
+from swarmwright.controllers.controller import Controller, controller_words
+from swarmwright.controllers.modules.played import PlayedEpisode
+from swarmwright.display import Caption, Part, Playable, Recording, record
+from swarmwright.display.files import save
+from swarmwright.display.pictures import Pictured, PictureRecording
+from swarmwright.display.pictures import record as record_pictures
+from swarmwright.display.pictures import save as save_pictures
+from swarmwright.experiment.derived import fitness_expression
+from swarmwright.experiment.kinds import kinds
+from swarmwright.servers.evaluation import remote
+from swarmwright.servers.evaluation.evaluate import check_fit
+from swarmwright.servers.evaluation.module_code import is_in_python
+from swarmwright.servers.evaluation.opening import open_backend
+from swarmwright.simulations import catalogue
+from swarmwright.simulations.fitness import JudgedEpisode
+
+if TYPE_CHECKING:
+    from swarmwright.display import Shown
+    from swarmwright.experiment.experiment import Experiment
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownEpisode:
+    """One episode of one controller in the simulation of an experiment."""
+
+    experiment: "Experiment"
+    controller: Controller
+    seed: int
+    """Seed of the simulation."""
+    source: Path | None = None
+    """Where the controller comes from, if it was loaded."""
+    broker: str | None = None
+    """Where a server computes it; None in this process."""
+
+    @classmethod
+    def of_experiment(
+        cls,
+        experiment: "Experiment",
+        controller: Path | None = None,
+        *,
+        seed: int | None = None,
+        broker: str | None = None,
+    ) -> Self:
+        """Choose what is played before there is a run.
+
+        Args:
+            experiment: whose simulation and parameters.
+            controller: file or run folder. Default: the random one that `simulate` takes.
+            seed: of the simulation, instead of `parameters.seed`.
+            broker: a server on it computes the episode and sends its scenes. Default: this process does, or,
+                where the simulation is not here, servers on the experiment's broker.
+
+        Raises:
+            InputError: the simulation is not here and no broker is known, there is no such controller, or it
+                does not fit the simulation.
+            RunError: no server there has the simulation.
+        """
+        seed = experiment.first_seed if seed is None else seed
+        simulation_seed("seed", seed)
+        if broker is None and not catalogue.is_here(experiment.simulation):
+            broker = experiment.broker
+            if broker is None:
+                raise InputError(
+                    f"the simulation '{experiment.simulation}' is not built in; name the broker of a server "
+                    "that offers it and has scenes (--broker URL), or have a server draw it itself: "
+                    "--visual --broker URL"
+                )
+        sensors, actuators = _sizes(experiment, broker)
+        if controller is None:
+            representation = experiment.representation(sensors, actuators)
+            genome = representation.initial(Stream(experiment.seed, "initial"))
+            played = Controller(representation.specification(genome))
+        else:
+            played = Controller.load(controller)
+            check_fit(played, sensors, actuators, experiment.simulation)
+        check_shown_on(broker, played)
+        return cls(experiment=experiment, controller=played, seed=seed, source=controller, broker=broker)
+
+    @property
+    def pictured(self) -> bool:
+        """Whether the simulation draws pictures itself, in the place of scenes.
+
+        Raises InputError for a simulation that has neither.
+        """
+        return self.broker is None and catalogue.shown_as(self.experiment.simulation) == "picture"
+
+    def episode(self) -> Playable:
+        """Return the episode, before its first step.
+
+        One on a server is to be ended with `close` where it is not played to its end. Raises RunError when no
+        server there has scenes.
+        """
+        if self.broker is not None:
+            return self._judged(self._remote())
+        if not self.pictured:
+            return self._episode(catalogue.playable(self.experiment.simulation))
+        host = catalogue.drawing(self.experiment.simulation)
+        return Pictured(self._episode(host), host.picture)
+
+    def recording(self) -> Recording:
+        """Play the episode and return its scenes.
+
+        Raises RunError when a server cannot compute or show it.
+        """
+        if self.broker is None:
+            return record(self.episode())
+
+        def make() -> tuple[_engine.RemoteEpisode, Playable]:
+            episode = self._remote()
+            return episode, self._judged(episode)
+
+        return remote.recorded(make)
+
+    def _remote(self) -> _engine.RemoteEpisode:
+        parameters = {**self.experiment.parameters, "seed": self.seed}
+        return remote.begin(self.experiment, self.broker or "", parameters, self.controller.json)
+
+    def _judged(self, episode: Any) -> Playable:  # noqa: ANN401 - one of the engine's
+        expression = fitness_expression(self.experiment)
+        played: Playable = episode if expression is None else JudgedEpisode(episode, expression)
+        return played
+
+    def pictures(self) -> PictureRecording:
+        """Play the episode of a simulation that draws pictures, and return them."""
+        host = catalogue.drawing(self.experiment.simulation)
+        return record_pictures(self._episode(host), host.picture)
+
+    def engine_episode(self) -> _engine.Episode | PlayedEpisode:
+        """Return the episode as the engine steps it, before its first step, with the simulation's fitness."""
+        return self._engine_episode(catalogue.playable(self.experiment.simulation))
+
+    def _episode(self, simulation: Any) -> Playable:  # noqa: ANN401 - as the engine takes it
+        return self._judged(self._engine_episode(simulation))
+
+    def _engine_episode(self, simulation: Any) -> _engine.Episode | PlayedEpisode:  # noqa: ANN401 - as the engine takes it
+        values = self.controller.specification
+        if is_in_python(values):
+            with engine_errors():
+                return PlayedEpisode(simulation, dict(self.experiment.parameters), self.seed, values)
+        evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
+        parameters = {**self.experiment.parameters, **evolved, "seed": self.seed}
+        with engine_errors():
+            return _engine.Episode(simulation, parameters, self.controller.json)
+
+    def part(self, recording: Recording, name: str = "") -> Part:
+        """Return a recording of the episode with what is known of its controller."""
+        try:
+            described = catalogue.description(self.experiment.simulation, self.experiment.parameters)
+        except InputError:  # sensors and actuators are numbered
+            described = None
+        sensors, actuators = (
+            (described["sensor_names"], described["actuator_names"]) if described is not None else ((), ())
+        )
+        of = kinds(self.experiment.simulation, self.experiment.parameters) if described is not None else ()
+        try:
+            seconds = catalogue.step_seconds(self.experiment.simulation)
+        except InputError:
+            seconds = None
+        return Part(recording, name, self.controller.specification, sensors, actuators, of, seconds)
+
+    def save(
+        self,
+        file: Path,
+        *,
+        speed: float = 1.0,
+        shown: "Shown | None" = None,
+        others: "Sequence[ShownEpisode]" = (),
+        names: Sequence[str] = ("",),
+    ) -> Recording | PictureRecording:
+        """Play the episode and write it as a picture, an animation, a video or a page, by the file's ending.
+
+        Args:
+            file: is written over; its ending is one of `swarmwright.display.files.FORMATS`.
+            speed: how many times faster than the simulation's step size.
+            shown: what is drawn beside bodies.
+            others: shown beside it on a page.
+            names: of all that are shown on a page, this one's first.
+
+        Raises:
+            InputError: the simulation has nothing to show, or the file cannot be written.
+            RunError: a server cannot compute or show it.
+        """
+        try:
+            if not self.pictured:
+                recordings = [one.recording() for one in (self, *others)]
+                parts = [
+                    one.part(recording, name)
+                    for one, recording, name in zip((self, *others), recordings, names, strict=True)
+                ]
+                save(parts, file, caption=self.caption(recordings[0]), speed=speed, shown=shown)
+                return recordings[0]
+            if others:
+                raise InputError("--beside: this simulation draws pictures, which are shown alone")
+            drawn = self.pictures()
+            save_pictures(drawn, file, caption=self.caption(drawn), speed=speed)
+            return drawn
+        except OSError as error:
+            raise InputError(f"{file}: cannot be written: {error.strerror or error}") from error
+
+    def metrics(self, recording: Recording | PictureRecording) -> dict[str, float]:
+        """Return the metrics that the experiment's fitness needs, at the end of a recording, by name.
+
+        {} where the recording has none: of pictures that a simulation draws.
+        """
+        expression = fitness_expression(self.experiment)
+        trace = recording.trace if isinstance(recording, Recording) else None
+        if expression is None or trace is None:
+            return {}
+        return {name: float(trace.metrics[name][-1]) for name in expression.metrics if name in trace.metrics}
+
+    @property
+    def title(self) -> str:
+        """What is played, in a line."""
+        return f"{self.experiment.label}: {self.whose}, simulation seed {self.seed}"
+
+    @property
+    def whose(self) -> str:
+        """Which controller it is, in words."""
+        if self.source is not None:
+            return f"controller of {self.source}"
+        return "random values" if self.controller.parameters else "a random controller"
+
+    def caption(self, recording: Recording | PictureRecording | None = None) -> Caption:
+        """Return the title and the facts that are beside a picture.
+
+        recording: of the episode, which says what was simulated and what came out.
+        """
+        facts = [*self._simulated(recording), ("controller", controller_words(self.controller.specification))]
+        if recording is not None:
+            facts.append(("fitness of this episode", f"{recording.fitness + 0.0:.6g}"))
+        return Caption(self.title, (*facts, ("simulation seed", str(self.seed))))
+
+    def _simulated(self, recording: Recording | PictureRecording | None) -> Iterator[tuple[str, str]]:
+        """Yield the title of what was simulated: the message that all scenes have."""
+        if not isinstance(recording, Recording):
+            return
+        first, last = recording.scenes[0].message, recording.scenes[-1].message
+        if first and first == last and len(recording.scenes) > 1:
+            mission = catalogue.built_in(self.experiment.simulation) == catalogue.ARENA
+            yield ("mission" if mission else "scene", first)
+
+
+def check_shown_on(broker: str | None, controller: Controller) -> None:
+    """Raise InputError for a controller that no server on a broker can be sent to show."""
+    if broker is not None and is_in_python(controller.specification):
+        raise InputError(
+            f"broker: {broker}: behaviours and conditions in Python are shown in this process alone; "
+            "leave it out"
+        )
+
+
+def _sizes(experiment: "Experiment", broker: str | None) -> tuple[int, int]:
+    """Return how many sensors and actuators agents have; servers are asked where it is not known here."""
+    if catalogue.is_described(experiment.simulation):
+        described = catalogue.description(experiment.simulation, experiment.parameters)
+        return described["sensors"], described["actuators"]
+    with open_backend(experiment, broker=broker, most=1) as backend:
+        return backend.sensors, backend.actuators

@@ -1,0 +1,240 @@
+"""The rows of a store's tables."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from types import UnionType
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright import _engine
+from swarmwright.common.engine_types import AttemptRow
+from swarmwright.common.statistics import Summary
+from swarmwright.common.typing import Fitness, Genomes
+from swarmwright.servers.attempts import is_overtaken
+
+
+class Evaluated(NamedTuple):
+    """A generation as it was evaluated: what counts for the record."""
+
+    generation: int
+    seeds: list[int]
+    """Simulation seed of each episode."""
+    genomes: Genomes | _engine.Sample
+    """(candidates, genome_size), or what they are made from."""
+    episodes: NDArray[np.float64]
+    """(candidates, episodes) fitness, NaN where an episode failed."""
+    metrics: NDArray[np.float64]
+    """(candidates, episodes, metrics), what the experiment's fitness is made of; (.., 0) without."""
+    fitness: Fitness
+    """(candidates,), as the ranking made it, NaN where a candidate failed."""
+    summary: Summary
+    """Figures of the population after this generation."""
+    leader: int
+    """Number, counted over the whole run from 0, of the evaluation that is best after this generation."""
+    digests: _engine.Digests | None = None
+    """Of its columns in the store, where another process has begun to compute them."""
+
+    def made(self) -> Genomes:
+        """Return the genomes, (candidates, genome_size)."""
+        genomes = self.genomes
+        return genomes.genomes(0, len(genomes)) if isinstance(genomes, _engine.Sample) else genomes
+
+
+IN_PROCESS = -1
+"""The server of attempts in the tool's own process."""
+NOTHING_LEFT = "nothing was left to evaluate"
+"""The place of a session that only brought a run to its end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """A process that worked on the run: the first one, then one for each time that it was resumed."""
+
+    session: int
+    """From 1 on."""
+    started: str
+    """ISO 8601, UTC."""
+    place: str
+    """Where the evaluations were made: servers on which broker, or this process; or `NOTHING_LEFT`."""
+    host: str
+    machine: str
+    """Operating system and processor."""
+    versions: dict[str, str]
+    """Of Swarmwright, Python, NumPy and the libraries that were used."""
+    seconds: float | None
+    """Duration; up to the last generation when it was killed; None when it is not known."""
+    outcome: str | None
+    """done, interrupted, stopped (by a callback), or why it failed; None when it was killed or goes on."""
+    code: int | None = None
+    """Version of the copy of the source that was used; None where there is none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attempt:
+    """One attempt at a batch of evaluations, on one server.
+
+    Of evaluations in the tool's own process, only failed ones have attempts, of the mode `in-process`.
+    """
+
+    session: int
+    generation: int
+    mode: str
+    candidate: int
+    """Index of the first candidate, of `candidates` in a row."""
+    candidates: int
+    episode: int
+    """Index of the first episode, of `episodes` in a row."""
+    episodes: int
+    server: int
+    """Its id; -1 in the tool's own process."""
+    attempt: int
+    """1 for the first try."""
+    steps: int | None
+    """Steps that the server took, where it takes them one by one."""
+    started: float
+    """Seconds since 1970."""
+    seconds: float
+    """Duration; of a first attempt in the tool's own process, that of all evaluations of the generation."""
+    error: str | None
+    """Why it failed, if it did."""
+    stack: str | None = None
+    """Where in the simulation's code, where that is known: the first attempt with this error has it."""
+
+
+class ServerShare(NamedTuple):
+    """What a server did in a run."""
+
+    server: int
+    evaluations: int
+    """Episodes of all attempts that it answered."""
+    failed: int
+    """Attempts that failed, but for those that another server was faster with, and for lost ones."""
+    seconds: float
+    """During which an attempt was under way; several at the same time count once."""
+    slower: int
+    """Attempts that ended because another server, which had the same work, was faster."""
+    with_failed: bool
+    """Whether episodes that failed are among `evaluations`: a server answers many episodes at once."""
+    lost: int
+    """Attempts at other evaluations that the server had when it failed at one; they were repeated."""
+
+
+class FailureReason(NamedTuple):
+    """Attempts that failed for one reason: reasons that differ in numbers or paths alone are the same."""
+
+    reason: str
+    """Of the first of them on the server with the lowest number."""
+    attempts: int
+    servers: dict[int, int]
+    """Attempts on each server; those in the tool's own process have -1."""
+    lost: int
+    """Attempts at other evaluations that these servers had when they failed; they were repeated."""
+
+
+class AttemptEntry(NamedTuple):
+    """An attempt as a pool reports it: the fields of `Attempt` from `mode` on."""
+
+    mode: str
+    candidate: int
+    candidates: int
+    episode: int
+    episodes: int
+    server: int
+    attempt: int
+    steps: int | None
+    started: float
+    seconds: float
+    error: str | None
+    stack: str | None
+
+
+class WarningEntry(NamedTuple):
+    """A warning of a pool, or a failure that is not one of an attempt."""
+
+    text: str
+    candidate: int | None = None
+    """Index of the candidate that it is about, if it is about one."""
+    error: str | None = None
+    """Why an evaluation failed, if one did."""
+    episode: int | None = None
+    """Index of the episode that it is about, if it is about one: the text begins with it."""
+    time: float | None = None
+    """When it arose, seconds since 1970, if that is known."""
+
+    @classmethod
+    def of_episode(cls, episode: int, words: str, candidate: int, error: str) -> Self:
+        """Return a warning whose text is `episode N` and these words."""
+        return cls(f"{_beginning(episode)}{words}", candidate, error, episode)
+
+    def moved(self, candidate: int | None, episodes: int) -> Self:
+        """Return it for a candidate with another index, and for an episode so many later."""
+        if self.episode is None:
+            return self._replace(candidate=candidate)
+        episode = self.episode + episodes
+        text = _beginning(episode) + self.text.removeprefix(_beginning(self.episode))
+        return self._replace(text=text, candidate=candidate, episode=episode)
+
+
+def _beginning(episode: int) -> str:
+    return f"episode {episode}"
+
+
+@dataclass
+class Journal:
+    """What was done for evaluations, and what went wrong."""
+
+    attempts: list[AttemptEntry] = field(default_factory=list)
+    warnings: list[WarningEntry] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Self:
+        """Return the journal of what a pool returned."""
+        return cls([AttemptEntry(*row) for row in attempts], [WarningEntry(text) for text in warnings])
+
+    @property
+    def errors(self) -> list[str]:
+        """Why evaluations failed, in order; failures that are not ones of an attempt come last.
+
+        Attempts that ended since another server was faster are not among them.
+        """
+        errors = [entry.error for entry in self.attempts] + [entry.error for entry in self.warnings]
+        return [error for error in errors if error and not is_overtaken(error)]
+
+    def with_warnings(self, warnings: Iterable[WarningEntry]) -> Self:
+        """Return a journal with more warnings."""
+        return type(self)(self.attempts, [*self.warnings, *warnings])
+
+    def extend(self, other: "Journal", first: int) -> None:
+        """Append what was done for candidates that are counted from `first` on here."""
+        self.attempts.extend(entry._replace(candidate=first + entry.candidate) for entry in other.attempts)
+        self.warnings.extend(
+            entry if entry.candidate is None else entry._replace(candidate=first + entry.candidate)
+            for entry in other.warnings
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """An event worth noting: a warning of the pool, a result that was refused."""
+
+    session: int
+    generation: int | None
+    time: str
+    """ISO 8601, UTC."""
+    kind: str
+    text: str
+
+
+def journal_line(kind: type[Any], values: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of the kinds above
+    """Return a line of the journal. Raises TypeError for values that none was written with: it is damaged."""
+    for column in fields(kind):
+        value = values.get(column.name)
+        if (
+            column.name in values
+            and isinstance(column.type, type | UnionType)
+            and not isinstance(value, column.type)
+        ):
+            raise TypeError(f"{kind.__name__.lower()}: {column.name} is {value!r}")
+    return kind(**values)
