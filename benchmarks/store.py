@@ -14,9 +14,9 @@ from benchmarks.measurement import Samples
 from benchmarks.processes import ROOT
 from swarmwright import Experiment, optimize
 from swarmwright.runs import picture
+from swarmwright.runs.store import StoreWriter
 from swarmwright.servers.evaluation.base import Controllers
 from swarmwright.servers.evaluation.opening import open_backend
-from swarmwright.store import StoreWriter
 
 CANDIDATES = 1000
 EVALUATION = 1e-3

@@ -69,8 +69,8 @@ from swarmwright.common.errors import (
 )
 
 if TYPE_CHECKING:
-    from swarmwright import callbacks, display, environments, frevo, methods, results, templates, testing
     from swarmwright import controllers as representations
+    from swarmwright import display, environments, frevo, methods, results, templates, testing
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.paired import ControllerComparison, compare_controllers
     from swarmwright.analysis.sweep.result import SweepResult, sweep
@@ -84,8 +84,9 @@ if TYPE_CHECKING:
     from swarmwright.export.bundle_verification import verify_bundle
     from swarmwright.export.exporting import Exported, export_controller
     from swarmwright.methods import rankings
-    from swarmwright.optimization.optimize import Generation, optimize, resume
+    from swarmwright.runs import callbacks
     from swarmwright.runs.learning_curve import LearningCurve, learning_curve
+    from swarmwright.runs.optimization.optimize import Generation, optimize, resume
     from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, post_evaluate
     from swarmwright.runs.repeat import Repeated, repeat
     from swarmwright.runs.run import Run
@@ -177,7 +178,7 @@ _LAZY = {
     "EvaluatedEpisodes": "servers.evaluation.evaluate",
     "Experiment": "experiment.experiment",
     "Exported": "export.exporting",
-    "Generation": "optimization.optimize",
+    "Generation": "runs.optimization.optimize",
     "Group": "simulations.groups",
     "LearningCurve": "runs.learning_curve",
     "Parameter": "simulations.parameters",
@@ -197,17 +198,17 @@ _LAZY = {
     "export_bundle": "export.bundle",
     "export_controller": "export.exporting",
     "learning_curve": "runs.learning_curve",
-    "optimize": "optimization.optimize",
+    "optimize": "runs.optimization.optimize",
     "post_evaluate": "runs.post_evaluation",
     "repeat": "runs.repeat",
-    "resume": "optimization.optimize",
+    "resume": "runs.optimization.optimize",
     "simulate": "servers.evaluation.evaluate",
     "sweep": "analysis.sweep.result",
     "transfer": "analysis.transfer.transfer",
     "verify_bundle": "export.bundle_verification",
 }
 _MODULES = {
-    "callbacks": "callbacks",
+    "callbacks": "runs.callbacks",
     "display": "display",
     "environments": "environments",
     "frevo": "frevo",

@@ -29,11 +29,11 @@ from swarmwright.runs.elites import Elite, Elites, Outside
 from swarmwright.runs.learning_curve import CurvePoint
 from swarmwright.runs.page import ReplayPage
 from swarmwright.runs.run import Best
+from swarmwright.runs.store import Evaluation
+from swarmwright.runs.store.table import RecordTable
 from swarmwright.runs.transfer.transferred import Candidate, Transferred
 from swarmwright.servers.evaluation.episodes import Observation
 from swarmwright.servers.rows import Attempt, Event, Session
-from swarmwright.store import Evaluation
-from swarmwright.store.table import RecordTable
 
 __all__ = [
     "Attempt",

@@ -11,7 +11,7 @@ import swarmwright
 from swarmwright import _engine
 from swarmwright.cli._commands import program
 from swarmwright.common.modules import BEHAVIOUR_PARAMETERS, BEHAVIOURS, CONDITION_PARAMETERS, CONDITIONS
-from swarmwright.monitoring.prometheus import COUNTS
+from swarmwright.runs.monitoring.prometheus import COUNTS
 
 
 def test_the_page_on_libraries_lists_all_extras(root: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmwright import Experiment, Run
-from swarmwright.store import FILE
+from swarmwright.runs.store import FILE
 
 EXPERIMENT = Experiment.from_mapping(
     {

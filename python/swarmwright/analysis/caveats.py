@@ -20,7 +20,7 @@ from swarmwright.common.errors import SwarmwrightError
 from swarmwright.runs.elites import has_elites
 from swarmwright.runs.instances import by_instance, instances
 from swarmwright.runs.run import Run
-from swarmwright.store.folder import SWEEP
+from swarmwright.runs.store.folder import SWEEP
 
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Group, Task

@@ -33,9 +33,9 @@ from swarmwright.runs.choice import choose
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import EPISODES, ControllerEvaluation, Where, of_controllers
 from swarmwright.runs.run import Run
+from swarmwright.runs.store.database import FILE
 from swarmwright.runs.validation import gain_of
 from swarmwright.servers.evaluation.base import Progress, Servers
-from swarmwright.store.database import FILE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,8 +12,8 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.files import contents
 from swarmwright.common.json_text import loads
 from swarmwright.runs.run import Run
-from swarmwright.store import FILE as STORE
-from swarmwright.store.folder import SWEEP
+from swarmwright.runs.store import FILE as STORE
+from swarmwright.runs.store.folder import SWEEP
 
 WRITTEN = {SWEEP, "comparison.csv", "comparison.tex", "comparison.png"}
 """Files that a sweep writes beside its runs."""

@@ -13,7 +13,7 @@ from swarmwright.analysis.option_columns import option_columns
 from swarmwright.common.errors import InputError
 from swarmwright.runs.export import csv_lines, tables, write
 from swarmwright.runs.run import Run
-from swarmwright.store.table import pyarrow
+from swarmwright.runs.store.table import pyarrow
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -14,7 +14,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.formatting import counted
 from swarmwright.runs.folders import is_run, remove_run
 from swarmwright.runs.run import Run
-from swarmwright.store.lock import is_locked
+from swarmwright.runs.store.lock import is_locked
 
 
 @dataclass(frozen=True)

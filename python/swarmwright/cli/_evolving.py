@@ -28,8 +28,8 @@ from swarmwright.common.formatting import duration, rate
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
-    from swarmwright.callbacks import Callback
-    from swarmwright.optimization.generation import OnGeneration
+    from swarmwright.runs.callbacks import Callback
+    from swarmwright.runs.optimization.generation import OnGeneration
     from swarmwright.servers.evaluation.base import Progress as OnProgress
 
 FILES = {
@@ -81,8 +81,8 @@ def evolve(
         broker: that of the run, where the experiment need not name it.
         prefix: of topics, where the run's experiment has another one.
     """
-    from swarmwright.optimization.interruption import reported_by_caller
-    from swarmwright.optimization.optimize import InterruptedWithResults
+    from swarmwright.runs.optimization.interruption import reported_by_caller
+    from swarmwright.runs.optimization.optimize import InterruptedWithResults
 
     where = _where(experiment, broker, prefix)
     try:
@@ -114,7 +114,7 @@ def _evolve(
     broker: str | None,
     where: str,
 ) -> int:
-    from swarmwright.optimization.optimize import InterruptedWithResults
+    from swarmwright.runs.optimization.optimize import InterruptedWithResults
 
     reader = Reader()
     with ExitStack() as stack:
@@ -183,7 +183,7 @@ def _without_output(error: OSError, run: "Run", where: str) -> int:
 
 
 def _watchers(experiment: "Experiment", tensorboard: Path | None, mlflow: str | None) -> "Iterator[Callback]":
-    from swarmwright import callbacks
+    from swarmwright.runs import callbacks
 
     if tensorboard is not None:
         yield callbacks.TensorBoard(tensorboard, experiment)

@@ -14,7 +14,7 @@ from swarmwright.cli._warnings import Warnings
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
-    from swarmwright.monitoring.prometheus import ServeFigures, ToolFigures
+    from swarmwright.runs.monitoring.prometheus import ServeFigures, ToolFigures
 
 
 class Endpoint(click.ParamType[tuple[str, int]]):
@@ -107,7 +107,7 @@ def observed(output: Output, wanted: Observing) -> Iterator[ToolObserver]:
         if log:
             stack.enter_context(listening(log.report))
         if wanted.metrics is not None:
-            from swarmwright.monitoring.prometheus import ToolFigures, offered
+            from swarmwright.runs.monitoring.prometheus import ToolFigures, offered
 
             figures = ToolFigures()
             _say(output, log, stack.enter_context(offered(figures, *wanted.metrics)))
@@ -122,7 +122,7 @@ def observed_servers(output: Output, wanted: Observing) -> "Iterator[tuple[Log, 
         log = stack.enter_context(Log(wanted.log, wanted.log_level, size=wanted.log_size))
         figures = None
         if wanted.metrics is not None:
-            from swarmwright.monitoring.prometheus import ServeFigures, offered
+            from swarmwright.runs.monitoring.prometheus import ServeFigures, offered
 
             figures = ServeFigures()
             _say(output, log, stack.enter_context(offered(figures, *wanted.metrics)))

@@ -101,7 +101,7 @@ class PlainProgress:
         if generation is None:
             return
         self._due = time.monotonic() + LINE_INTERVAL_S
-        from swarmwright.optimization.generation import how_far
+        from swarmwright.runs.optimization.generation import how_far
 
         speed = f"{rate(generation.evaluations_per_second)}/s"
         if generation.budget != "evaluations":  # else how far it is says their number
@@ -159,7 +159,7 @@ class BarProgress:
         from rich.text import Text
 
         from swarmwright.cli._console import text
-        from swarmwright.optimization.generation import how_far
+        from swarmwright.runs.optimization.generation import how_far
 
         last = self._last
         done = how_far(self._budget, last, short=options.max_width < 50)

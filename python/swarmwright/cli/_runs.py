@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from swarmwright import Run
     from swarmwright.runs.elites import Elites
-    from swarmwright.store.verification import Verified
+    from swarmwright.runs.store.verification import Verified
 
 _WARNINGS = 10  # shown at most
 _SLOW_S, _UPDATE_S = 1.0, 0.2

@@ -13,7 +13,7 @@ def with_sweeps(folders: list[Path]) -> list[tuple[Path, bool]]:
     Raises InputError where the record of a sweep cannot be read.
     """
     from swarmwright.analysis.sweep_folders import runs_of
-    from swarmwright.store import FILE
+    from swarmwright.runs.store import FILE
 
     found: dict[Path, bool] = {}
     for folder in folders:

@@ -7,12 +7,12 @@ from pathlib import Path
 from swarmwright import Generation, Run
 from swarmwright.analysis.sweep import Task
 from swarmwright.analysis.sweep.remaining import Status
-from swarmwright.callbacks import TensorBoard
 from swarmwright.cli._observing import ToolObserver
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import check
 from swarmwright.cli._sweep_progress import PlainStatus, shown
 from swarmwright.cli._validation import unseen_facts, with_error
+from swarmwright.runs.callbacks import TensorBoard
 
 
 class Report(Status):

@@ -87,10 +87,10 @@ def command(
     run are refused: edited code of its simulation or of a plug-in, an edited experiment.yaml.
     """
     from swarmwright import Run, resume
-    from swarmwright.optimization.resuming import Resumption
     from swarmwright.runs.code import continuation
+    from swarmwright.runs.optimization.resuming import Resumption
+    from swarmwright.runs.store.lock import check_free
     from swarmwright.runs.transfer import at_end
-    from swarmwright.store.lock import check_free
 
     output = Output(as_json=as_json)
     show_warnings()

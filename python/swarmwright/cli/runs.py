@@ -65,7 +65,7 @@ def list_(
     from swarmwright import InputError, Run
     from swarmwright.common.flatten import flat
     from swarmwright.runs.folders import RUNS
-    from swarmwright.store import FILE, StoreReader
+    from swarmwright.runs.store import FILE, StoreReader
 
     output = Output(as_json=as_json)
     place = folder or RUNS
@@ -350,8 +350,8 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     from swarmwright.cli._comparison import folders_of
     from swarmwright.cli._runs import verified_line
     from swarmwright.cli._sweep_folders import with_sweeps
+    from swarmwright.runs.store import FILE
     from swarmwright.runs.verification import verify as verified
-    from swarmwright.store import FILE
 
     output = Output(as_json=as_json)
     status = 0

@@ -24,7 +24,7 @@ from swarmwright.servers.supervision import Ended, Event, News, Restarted, Super
 from swarmwright.servers.supervision import Output as Printed
 
 if TYPE_CHECKING:
-    from swarmwright.monitoring.prometheus import ServeFigures
+    from swarmwright.runs.monitoring.prometheus import ServeFigures
 
 LARGEST_RANDOM_ID = 2**31 - 1
 """Ids that are drawn are short, because people read and type them."""

@@ -118,7 +118,7 @@ def command(
             found = task.found()  # report errors before anything is printed
             longer += found is not None and bool(task.budget_settings(found))
     if tensorboard is not None:
-        from swarmwright.callbacks._tensorboard import require_writer
+        from swarmwright.runs.callbacks._tensorboard import require_writer
 
         require_writer()
     output.text(

@@ -42,7 +42,7 @@ from swarmwright.simulations.names import name_of
 from swarmwright.simulations.near_names import no_experiment
 
 if TYPE_CHECKING:
-    from swarmwright.store import StoreReader
+    from swarmwright.runs.store import StoreReader
 
 LARGEST_GENOME = 1_000_000
 """Genes of a controller, at most; the engine's own limit."""

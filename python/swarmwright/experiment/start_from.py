@@ -15,8 +15,8 @@ from swarmwright.common.typing import Genomes
 from swarmwright.controllers import Representation
 from swarmwright.controllers.controller import Controller, controller_words, genome_beside
 from swarmwright.experiment.unavailable import method_of
-from swarmwright.store import StoreReader
-from swarmwright.store.folder import find_store
+from swarmwright.runs.store import StoreReader
+from swarmwright.runs.store.folder import find_store
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment

@@ -4,7 +4,7 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from swarmwright.runs.export import csv_lines
-from swarmwright.store.verification import verify
+from swarmwright.runs.store.verification import verify
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run

@@ -10,7 +10,7 @@ from swarmwright.common.flatten import flat
 from swarmwright.common.problems import shown
 from swarmwright.common.yaml import dump, read
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, stored_experiment
-from swarmwright.store import StoreReader
+from swarmwright.runs.store import StoreReader
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run

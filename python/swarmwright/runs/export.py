@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright import _engine
 from swarmwright.common.errors import InputError
-from swarmwright.store import Record, StoreReader
-from swarmwright.store.table import column_of, pyarrow
+from swarmwright.runs.store import Record, StoreReader
+from swarmwright.runs.store.table import column_of, pyarrow
 
 if TYPE_CHECKING:
     import pyarrow as pa

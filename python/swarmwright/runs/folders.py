@@ -7,9 +7,9 @@ from pathlib import Path
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import check_utf8
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.runs.store import FILE, StoreReader
+from swarmwright.runs.store.lock import is_locked
 from swarmwright.simulations.user_code.copying import FOLDER, holds_copies_alone, remove
-from swarmwright.store import FILE, StoreReader
-from swarmwright.store.lock import is_locked
 
 RUNS = Path("runs")
 """The folder of runs, in the current one."""

@@ -9,7 +9,7 @@ from swarmwright.common.statistics import mean
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.unavailable import method_of
 from swarmwright.methods.rankings.absolute import Absolute
-from swarmwright.store import Evaluation
+from swarmwright.runs.store import Evaluation
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run

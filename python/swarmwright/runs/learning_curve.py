@@ -17,8 +17,8 @@ from swarmwright.common.html import table
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import EPISODES, PostEvaluation, Where, of_candidates
+from swarmwright.runs.store.lookup import nothing
 from swarmwright.servers.evaluation.base import Progress, Servers
-from swarmwright.store.lookup import nothing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Lock, Timer
 
 from swarmwright.common.errors import InputError, SwarmwrightError
-from swarmwright.store.database import FILE as STORE
+from swarmwright.runs.store.database import FILE as STORE
 
 FILE = "fitness.png"
 _LONGEST_DRAWING_S = 60.0

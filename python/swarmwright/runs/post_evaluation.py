@@ -24,12 +24,12 @@ from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.methods.rankings import Ranking
 from swarmwright.runs.code import used_for
+from swarmwright.runs.store import Evaluation
 from swarmwright.servers.evaluation.base import Backend, Controllers, Progress, Results, Servers
 from swarmwright.servers.evaluation.code_failures import failed
 from swarmwright.servers.evaluation.metrics import asked_for
 from swarmwright.servers.evaluation.module_code import is_in_python
 from swarmwright.servers.evaluation.opening import open_backend, open_once
-from swarmwright.store import Evaluation
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run

@@ -15,11 +15,11 @@ from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.methods.rankings.race import Race
 from swarmwright.runs.code import used_for
 from swarmwright.runs.instances import instances
+from swarmwright.runs.store import Evaluation
 from swarmwright.servers.attempts import is_overtaken
 from swarmwright.servers.evaluation.base import Controllers, Servers
 from swarmwright.servers.evaluation.evaluate import tell_failures
 from swarmwright.servers.evaluation.opening import open_backend
-from swarmwright.store import Evaluation
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run

@@ -24,13 +24,13 @@ from swarmwright.methods.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.runs.export import write_table
 from swarmwright.runs.failures import taken
 from swarmwright.runs.instances import best_words
+from swarmwright.runs.store import Evaluation, StoreReader
+from swarmwright.runs.store.folder import find_store
+from swarmwright.runs.store.lock import is_locked
+from swarmwright.runs.store.lookup import nothing
+from swarmwright.runs.store.table import RecordTable
 from swarmwright.servers.rows import Attempt, Event, Session
 from swarmwright.simulations.user_code.trust import trusting
-from swarmwright.store import Evaluation, StoreReader
-from swarmwright.store.folder import find_store
-from swarmwright.store.lock import is_locked
-from swarmwright.store.lookup import nothing
-from swarmwright.store.table import RecordTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -49,9 +49,9 @@ from swarmwright.runs.post_evaluation import (
     stored_post_evaluation,
     unseen_seeds,
 )
+from swarmwright.runs.store import Evaluation, StoreReader
+from swarmwright.runs.store.table import column_of
 from swarmwright.servers.evaluation.base import Backend, Progress
-from swarmwright.store import Evaluation, StoreReader
-from swarmwright.store.table import column_of
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run

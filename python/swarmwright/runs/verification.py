@@ -9,9 +9,9 @@ from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.common.files import contents
 from swarmwright.common.json_text import loads
 from swarmwright.runs.run import Run
-from swarmwright.store import Evaluation, StoreReader
-from swarmwright.store.verification import Verified
-from swarmwright.store.verification import verify as verify_store
+from swarmwright.runs.store import Evaluation, StoreReader
+from swarmwright.runs.store.verification import Verified
+from swarmwright.runs.store.verification import verify as verify_store
 
 _BEST = "best.json"
 _COMPLETE = {"done", "stopped"}
@@ -23,7 +23,7 @@ def verify(folder: Path) -> Verified:
 
     No code of the run is executed: what only that could compute is among what was not compared.
 
-    Raises InputError as `swarmwright.store.verification.verify`.
+    Raises InputError as `swarmwright.runs.store.verification.verify`.
     """
     found = verify_store(folder)
     if not found.problems:

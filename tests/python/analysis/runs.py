@@ -10,8 +10,8 @@ import numpy as np
 from swarmwright import Experiment, Run
 from swarmwright.common.place import Place
 from swarmwright.common.statistics import Summary, figures_of, summarize
-from swarmwright.store import Record
-from swarmwright.store.table import RecordTable
+from swarmwright.runs.store import Record
+from swarmwright.runs.store.table import RecordTable
 
 BASE: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "controller": {"kind": "layered", "hidden": [2]},

@@ -10,7 +10,7 @@ import pytest
 
 import swarmwright
 from swarmwright import InputError, Run, compare
-from swarmwright.store import Record, StoreReader
+from swarmwright.runs.store import Record, StoreReader
 from tests.python.analysis.runs import runs
 
 EIGHT = {"ranking": {"episodes": 8}}

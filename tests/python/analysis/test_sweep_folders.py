@@ -16,8 +16,8 @@ from swarmwright import InputError, Run, SweepResult
 from swarmwright.analysis.comparison import compare_opened
 from swarmwright.analysis.sweep import Outcome, Sweep, tasks
 from swarmwright.analysis.sweep_folders import runs_of
-from swarmwright.store import FILE as STORE
-from swarmwright.store.folder import SWEEP as FILE
+from swarmwright.runs.store import FILE as STORE
+from swarmwright.runs.store.folder import SWEEP as FILE
 
 
 def test_the_folders_that_a_record_names_are_beside_it(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from swarmwright import Run, SweepResult, sweep
 from swarmwright.cli._main import run as command
-from swarmwright.store.lock import Lock
+from swarmwright.runs.store.lock import Lock
 
 EXPERIMENT: dict[str, Any] = {
     "simulation": "minisim", "servers": "in-process", "validate": False,

@@ -15,7 +15,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize
 from swarmwright.cli._main import run as swarmwright
-from swarmwright.store.lock import Lock
+from swarmwright.runs.store.lock import Lock
 
 
 def program(*arguments: str, **variables: str) -> "subprocess.CompletedProcess[str]":

@@ -7,8 +7,8 @@ from subprocess import CompletedProcess
 import pytest
 
 from swarmwright.cli._runs import _controller
+from swarmwright.runs.store import StoreWriter
 from swarmwright.servers.rows import NOTHING_LEFT
-from swarmwright.store import StoreWriter
 from tests.python.display.test_page_swarm import MODULES, NETWORK, TEAM
 
 

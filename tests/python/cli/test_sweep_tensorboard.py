@@ -8,7 +8,7 @@ import pytest
 
 from swarmwright import Experiment
 from swarmwright.cli._main import run as command
-from tests.python.callbacks.test_callbacks import scalars
+from tests.python.runs.callbacks.test_callbacks import scalars
 
 
 @pytest.fixture

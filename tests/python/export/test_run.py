@@ -13,8 +13,8 @@ import swarmwright
 from swarmwright import InputError, Run
 from swarmwright.export.subject import Subject, subject_of
 from swarmwright.export.text import identifiers, plain
+from swarmwright.runs.store.database import seal_facts
 from swarmwright.simulations import catalogue
-from swarmwright.store.database import seal_facts
 
 MINISIM: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "ranking": {"episodes": 3},

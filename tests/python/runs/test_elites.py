@@ -14,9 +14,9 @@ from swarmwright.analysis.sweep import Sweep
 from swarmwright.cli._runs import saved_lines
 from swarmwright.common.statistics import mean
 from swarmwright.methods.nsga2 import Nsga2Options
-from swarmwright.store import StoreReader
-from swarmwright.store.best_of_equals import BestOfEquals
-from swarmwright.store.database import seal_facts
+from swarmwright.runs.store import StoreReader
+from swarmwright.runs.store.best_of_equals import BestOfEquals
+from swarmwright.runs.store.database import seal_facts
 from tests.python.records import same_record
 
 BASE: dict[str, Any] = {
@@ -286,7 +286,7 @@ def test_of_equal_fitness_the_best_has_the_best_objectives_in_their_order(oppose
 def test_in_stores_of_earlier_versions_the_best_stays_the_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmwright.store.writer.FRONT", "")
+    monkeypatch.setattr("swarmwright.runs.store.writer.FRONT", "")
     run = unsteady_run("maximize", tmp_path, monkeypatch)
     connection = sqlite3.connect(run.path / "run.sqlite")
     with connection:

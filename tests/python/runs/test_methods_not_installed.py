@@ -21,7 +21,7 @@ from swarmwright import (
 from swarmwright.cli._main import run as swarmwright
 from swarmwright.methods import METHODS
 from swarmwright.methods.rankings import RANKINGS
-from swarmwright.store.verification import verify
+from swarmwright.runs.store.verification import verify
 
 CODE = '''
 from typing import Literal

@@ -8,7 +8,7 @@ from threading import Timer
 import pytest
 
 from swarmwright import InputError, Run, compare, optimize, repeat, resume
-from swarmwright.store import FILE, StoreWriter, database
+from swarmwright.runs.store import FILE, StoreWriter, database
 from tests.python.records import EXPERIMENT
 
 
@@ -118,7 +118,7 @@ def test_attempts_and_events_are_of_the_moment_too(tmp_path: Path) -> None:
 def test_iterators_that_are_not_used_up_keep_no_process_from_going_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmwright.store.journal._LINES", 2)
+    monkeypatch.setattr("swarmwright.runs.store.journal._LINES", 2)
     monkeypatch.setattr(database, "_PATIENCE", 0.0)
     run = optimize(EXPERIMENT, out=tmp_path / "run", servers=1)
     attempts, rows = run.attempts(), run._store.rows()

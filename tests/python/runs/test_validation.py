@@ -19,9 +19,9 @@ from swarmwright.cli._commands import program
 from swarmwright.cli._validation import validation_lines
 from swarmwright.experiment.setting_warnings import setting_warnings
 from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, kept_values, unseen_seeds
+from swarmwright.runs.store import StoreReader, StoreWriter
+from swarmwright.runs.store.database import seal_facts
 from swarmwright.runs.validation import Validation
-from swarmwright.store import StoreReader, StoreWriter
-from swarmwright.store.database import seal_facts
 
 NOISY: dict[str, Any] = {
     "simulation": "minisim",
@@ -522,8 +522,8 @@ def test_it_is_exported_as_a_table(tmp_path: Path) -> None:
 def test_the_best_are_found_whatever_the_blocks_and_equals(
     block: int, joined: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmwright.store.blocks._BLOCK", block)
-    monkeypatch.setattr("swarmwright.store.generations._JOINED", joined)
+    monkeypatch.setattr("swarmwright.runs.store.blocks._BLOCK", block)
+    monkeypatch.setattr("swarmwright.runs.store.generations._JOINED", joined)
     run = run_of(tmp_path, validate=False, fitness="arrived + caught", method={"kind": "random_search"})
     fitness = run.record.fitness
     assert len(np.unique(fitness)) < len(fitness) / 2

@@ -12,8 +12,8 @@ import pytest
 from swarmwright import Experiment, InputError, Run, optimize, resume
 from swarmwright.cli._main import run as swarmwright
 from swarmwright.common.arrays import shortest
+from swarmwright.runs.store.verification import verify as verify_store
 from swarmwright.runs.verification import verify
-from swarmwright.store.verification import verify as verify_store
 
 METHOD = {"kind": "random_search", "population": 6, "generations": 3}
 LAYERED: dict[str, Any] = {"simulation": "minisim", "controller": {"hidden": [2]}}

@@ -12,11 +12,11 @@ from swarmwright.analysis.sweep.jobs import shares
 from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, UnreadableRunError, reason
 from swarmwright.analysis.sweep_folders import as_missing, as_unreadable
 from swarmwright.common.errors import InputError
-from swarmwright.optimization.generation import Generation
 from swarmwright.runs import picture
+from swarmwright.runs.optimization.generation import Generation
 from swarmwright.runs.run import Run
+from swarmwright.runs.store import FILE as STORE
 from swarmwright.servers.evaluation.base import HERE, Servers
-from swarmwright.store import FILE as STORE
 
 
 class Listener:

@@ -17,7 +17,7 @@ from swarmwright.common.yaml import Source, read
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.settings import parse_settings
 from swarmwright.runs.folders import RUNS
-from swarmwright.store.folder import check_sweep_folder
+from swarmwright.runs.store.folder import check_sweep_folder
 
 _KEYS = ("experiment", "grid", "seeds", "out")
 _SEEDS = 5

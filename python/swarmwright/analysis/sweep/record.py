@@ -18,7 +18,7 @@ from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_whole
 from swarmwright.experiment.experiment import ELSEWHERE
-from swarmwright.store.folder import SWEEP
+from swarmwright.runs.store.folder import SWEEP
 
 _LEFT_OUT = (ELSEWHERE - {"validate"}) | {"seed"}
 

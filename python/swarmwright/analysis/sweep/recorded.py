@@ -24,9 +24,9 @@ from swarmwright.experiment.settings import parse_settings
 from swarmwright.runs.code import copy_of, used_for
 from swarmwright.runs.edits import differences
 from swarmwright.runs.run import Run
+from swarmwright.runs.store import FILE as STORE
 from swarmwright.simulations.user_code.copying import digest_of, display_name
 from swarmwright.simulations.user_code.permission import require_file, require_named
-from swarmwright.store import FILE as STORE
 
 _CLASSES = ("method", "ranking")
 """Sections whose kind may be a class in a file."""

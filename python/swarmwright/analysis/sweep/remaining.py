@@ -8,7 +8,7 @@ from statistics import fmean
 from swarmwright.analysis.sweep.execution import Listener
 from swarmwright.analysis.sweep.run import Task
 from swarmwright.analysis.sweep.variants import Variant
-from swarmwright.optimization.generation import Generation, how_far
+from swarmwright.runs.optimization.generation import Generation, how_far
 from swarmwright.runs.run import Run
 
 _ASSUMED_GENERATIONS = 1000  # generations, where their number is not known

@@ -34,7 +34,7 @@ from swarmwright.servers.evaluation.base import Servers
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from swarmwright.optimization.generation import Generation
+    from swarmwright.runs.optimization.generation import Generation
 
 
 _MOST_JOBS = 1024

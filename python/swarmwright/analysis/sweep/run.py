@@ -20,13 +20,16 @@ from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.document import AUTO, Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.launcher_entries import Entries
-from swarmwright.optimization.generation import OnGeneration
-from swarmwright.optimization.interruption import reported_by_caller
-from swarmwright.optimization.optimize import adopt_budget, optimize, resume
-from swarmwright.optimization.resuming import NothingLeftError, prolonged
 from swarmwright.runs.code import changed_code, check_trusted
 from swarmwright.runs.edits import differences
+from swarmwright.runs.optimization.generation import OnGeneration
+from swarmwright.runs.optimization.interruption import reported_by_caller
+from swarmwright.runs.optimization.optimize import adopt_budget, optimize, resume
+from swarmwright.runs.optimization.resuming import NothingLeftError, prolonged
 from swarmwright.runs.run import Run
+from swarmwright.runs.store import FILE
+from swarmwright.runs.store.folder import SWEEP, check_folder, without_store
+from swarmwright.runs.store.lock import is_locked
 from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import is_due
 from swarmwright.servers.evaluation import opening
@@ -34,9 +37,6 @@ from swarmwright.servers.evaluation.base import HERE, Chosen, Progress, Servers,
 from swarmwright.servers.supervision.local_servers import LocalServers
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.user_code.copying import display_name
-from swarmwright.store import FILE
-from swarmwright.store.folder import SWEEP, check_folder, without_store
-from swarmwright.store.lock import is_locked
 
 _IRRELEVANT_KEYS = ELSEWHERE | {"sensors", "actuators"}
 """Keys that say where it is computed, or that a server may have announced."""

@@ -25,8 +25,8 @@ from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, reason
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.common.errors import SwarmwrightError
 from swarmwright.experiment.experiment import recorded_experiment
-from swarmwright.optimization.generation import Generation
-from swarmwright.optimization.memory import progress
+from swarmwright.runs.optimization.generation import Generation
+from swarmwright.runs.optimization.memory import progress
 from swarmwright.servers.evaluation import reports as incidents
 
 REPORT_INTERVAL_S = 0.25

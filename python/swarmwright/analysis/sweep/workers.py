@@ -18,7 +18,7 @@ from swarmwright.analysis.sweep.run import Task
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.common import hash_seed
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.optimization.generation import Generation
+from swarmwright.runs.optimization.generation import Generation
 from swarmwright.runs.run import Run
 from swarmwright.servers.evaluation import reports
 from swarmwright.servers.evaluation.base import Servers

@@ -21,13 +21,13 @@ from swarmwright.experiment.unavailable import unreadable
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import finite, numbers, unseen_seeds
 from swarmwright.runs.run import Run, written_run
+from swarmwright.runs.store import FILE, Evaluation, StoreReader, StoreWriter
 from swarmwright.runs.transfer.evaluation import Plan, Work, check_target
 from swarmwright.runs.transfer.transferred import Candidate, Transferred
 from swarmwright.runs.validation import leading
 from swarmwright.servers.evaluation.base import Progress, Servers
 from swarmwright.simulations.user_code.parts import of_simulation
 from swarmwright.simulations.user_code.permission import remember, require_named
-from swarmwright.store import FILE, Evaluation, StoreReader, StoreWriter
 
 progress = logging.getLogger("swarmwright.progress")
 Stored = dict[str, Any]

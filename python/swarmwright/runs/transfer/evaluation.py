@@ -14,12 +14,12 @@ from swarmwright.common.typing import Genomes
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import Target, unfit
 from swarmwright.runs.post_evaluation import evaluated
+from swarmwright.runs.store import Evaluation
 from swarmwright.runs.transfer.transferred import Candidate
 from swarmwright.servers.evaluation.base import Progress, Servers
 from swarmwright.servers.evaluation.here import needs_no_servers, require_here
 from swarmwright.servers.evaluation.opening import open_backend, open_once
 from swarmwright.simulations import catalogue
-from swarmwright.store import Evaluation
 
 Values = NDArray[np.float64]
 Where = tuple[str | None, Servers | None]

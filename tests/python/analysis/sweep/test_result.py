@@ -8,7 +8,7 @@ import pytest
 
 import swarmwright
 from swarmwright import Experiment, InputError, Run, sweep
-from swarmwright.store import StoreWriter
+from swarmwright.runs.store import StoreWriter
 
 BASE: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "parameters": {"maxSteps": 5},

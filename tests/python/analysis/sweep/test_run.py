@@ -9,7 +9,7 @@ import pytest
 import swarmwright
 from swarmwright import Run, sweep
 from swarmwright.analysis.sweep import Listener, Sweep, Task, conduct, tasks
-from swarmwright.store.lock import Lock
+from swarmwright.runs.store.lock import Lock
 
 BASE: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "parameters": {"maxSteps": 5},

@@ -126,7 +126,7 @@ def test_a_run_that_is_killed_meanwhile_goes_on(after: str, tmp_path: Path) -> N
         import os, signal
         from pathlib import Path
         from swarmwright import Experiment, optimize
-        from swarmwright.store import StoreWriter
+        from swarmwright.runs.store import StoreWriter
         note = StoreWriter.note_transfer
         def ends(self, values):
             note(self, values)

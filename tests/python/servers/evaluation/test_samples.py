@@ -11,8 +11,8 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize
 from swarmwright.methods import METHODS
-from swarmwright.optimization.ahead import Ahead
-from swarmwright.optimization.generation import Generation
+from swarmwright.runs.optimization.ahead import Ahead
+from swarmwright.runs.optimization.generation import Generation
 from swarmwright.servers.evaluation.base import Controllers
 from swarmwright.servers.evaluation.opening import open_backend
 from tests.python.records import same_record

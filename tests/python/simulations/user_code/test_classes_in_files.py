@@ -13,8 +13,8 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, RunError, compare, optimize, post_evaluate, resume, sweep
 from swarmwright.common import warn_once
+from swarmwright.runs.store.database import seal_facts
 from swarmwright.simulations.user_code import trust
-from swarmwright.store.database import seal_facts
 from swarmwright.testing import check_method, check_ranking
 from tests.python.records import same_record
 from tests.python.simulations.user_code.conftest import edit

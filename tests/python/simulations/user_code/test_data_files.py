@@ -10,10 +10,10 @@ from typing import Any, Literal
 import pytest
 
 from swarmwright import InputError, Run, optimize, post_evaluate, repeat, resume
+from swarmwright.runs.store.verification import verify
 from swarmwright.servers.evaluation.launched.packing import packed
 from swarmwright.servers.launchers import LAUNCHERS, Health, Launcher, LauncherOptions
 from swarmwright.servers.launchers._slot import End, Slot
-from swarmwright.store.verification import verify
 from tests.python.records import same_record
 from tests.python.simulations.user_code.conftest import edit
 

@@ -13,10 +13,10 @@ import pytest
 from swarmwright import Experiment, InputError, Run, evaluate, optimize, repeat, resume
 from swarmwright.runs.code import remarks
 from swarmwright.runs.replay import Replay
+from swarmwright.runs.store import StoreWriter
+from swarmwright.runs.store.database import seal_facts
+from swarmwright.runs.store.verification import verify
 from swarmwright.simulations.names import files
-from swarmwright.store import StoreWriter
-from swarmwright.store.database import seal_facts
-from swarmwright.store.verification import verify
 from tests.python.records import same_record, seal
 from tests.python.simulations.user_code.conftest import edit
 

@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError, Run, optimize, post_evaluate, repeat, resume, simulate
 from swarmwright.common import warn_once
+from swarmwright.runs.store.database import seal_facts
 from swarmwright.simulations.user_code import trust
 from swarmwright.simulations.user_code.permission import require_named
 from swarmwright.simulations.user_code.trust import digest_of
-from swarmwright.store.database import seal_facts
 from tests.conftest import PROGRAM, environment
 from tests.python.simulations.user_code.conftest import EXPERIMENT, GATHER
 

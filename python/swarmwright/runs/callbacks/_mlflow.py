@@ -1,0 +1,160 @@
+"""MLflow: a run on a tracking server, with parameters, curves and files."""
+
+import logging
+import math
+import os
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.common.arguments import checked
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.flatten import flat
+from swarmwright.runs import picture
+from swarmwright.runs.callbacks._base import Callback, figures, held_out
+
+if TYPE_CHECKING:
+    from swarmwright.experiment.experiment import Experiment
+    from swarmwright.runs.optimization.generation import Generation
+    from swarmwright.runs.run import Run
+
+_log = logging.getLogger("swarmwright")
+_PERIOD = 1.0  # seconds between two messages to the server, however quick generations are
+_MOST_FIGURES = 900  # figures in one message; the server takes 1000
+_MOST_PARAMETERS = 100
+"""Parameters that MLflow takes at a time."""
+_VALUE_CHARACTERS = 6000  # characters of a parameter's value that the server keeps
+_FILES = ("experiment.yaml", "best.json", "fitness.png")
+
+
+class MLflow(Callback):
+    """Makes a run on an MLflow tracking server.
+
+    The experiment's keys become parameters (`method.population`), the figures of each generation become
+    metrics with the generation as step, and experiment.yaml, best.json and fitness.png become artifacts.
+
+    Args:
+        uri: of the tracking server (http://..) or database (sqlite:///mlflow.db); default: the environment's
+            MLFLOW_TRACKING_URI.
+        experiment: its values become parameters, its file's name the run's name.
+        group: name of MLflow's experiment, under which runs are listed together.
+
+    Raises:
+        InputError: MLflow is not installed.
+        RunError: the tracking server does not answer or refuses.
+    """
+
+    @checked
+    def __init__(
+        self, uri: str | None = None, experiment: "Experiment | None" = None, *, group: str = "swarmwright"
+    ) -> None:
+        try:
+            # Do not wait minutes for a server that is unavailable.
+            os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
+            os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "10")
+            os.environ.setdefault("MLFLOW_LOGGING_LEVEL", "WARNING")
+            from mlflow import MlflowClient
+            from mlflow.exceptions import MlflowException
+        except ImportError:
+            raise InputError("MLflow is not installed: pip install 'swarmwright[mlflow]'") from None
+        self._error: type[Exception] = MlflowException
+        self._where = uri or os.environ.get("MLFLOW_TRACKING_URI", "its default place")
+        self._waiting: list[Any] = []
+        self._sent = time.monotonic()
+        self._ended = False
+        try:
+            self._client = MlflowClient(tracking_uri=uri)
+            found = self._client.get_experiment_by_name(group)
+            place = found.experiment_id if found else self._client.create_experiment(group)
+            self._run = self._client.create_run(place, run_name=_name(experiment)).info.run_id
+            if experiment is not None:
+                self._describe(experiment)
+        except Exception as error:  # its back ends raise various exceptions
+            raise RunError(f"MLflow at {self._where}: {_first_line(error)}") from error
+
+    @property
+    def run_id(self) -> str:
+        """The run's id on the tracking server."""
+        return str(self._run)
+
+    def _describe(self, experiment: "Experiment") -> None:
+        from mlflow.entities import Param
+
+        values = {key: str(value) for key, value in flat(experiment.to_mapping()).items()}
+        parameters = [Param(name, value[:_VALUE_CHARACTERS]) for name, value in values.items()]
+        for first in range(0, len(parameters), _MOST_PARAMETERS):
+            self._client.log_batch(self._run, params=parameters[first : first + _MOST_PARAMETERS])
+
+    def __call__(self, generation: "Generation") -> None:
+        """Note the figures; they are sent about once a second."""
+        from mlflow.entities import Metric
+
+        now = time.time_ns() // 1_000_000
+        self._waiting += [
+            Metric(name, value, now, generation.generation)
+            for name, value in figures(generation).items()
+            if math.isfinite(value)
+        ]
+        if time.monotonic() - self._sent > _PERIOD or len(self._waiting) > _MOST_FIGURES:
+            self._send()
+
+    def _send(self) -> None:
+        """Send what has been noted. A temporarily unavailable server does not end the run."""
+        while self._waiting:
+            part = self._waiting[:_MOST_FIGURES]
+            try:
+                self._client.log_batch(self._run, metrics=part)
+            except Exception as error:  # noqa: BLE001 - its back ends raise various exceptions
+                _log.warning(
+                    "MLflow at %s: %s; the figures are kept and sent later", self._where, _first_line(error)
+                )
+                break
+            del self._waiting[: len(part)]
+        self._sent = time.monotonic()
+
+    def conclude(self, run: "Run") -> None:
+        """Send the fitness on held-out seeds and the files, and how it ended."""
+        from mlflow.entities import Metric
+
+        now = time.time_ns() // 1_000_000
+        self._waiting += [
+            Metric(name, value, now, run.generations - 1) for name, value in held_out(run).items()
+        ]
+        self._send()
+        picture.wait()
+        try:
+            for name in _FILES:
+                if (run.path / name).exists():
+                    self._client.log_artifact(self._run, str(run.path / name))
+            self._client.set_tag(self._run, "record", run.digest)
+            self._client.set_terminated(self._run, "KILLED" if run.interrupted else "FINISHED")
+            self._ended = True
+        except Exception as error:  # noqa: BLE001 - its back ends raise various exceptions
+            _log.warning(
+                "MLflow at %s: %s; the run itself is complete in %s",
+                self._where,
+                _first_line(error),
+                run.path,
+            )
+
+    def close(self) -> None:
+        """Send what is left; a run without a conclusion has failed."""
+        self._send()
+        if not self._ended:
+            self._ended = True
+            with suppress(
+                Exception
+            ):  # its back ends raise various exceptions; the user has been warned already
+                self._client.set_terminated(self._run, "FAILED")
+
+
+def _name(experiment: "Experiment | None") -> str | None:
+    """Name a run by its experiment file; one that goes on by its folder, as all have experiment.yaml."""
+    path = None if experiment is None else experiment.path
+    if path is None:
+        return None
+    return path.absolute().parent.name if path.name == "experiment.yaml" else path.stem
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]

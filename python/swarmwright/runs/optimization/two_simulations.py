@@ -1,0 +1,302 @@
+"""Evaluation in two simulations: the experiment's own, and for some candidates its ranking's slow one."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Set as AbstractSet
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from swarmwright import _engine
+from swarmwright.common.engine_types import AttemptRow
+from swarmwright.common.errors import InputError, RunError, SimulationError, reworded
+from swarmwright.experiment.derived import fitness_expression, place_of, steers_agents, with_environment
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.targets import OtherSimulation, slow_of
+from swarmwright.methods.rankings import Ranking
+from swarmwright.methods.rankings.slow_simulation import METRIC, SlowRanking
+from swarmwright.runs.optimization.raced import extend
+from swarmwright.servers.evaluation.base import (
+    HERE,
+    AuditedEpisode,
+    Backend,
+    Controllers,
+    Feed,
+    OnResults,
+    Progress,
+    Results,
+    Servers,
+    chosen,
+    metrics_of,
+)
+from swarmwright.servers.evaluation.opening import open_backend
+from swarmwright.servers.rows import Journal
+from swarmwright.servers.server_use import ServerUses
+from swarmwright.simulations import catalogue
+from swarmwright.simulations.user_code.permission import require_named
+
+_SLOW_PREFIX = "slow: "
+"""Before the names of launchers of the slow simulation."""
+
+
+class TwoSimulations:
+    """A backend beside a second one. What is evaluated without a ranking is evaluated in the first, fast one.
+
+    Args:
+        fast: of the experiment's own simulation.
+        slow: of the ranking's.
+        name: of the slow simulation.
+    """
+
+    def __init__(self, fast: Backend, slow: Backend, name: str) -> None:
+        self.fast, self.slow, self.name = fast, slow, name
+        self.sensors, self.actuators = fast.sensors, fast.actuators
+        self.is_foreign, self.hash_seed = fast.is_foreign, fast.hash_seed
+        self.metrics = (*fast.metrics, METRIC)
+        self.may_fail = fast.may_fail or slow.may_fail
+        self.description = f"{fast.description}; {name}: {slow.description}"
+
+    def evaluate(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None = None,
+        on_results: OnResults | None = None,
+    ) -> Results:
+        """Evaluate in the fast simulation."""
+        return self.fast.evaluate(controllers, seeds, on_progress, meanwhile, on_results)
+
+    def repeat(
+        self, controllers: Controllers, evaluations: Sequence[AuditedEpisode], on_progress: Progress
+    ) -> tuple[Results, list[int | None]]:
+        """Repeat evaluations in the fast simulation."""
+        return self.fast.repeat(controllers, evaluations, on_progress)
+
+    def tolerance(self, servers: AbstractSet[int | None]) -> float | None:
+        """Return how far results of the fast simulation may differ."""
+        return self.fast.tolerance(servers)
+
+    def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
+        """Return that of the fast simulation."""
+        return self.fast.evaluator(architecture)
+
+    def ahead(self, architecture: dict[str, Any]) -> None:
+        """Return None: the ranking has a part in every generation."""
+
+    def check(self) -> None:
+        """Raise RunError when what evaluates has ended for good."""
+        self.fast.check()
+        self.slow.check()
+
+    def count_failed(self, results: Results) -> None:
+        """Count failed episodes of what the engine has evaluated by itself."""
+        self.fast.count_failed(results)
+
+    def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
+        """Return the journal of what the engine has evaluated by itself."""
+        return self.fast.journal(attempts, warnings)
+
+    def failure_of(self, reason: str, /) -> SimulationError | None:
+        """Return what the code of either simulation failed with, for a reason of a journal."""
+        return self.fast.failure_of(reason) or self.slow.failure_of(reason)
+
+    def stream(
+        self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
+    ) -> None:
+        """Run controllers as they come, in the fast simulation."""
+        self.fast.stream(controllers, seeds, feed, on_progress)
+
+    def about(
+        self,
+        run: str,
+        generation: int | None,
+        generations: int,
+        evaluations: tuple[int, int] | None = None,
+    ) -> None:
+        """Publish what the following evaluations are for."""
+        self.fast.about(run, generation, generations, evaluations)
+        self.slow.about(run, generation, generations, evaluations)
+
+    def usage(self) -> str:
+        """Return what servers of both were used."""
+        return "; ".join(filter(None, (self.fast.usage(), self.slow.usage())))
+
+    def server_use(self) -> ServerUses:
+        """Return the use of the servers of each launcher; those of the slow simulation are apart."""
+        slow = {f"{_SLOW_PREFIX}{name}": use for name, use in self.slow.server_use().items()}
+        return {**self.fast.server_use(), **slow}
+
+    def incidents(self) -> dict[str, int]:
+        """Return the counts of both."""
+        counts = self.fast.incidents()
+        for name, count in self.slow.incidents().items():
+            counts[name] = counts.get(name, 0) + count
+        return counts
+
+    def log_to(self, folder: Path) -> None:
+        """Write what started servers print to files in a run's folder; those of the slow simulation apart."""
+        self.fast.log_to(folder)
+        self.slow.log_to(folder)
+
+    def post_evaluates(self) -> None:
+        """Publish that what follows belongs to no generation."""
+        self.fast.post_evaluates()
+        self.slow.post_evaluates()
+
+
+@contextmanager
+def open_simulations(
+    experiment: Experiment,
+    *,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    wait: float | None = None,
+    earlier: ServerUses = MappingProxyType({}),
+) -> Iterator[Backend]:
+    """Start what an experiment needs, with the slow simulation of its ranking where it has one.
+
+    Arguments and errors as those of `open_backend`. They hold for the slow simulation as well, unless its
+    keys name servers or a broker.
+    """
+    target = slow_of(experiment)
+    ranking = experiment.new_ranking()
+    metrics = _beside_fitness(ranking, experiment)
+    if target is None:
+        with open_backend(
+            experiment, broker=broker, servers=servers, wait=wait, metrics=metrics, earlier=earlier
+        ) as backend:
+            yield backend
+        return
+    assert isinstance(ranking, SlowRanking)
+    code = target.code(experiment)
+    if code is not None:
+        require_named(code)  # before it is imported
+    (there,) = target.experiments(experiment, 1)
+    where: dict[str, Any] = {} if target.places else {"broker": broker, "servers": servers}
+    if there.broker is None and catalogue.is_here(there.simulation):
+        where.pop("broker", None)
+    places = [_place(experiment, broker, servers), _place(there, where.get("broker"), where.get("servers"))]
+    _require_apart(experiment, there, target, places)
+    apart = {
+        name.removeprefix(_SLOW_PREFIX): use for name, use in earlier.items() if name.startswith(_SLOW_PREFIX)
+    }
+    with ExitStack() as stack:
+        fast = stack.enter_context(
+            open_backend(
+                experiment,
+                broker=broker,
+                servers=servers,
+                wait=wait,
+                metrics=metrics,
+                earlier=earlier,
+            )
+        )
+        try:
+            slow = stack.enter_context(open_backend(there, wait=wait, earlier=apart, **where))
+        except (InputError, RunError) as error:
+            place = f"{place_of(experiment, 'ranking')}slow: {target.name}"
+            raise reworded(error, f"{place}: {error}") from error
+        _require_fit(experiment, fast, slow, target)
+        yield TwoSimulations(fast, slow, target.name)
+
+
+def _require_fit(experiment: Experiment, fast: Backend, slow: Backend, target: OtherSimulation) -> None:
+    sizes = [(one.sensors, one.actuators) for one in (fast, slow)]
+    if steers_agents(experiment) and sizes[0] != sizes[1]:
+        here, there = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)
+        raise InputError(
+            f"{place_of(experiment, 'ranking')}slow: {target.name} has {there}, {experiment.label} has {here}"
+        )
+
+
+def _require_apart(
+    experiment: Experiment, there: Experiment, target: OtherSimulation, places: Sequence[str | None]
+) -> None:
+    """Raise InputError where both would need the same servers at the same time; places: their brokers."""
+    prefixes = {with_environment(one).prefix for one in (experiment, there)}
+    same = places[0] is not None and places[0] == places[1] and len(prefixes) == 1
+    if same and experiment.simulation == there.simulation:
+        raise InputError(
+            f"{place_of(experiment, 'ranking')}slow: {target.name} is the same simulation on the same "
+            "broker, whose servers work for one of the two; give it a broker or prefix of its own, or "
+            "servers: local"
+        )
+
+
+def _place(experiment: Experiment, broker: str | None, servers: Servers | None) -> str | None:
+    """Return the broker that `open_backend` uses with these arguments, None without one of others."""
+    wanted = chosen(experiment, servers)
+    return experiment.broker if broker is None and wanted not in HERE else broker
+
+
+def descriptor_columns(ranking: Ranking, experiment: Experiment) -> list[int]:
+    """Return which of the stored metrics a ranking needs, in its order."""
+    return _columns(ranking.descriptor if isinstance(ranking, SlowRanking) else (), ranking, experiment)
+
+
+def needed_columns(ranking: Ranking, experiment: Experiment) -> list[int]:
+    """Return which of the stored metrics the method needs, in its order."""
+    return _columns(experiment.method.needed_metrics, ranking, experiment)
+
+
+def _beside_fitness(ranking: Ranking, experiment: Experiment) -> tuple[str, ...]:
+    """Return the metrics that are evaluated for the ranking and for the method."""
+    descriptor = ranking.descriptor if isinstance(ranking, SlowRanking) else ()
+    return (*descriptor, *experiment.method.needed_metrics)
+
+
+def _columns(wanted: Sequence[str], ranking: Ranking, experiment: Experiment) -> list[int]:
+    names = metrics_of(fitness_expression(experiment), _beside_fitness(ranking, experiment))
+    return [names.index(name) for name in wanted]
+
+
+def evaluate_both(
+    ranking: SlowRanking,
+    descriptor: list[int],
+    backend: TwoSimulations,
+    controllers: Controllers,
+    seeds: Sequence[int],
+    on_progress: Progress,
+    meanwhile: Callable[[], None] | None,
+    on_results: OnResults | None = None,
+) -> Results:
+    """Evaluate a generation; its last metric is the fitness in the slow simulation, NaN where there is none.
+
+    descriptor: which metrics of the fast simulation the ranking needs. The others as those of
+    `Backend.evaluate`.
+    """
+    count, episodes = len(controllers.weights), len(seeds)
+    whole = (count + ranking.expected(count)) * episodes
+    done = 0
+
+    def progress(part: int, _: int, waiting_for: str) -> None:
+        on_progress(min(done + part, whole - 1), whole, waiting_for)
+
+    fast = backend.fast.evaluate(controllers, seeds, progress, meanwhile, on_results)
+    slow = np.full((count, episodes), np.nan)
+    journal = Journal()
+    extend(journal, fast.journal, list(range(count)), 0)
+    rounds = ranking.rounds(ranking.counted(fast.fitness), fast.metrics[:, :, descriptor])
+    done = count * episodes
+    try:
+        who = next(rounds)
+        while True:
+            part = Controllers(controllers.architecture, np.ascontiguousarray(controllers.weights[who]))
+            results = backend.slow.evaluate(part, seeds, progress)
+            done += len(who) * episodes
+            slow[who] = results.fitness
+            extend(journal, _named(results.journal, backend.name), who.tolist(), 0)
+            who = rounds.send(ranking.counted(results.fitness))
+    except StopIteration:
+        on_progress(whole, whole, "")
+    metrics = np.concatenate([fast.metrics, slow[:, :, np.newaxis]], axis=2)
+    return Results(fast.fitness, np.ascontiguousarray(metrics), journal)
+
+
+def _named(journal: Journal, name: str) -> Journal:
+    """Return a journal whose warnings name the simulation."""
+    warnings = [one._replace(text=f"{name}: {one.text}", episode=None) for one in journal.warnings]
+    return Journal(journal.attempts, warnings)
