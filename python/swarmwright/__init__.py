@@ -70,7 +70,7 @@ from swarmwright.common.errors import (
 
 if TYPE_CHECKING:
     from swarmwright import controllers as representations
-    from swarmwright import display, environments, frevo, methods, results, templates, testing
+    from swarmwright import display, frevo, methods, results, templates, testing
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.paired import ControllerComparison, compare_controllers
     from swarmwright.analysis.sweep.result import SweepResult, sweep
@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from swarmwright.controllers import modules
     from swarmwright.controllers.controller import Controller
     from swarmwright.experiment.experiment import Experiment
+    from swarmwright.export import environments
     from swarmwright.export.bundle import Bundle, export_bundle
     from swarmwright.export.bundle_report import BundleVerification
     from swarmwright.export.bundle_verification import verify_bundle
@@ -210,7 +211,7 @@ _LAZY = {
 _MODULES = {
     "callbacks": "runs.callbacks",
     "display": "display",
-    "environments": "environments",
+    "environments": "export.environments",
     "frevo": "frevo",
     "methods": "methods",
     "modules": "controllers.modules",

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from swarmwright.common.errors import InputError
 
 if TYPE_CHECKING:
-    from swarmwright.environments._parallel import SwarmEnv
-    from swarmwright.environments._single import AgentEnv
     from swarmwright.experiment.experiment import Experiment
+    from swarmwright.export.environments._parallel import SwarmEnv
+    from swarmwright.export.environments._single import AgentEnv
 
 __all__ = ["gymnasium_env", "parallel_env"]
 
@@ -46,8 +46,8 @@ def parallel_env(
     parameters, or controls its agents itself.
     """
     try:
-        from swarmwright.environments._parallel import SwarmEnv  # noqa: PLC0415 - PettingZoo may be missing
-        from swarmwright.environments._world import World  # noqa: PLC0415 - as above
+        from swarmwright.export.environments._parallel import SwarmEnv  # noqa: PLC0415 - PettingZoo may be missing
+        from swarmwright.export.environments._world import World  # noqa: PLC0415 - as above
     except ImportError as error:
         raise _missing(error, "pettingzoo") from None
     return SwarmEnv(World(simulation, parameters, render_mode))
@@ -70,8 +70,8 @@ def gymnasium_env(
     `parallel_env`.
     """
     try:
-        from swarmwright.environments._single import AgentEnv  # noqa: PLC0415 - Gymnasium may be missing
-        from swarmwright.environments._world import World  # noqa: PLC0415 - as above
+        from swarmwright.export.environments._single import AgentEnv  # noqa: PLC0415 - Gymnasium may be missing
+        from swarmwright.export.environments._world import World  # noqa: PLC0415 - as above
     except ImportError as error:
         raise _missing(error, "gymnasium") from None
     return AgentEnv(World(simulation, parameters, render_mode))

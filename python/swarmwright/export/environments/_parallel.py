@@ -13,7 +13,7 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
 from swarmwright.common.arguments import simulation_seed
 from swarmwright.common.errors import InputError
-from swarmwright.environments._world import OfWorld, World
+from swarmwright.export.environments._world import OfWorld, World
 
 _Sensed = dict[str, NDArray[np.float32]]
 

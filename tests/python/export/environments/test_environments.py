@@ -13,7 +13,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from swarmwright import Episodes, Experiment, InputError, RunError, Simulation, environments
-from swarmwright.environments import _world
+from swarmwright.export.environments import _world
 from swarmwright.simulations import catalogue
 
 SWARM: dict[str, Any] = {"mission": "aggregation", "duration": 3, "robots": 4}

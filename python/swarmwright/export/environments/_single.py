@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swarmwright.common.arguments import simulation_seed
 from swarmwright.common.errors import InputError
-from swarmwright.environments._world import OfWorld, World
+from swarmwright.export.environments._world import OfWorld, World
 
 
 class AgentEnv(OfWorld, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
