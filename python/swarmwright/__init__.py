@@ -70,7 +70,7 @@ from swarmwright.common.errors import (
 
 if TYPE_CHECKING:
     from swarmwright import controllers as representations
-    from swarmwright import display, frevo, methods, results, templates, testing
+    from swarmwright import display, methods, results, templates, testing
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.paired import ControllerComparison, compare_controllers
     from swarmwright.analysis.sweep.result import SweepResult, sweep
@@ -84,6 +84,7 @@ if TYPE_CHECKING:
     from swarmwright.export.bundle_report import BundleVerification
     from swarmwright.export.bundle_verification import verify_bundle
     from swarmwright.export.exporting import Exported, export_controller
+    from swarmwright.interop import frevo
     from swarmwright.methods import rankings
     from swarmwright.runs import callbacks
     from swarmwright.runs.learning_curve import LearningCurve, learning_curve
@@ -212,7 +213,7 @@ _MODULES = {
     "callbacks": "runs.callbacks",
     "display": "display",
     "environments": "export.environments",
-    "frevo": "frevo",
+    "frevo": "interop.frevo",
     "methods": "methods",
     "modules": "controllers.modules",
     "rankings": "methods.rankings",

@@ -22,7 +22,7 @@ def experiment_of(file: Path, settings: Sequence[str]) -> "Experiment":
 
     if first_character(file) != "<":  # nor is what reads sessions imported
         return Experiment.load(file, settings)
-    from swarmwright import frevo
+    from swarmwright.interop import frevo
 
     if not frevo.is_session(file):
         return Experiment.load(file, settings)

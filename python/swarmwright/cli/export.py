@@ -191,7 +191,7 @@ def _model(
     force: bool,
 ) -> int:
     """Write copies of a model's files with a candidate's values, and say where they are."""
-    from swarmwright import models
+    from swarmwright.interop import models
 
     subject, written = models.write_back(
         run, files, output=output, generation=generation, candidate=candidate, force=force

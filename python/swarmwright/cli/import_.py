@@ -82,7 +82,7 @@ def command(
     """
     if target is not None and target.exists():
         raise click.UsageError(f"'{target}' exists and is not written over; name another file, or remove it.")
-    from swarmwright import frevo
+    from swarmwright.interop import frevo
 
     replaced = {"simulation": simulation, "method": method, "controller": controller}
     found = _files_of(files)
@@ -92,8 +92,8 @@ def command(
     for option, value in (("--field", field), ("--ranking", ranking)):
         if value is not None:
             raise click.UsageError(f"{option} is for FREVO sessions; a drawn model has none.")
-    from swarmwright import models
     from swarmwright.common.files import write_text
+    from swarmwright.interop import models
 
     imported = models.load(found, target=target, **replaced)
     for note in imported.notes:
@@ -111,14 +111,14 @@ def _files_of(files: Sequence[Path]) -> Sequence[Path]:
     """Return the files, and those of folders: only for these the readers of models are loaded, slowly."""
     if not any(file.is_dir() for file in files):
         return files
-    from swarmwright import models
+    from swarmwright.interop import models
 
     return models.files_of(files)
 
 
 def _import_session(file: Path, target: Path | None, *, field: Path | None, **replaced: str | None) -> None:
     """Write the experiment of a FREVO session."""
-    from swarmwright import frevo
+    from swarmwright.interop import frevo
 
     folder = Path() if target is None else target.parent
     imported = frevo.load(file, field=field, folder=folder, **replaced)

@@ -46,7 +46,8 @@ def command(
     """
     if candidate is not None and target is None:
         raise click.UsageError("--candidate says which one --save writes; give both.")
-    from swarmwright import Controller, frevo
+    from swarmwright import Controller
+    from swarmwright.interop import frevo
 
     output = Output(as_json=as_json)
     scores = frevo.score(file, field=field)

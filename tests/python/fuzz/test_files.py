@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from swarmwright import Controller, Experiment, InputError, Run, RunError, frevo
 from swarmwright.analysis.sweep import Sweep
 from swarmwright.experiment.parameter_files import read_object
-from swarmwright.frevo import _java
+from swarmwright.interop.frevo import _java
 from swarmwright.runs.store import FILE
 from swarmwright.servers.broker.passwords import set_password
 from tests.conftest import ROOT
-from tests.python.frevo.test_field_files import LIST, SER
 from tests.python.fuzz.mutation import fuzz, mutated
+from tests.python.interop.frevo.test_field_files import LIST, SER
 
 EXPERIMENTS = [path.read_bytes() for path in sorted(ROOT.glob("experiments/**/*.yaml"))]
 EVERYTHING = b"""\

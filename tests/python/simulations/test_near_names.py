@@ -7,7 +7,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, optimize, simulate
 from swarmwright.common.simulation_names import _SIMULATOR_FILES, SIMULATORS
-from swarmwright.models._files import load
+from swarmwright.interop.models._files import load
 from swarmwright.simulations.near_names import alike, unknown_simulation
 
 SOURCE = """

@@ -1,0 +1,11 @@
+"""Migration from FREVO: its session files become experiments, its result files are scored again.
+
+FREVO (https://github.com/smartgrids-aau/Frevo, version 1.5) keeps experiments in session files (.zse) and
+evolved populations in result files (.zre), both XML.
+"""
+
+from swarmwright.interop.frevo._document import is_session
+from swarmwright.interop.frevo._imported import Imported, load
+from swarmwright.interop.frevo._score import Score, Scores, score
+
+__all__ = ["Imported", "Score", "Scores", "is_session", "load", "score"]

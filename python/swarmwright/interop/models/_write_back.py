@@ -1,0 +1,202 @@
+"""The way back: values of a candidate written into the files of its model."""
+
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape, unescape
+
+from swarmwright.common import json_source
+from swarmwright.common.alike import alike
+from swarmwright.common.errors import InputError
+from swarmwright.common.files import read_bytes
+from swarmwright.controllers import scxml
+from swarmwright.export.scxml import Scxml
+from swarmwright.export.subject import Subject, subject_of
+from swarmwright.export.writing import write
+from swarmwright.interop.models import sysml
+from swarmwright.interop.models._files import files_of
+from swarmwright.interop.models._files import load as load_part
+from swarmwright.interop.models._names import Known
+from swarmwright.interop.models._parts import Optimised, Part
+from swarmwright.runs.run import Run, run_of
+
+CANDIDATE = "candidate.json"
+"""The values as CPSwarm's optimization tool hands a candidate to simulators and robots."""
+_LARGEST_FILE_BYTES = 1 << 28
+_COMMENT = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>", re.DOTALL)
+_TAG = re.compile(r"<(?:[\w.-]+:)?(SwarmMember|swarmMember|propentry)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*>")
+
+_STARTS = {
+    b"\xef\xbb\xbf": "utf-8",
+    b"\xff\xfe": "utf-16-le",
+    b"\xfe\xff": "utf-16-be",
+    b"<\0": "utf-16-le",
+    b"\0<": "utf-16-be",
+}
+_DECLARED = re.compile(rb"<\?xml[^>]*?\sencoding\s*=\s*[\"']([A-Za-z][\w.-]*)")
+
+Values = dict[str, Any]
+"""What the simulation gets, by the name that it has for each."""
+Counts = dict[str, str | None]
+"""Kind of agents -> parameter with their number; None where it has none of its own."""
+
+
+def write_back(
+    run: Run | str | PathLike[str],
+    paths: Iterable[str | PathLike[str]],
+    *,
+    output: str | PathLike[str],
+    generation: int | None = None,
+    candidate: int | None = None,
+    force: bool = False,
+) -> tuple[Subject, list[Path]]:
+    """Write copies of a model's files with the values of a candidate; return it and what was written.
+
+    Args:
+        run: a run, or its folder.
+        paths: the files of the model, or folders with them.
+        output: the folder that is written to.
+        generation: of the candidate, from 0; as in `Run.evaluation`.
+        candidate: as in `Run.evaluation`; default: the best one.
+        force: write over files that are there.
+
+    Raises:
+        InputError: there is no such candidate, a file is wrong, or nothing in the files was evolved.
+    """
+    opened = run_of(run)
+    subject = subject_of(opened, generation, candidate)
+    known = Known(opened.experiment.simulation)
+    parts = [load_part(path) for path in files_of(map(Path, paths))]
+    values = dict(subject.values)
+    files: dict[str, str | bytes] = {}
+    counts = _counts(parts, known)
+    for part in parts:
+        written = _written(part, subject, values, known, counts)
+        if written is not None:
+            if part.path.name in files:
+                raise InputError(f"{part.path}: another file has the same name; rename one of them")
+            files[part.path.name] = written
+    optimised = [one for part in parts for one in part.optimised]
+    found = [
+        {"name": one.name, "meta": one.meta, "value": _value(values, known, one.name, counts)}
+        for one in optimised
+        if _value(values, known, one.name, counts) is not None
+    ]
+    if found:
+        files[CANDIDATE] = json.dumps(found, indent=2) + "\n"
+    if not files:
+        evolved = f"the parameters {', '.join(values)}" if values else f"a controller, {subject.kind}"
+        raise InputError(
+            f"{', '.join(str(part.path) for part in parts)}: nothing in it was evolved; the run evolved "
+            f"{evolved}"
+        )
+    return subject, write(files, Path(output), force=force)
+
+
+def _counts(parts: list[Part], known: Known) -> Counts:
+    """Return the parameters with the numbers of agents, as `Parameters` takes them."""
+    members = [member.name for part in parts for member in part.members]
+    if len(members) == 1:
+        return {members[0]: known.agents}
+    return {name: known.number_of(name) for name in members} if any(part.differ for part in parts) else {}
+
+
+def _value(values: Values, known: Known, name: str, counts: Counts) -> Any:  # noqa: ANN401 - a number or text
+    """Return the value of a parameter, or of the number of members; None where it was not evolved."""
+    kinds = list(counts)
+    found = [counts[kinds[index]] for index in alike(name, kinds)]
+    own = next(filter(None, found), None) or known.name(name)
+    return values.get(own) if own is not None else None
+
+
+def _written(
+    part: Part, subject: Subject, values: Values, known: Known, counts: Counts
+) -> str | bytes | None:
+    """Return a file with its values; None where nothing of it was evolved."""
+    if part.behaviour is not None:
+        return _machine(part.behaviour, subject) if subject.kind == "mealy_fsm" else None
+
+    def value(name: str) -> Any:  # noqa: ANN401 - a number or text
+        return _value(values, known, name, counts)
+
+    if part.kind == sysml.WORDS:
+        return sysml.with_values(part.path, value)
+    if part.optimised:
+        return _optimised(part, value)
+    names = [*(one.name for one in part.members), *(one.name for one in part.properties)]
+    if any(value(name) is not None for name in names):
+        return _tags(part.path, value)
+    return None
+
+
+def _machine(machine: scxml.StateMachine, subject: Subject) -> str | bytes:
+    (text,) = Scxml().files(subject, machine.path.stem).values()
+    return text
+
+
+def _optimised(part: Part, value: Callable[[str], Any]) -> str | None:
+    """Return OptimisedParameters with a `value` for each, between min and max."""
+    document: Any = json_source.read(part.path).values
+    by_name: Mapping[str, Optimised] = {one.name: one for one in part.optimised}
+    found = False
+    for entry in document["parameters"]:
+        one = by_name[entry["name"].strip()]
+        number = value(one.name)
+        if number is not None:
+            exact = one.whole and number % one.scale == 0
+            entry["value"] = int(number // one.scale) if exact else float(f"{number / one.scale:.9g}")
+            found = True
+    return json.dumps(document, indent=2, ensure_ascii=False) + "\n" if found else None
+
+
+def _tags(path: Path, value: Callable[[str], Any]) -> bytes:
+    """Return XML in which attributes have other values; all else stays as it is, the encoding too."""
+    data = read_bytes(path, _LARGEST_FILE_BYTES)
+    encoding = _encoding(data)
+    try:
+        text = data.decode(encoding)
+    except (LookupError, UnicodeDecodeError):
+        raise InputError(f"{path}: is not in the encoding {encoding}, which it should have") from None
+    hidden = [match.span() for match in _COMMENT.finditer(text)]
+
+    def replaced(match: re.Match[str]) -> str:
+        if any(begin <= match.start() < end for begin, end in hidden):
+            return match[0]
+        naming, set_ = ("key", "value") if match[1] == "propentry" else ("name", "number")
+        name = _attribute(match[0], naming)
+        found = None if name is None else value(name.strip())
+        return match[0] if found is None else _with_attribute(match[0], set_, str(found))
+
+    # An encoding may lack characters of a value; XML has them by number.
+    return _TAG.sub(replaced, text).encode(encoding, "xmlcharrefreplace")
+
+
+def _encoding(data: bytes) -> str:
+    """Return the encoding of XML by its first bytes, or as its declaration says.
+
+    A mark at the beginning is a character of these encodings, which stays in the text.
+    """
+    for start, encoding in _STARTS.items():
+        if data.startswith(start):
+            return encoding
+    declared = _DECLARED.match(data)
+    return "utf-8" if declared is None else declared[1].decode("ascii")
+
+
+def _pattern(name: str) -> re.Pattern[str]:
+    return re.compile(rf"(\s{name}\s*=\s*)(\"[^\"]*\"|'[^']*')")
+
+
+def _attribute(tag: str, name: str) -> str | None:
+    match = _pattern(name).search(tag)
+    return None if match is None else unescape(match[2][1:-1], {"&quot;": '"', "&apos;": "'"})
+
+
+def _with_attribute(tag: str, name: str, text: str) -> str:
+    """Return a tag with another value of an attribute, or with one more attribute."""
+    written = f'"{escape(text, {chr(34): "&quot;"})}"'
+    changed, count = _pattern(name).subn(lambda match: match[1] + written, tag, count=1)
+    return changed if count else re.sub(r"\s*(/?>)$", rf" {name}={written}\1", tag)

@@ -1,0 +1,15 @@
+"""SCXML state machines: what agents do."""
+
+from pathlib import Path
+
+from swarmwright.controllers import scxml
+from swarmwright.interop.models._parts import Part
+
+ROOTS = ("scxml",)
+WORDS = "a state machine in SCXML (<scxml>)"
+
+
+def load(path: Path) -> Part:
+    """Read a state machine. Raises InputError with everything that is wrong, file and line each."""
+    machine = scxml.read(path)
+    return Part(path, WORDS, name=machine.name, behaviour=machine)

@@ -1,0 +1,115 @@
+"""FREVO's descriptions of problems: `<icomponent>` with config, properties and requirements.
+
+Modelio's CPSwarm modules write one for the problem of a model; FREVO has one beside each component.
+"""
+
+from pathlib import Path
+
+from swarmwright.common.xml import Element, read
+from swarmwright.interop.models._numbers import number_of, whole_of
+from swarmwright.interop.models._parts import Part, Place, Problems, Property
+
+ROOTS = ("icomponent",)
+WORDS = "a FREVO problem description (<icomponent>)"
+_ENTRIES = {"config": "entry", "properties": "propentry", "requirements": "reqentry"}
+_TYPES = ("INT", "LONG", "FLOAT", "DOUBLE", "BOOLEAN", "STRING", "ENUM", "FILE")
+
+
+def load(path: Path) -> Part:
+    """Read a problem description. Raises InputError with everything that is wrong, file and line each."""
+    root = read(path)
+    problems = Problems()
+    sections = _sections(path, root, problems)
+    config = {key: element.attributes.get("value", "") for key, element in sections["config"].items()}
+    part = Part(path, WORDS)
+    class_name = config.get("classname", "").strip()
+    name = config.get("name", "").strip()
+    part.titles = tuple(
+        title for title in (class_name.rpartition(".")[2], name) if title and title.lower() != "null"
+    )
+    part.name = part.titles[-1] if part.titles else ""
+    if not part.titles:
+        problems.add(
+            Place(path, root.line, "<config>"),
+            'has neither classname nor name; expected <entry key="classname" type="STRING" '
+            'value="minisim.Minisim"/>',
+        )
+    for key, element in sections["properties"].items():
+        value = _value(path, key, element, problems)
+        if value is not None:
+            part.properties.append(Property(key, value, _place(path, key, element)))
+    requirements = sections["requirements"]
+    part.sensors = _count(path, requirements, "inputnumber", problems)
+    part.actuators = _count(path, requirements, "outputnumber", problems)
+    candidates = _count(path, requirements, "minimumCandidates", problems)
+    if candidates is not None and candidates > 1:
+        problems.add(
+            _place(path, "minimumCandidates", requirements["minimumCandidates"]),
+            f"{candidates} candidates at once compete with each other, which has no counterpart; expected 1",
+        )
+    problems.stop()
+    return part
+
+
+def _sections(path: Path, root: Element, problems: Problems) -> dict[str, dict[str, Element]]:
+    found: dict[str, dict[str, Element]] = {name: {} for name in _ENTRIES}
+    for section in root.children:
+        if section.tag not in _ENTRIES:
+            problems.add(
+                Place(path, section.line, f"<{section.tag}>"),
+                f"found inside <icomponent>; expected {', '.join(_ENTRIES)}",
+            )
+            continue
+        for element in section.children:
+            place = Place(path, element.line, f"<{element.tag}>")
+            key = element.attributes.get("key", "")
+            if element.tag != _ENTRIES[section.tag]:
+                problems.add(place, f"found inside <{section.tag}>; expected <{_ENTRIES[section.tag]}>")
+            elif not key:
+                problems.add(place, "the attribute key is missing")
+            elif "value" not in element.attributes:
+                problems.add(place, f"the attribute value of {key!r} is missing")
+            elif key in found[section.tag]:
+                first = found[section.tag][key].line
+                problems.add(place, f"duplicate key {key!r} (first in line {first}); keep one")
+            else:
+                found[section.tag][key] = element
+    return found
+
+
+def _place(path: Path, key: str, element: Element) -> Place:
+    return Place(path, element.line, f"<{element.tag}>: {key}")
+
+
+def _value(path: Path, key: str, element: Element, problems: Problems) -> int | float | bool | str | None:
+    text = element.attributes["value"].strip()
+    kind = element.attributes.get("type", "STRING").strip().upper()
+    place = _place(path, key, element)
+    if kind in {"INT", "LONG"}:
+        return whole_of(text, place, problems)
+    if kind in {"FLOAT", "DOUBLE"}:
+        return number_of(text, place, problems)
+    if kind == "BOOLEAN":
+        if text.lower() in {"true", "false"}:
+            return text.lower() == "true"
+        problems.add(place, f"{text!r} found, expected true or false")
+        return None
+    if kind not in _TYPES:
+        problems.add(place, f"unknown type {kind!r}; expected {', '.join(_TYPES)}")
+        return None
+    return text
+
+
+def _count(path: Path, entries: dict[str, Element], key: str, problems: Problems) -> int | None:
+    if key not in entries:
+        return None
+    element = entries[key]
+    text = element.attributes["value"].strip()
+    if text.lower() in {"", "null"} and key.endswith("Candidates"):
+        return None  # Modelio writes null where the model says nothing
+    place = _place(path, key, element)
+    count = whole_of(text, place, problems)
+    if count is not None and count < 1:
+        problems.add(place, f"{count} found, expected a whole number of at least 1")
+        return None
+    return count
