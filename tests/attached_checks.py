@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from swarmwright.templates import missions
+from swarmwright.cli.templates import missions
 from tests.attached import Attached, Simulator, build, memory, script
 from tests.conftest import Run
 from tests.system.brokers import BrokerProcess

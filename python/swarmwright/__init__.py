@@ -70,12 +70,13 @@ from swarmwright.common.errors import (
 
 if TYPE_CHECKING:
     from swarmwright import controllers as representations
-    from swarmwright import display, methods, results, templates, testing
+    from swarmwright import display, methods, results, testing
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.paired import ControllerComparison, compare_controllers
     from swarmwright.analysis.sweep.result import SweepResult, sweep
     from swarmwright.analysis.transfer.result import Transfer
     from swarmwright.analysis.transfer.transfer import transfer
+    from swarmwright.cli import templates
     from swarmwright.controllers import modules
     from swarmwright.controllers.controller import Controller
     from swarmwright.experiment.experiment import Experiment
@@ -219,7 +220,7 @@ _MODULES = {
     "rankings": "methods.rankings",
     "representations": "controllers",
     "results": "results",
-    "templates": "templates",
+    "templates": "cli.templates",
     "testing": "testing",
 }
 

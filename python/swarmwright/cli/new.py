@@ -11,7 +11,7 @@ class _MissionOption(click.Option):
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """Return the option and its help."""
-        from swarmwright import templates
+        from swarmwright.cli import templates
 
         record = super().get_help_record(ctx)
         return record and (record[0], f"{record[1]} {', '.join(templates.missions())}.")
@@ -43,7 +43,8 @@ def command(template: str, mission: str | None, mission_file: bool) -> None:
     arena in another simulator, whose servers are on a broker: arena-argos,
     arena-enki, arena-gazebo, arena-gz, arena-mujoco or arena-stage.
     """
-    from swarmwright import InputError, templates
+    from swarmwright import InputError
+    from swarmwright.cli import templates
 
     of_arena = template == "arena" or template in templates.simulators()
     if not of_arena and (mission is not None or mission_file):

@@ -53,7 +53,7 @@ def test_sensors_and_metrics_are_those_of_the_mission_and_the_robot() -> None:
 
 
 def test_missions_come_from_files(tmp_path: Path) -> None:
-    from swarmwright.templates import mission
+    from swarmwright.cli.templates import mission
 
     (tmp_path / "mine.yaml").write_text(mission("aggregation"))
     text = f"simulation: {FILE}:Floating\nparameters: {{mission: mine.yaml, robots: 3, duration: 2}}\n"
