@@ -37,7 +37,7 @@ def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, str) and value in _SERVERS:
         return value
     if isinstance(value, tuple) and all(isinstance(one, LauncherOptions) for one in value):
-        return value  # checked by `launchers.entries`
+        return value  # checked by `launcher_entries`
     hint = did_you_mean(value, _SERVERS) if isinstance(value, str) else ""
     raise ValueError(
         "must be auto, local, in-process, a number of servers, or what starts them, such as slurm:4, not "
