@@ -1,7 +1,7 @@
 """Write the built-in missions and robots as JSON, which the engine reads: `python engine/arena/built_in.py`.
 
-They are edited as YAML, which people start their own from. The engine has no reader of YAML for these files alone: it took 31 s of
-processor time to compile.
+They are edited as YAML, which people start their own from. The engine has no reader of YAML for these files
+alone: it took 31 s of processor time to compile.
 """
 # ruff: noqa: INP001 - a program
 
