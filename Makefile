@@ -420,7 +420,7 @@ INPUTS ?= 1000000
 
 fuzz: $(VENV)/.engine $(VENV)/.dev
 	PROPTEST_CASES=$(INPUTS) $(CARGO) test $(MANIFEST) --release -p swarmwright-protocol -p swarmwright-controllers --test fuzz
-	PROPTEST_CASES=$(INPUTS) $(CARGO) test $(MANIFEST) --release -p swarmwright-broker --lib fuzz
+	PROPTEST_CASES=$(INPUTS) $(CARGO) test $(MANIFEST) --release -p swarmwright-packets -p swarmwright-broker --lib fuzz
 	PROPTEST_CASES=$(INPUTS) $(CARGO) test $(MANIFEST) --release -p swarmwright-pool --test sequences
 	SWARMWRIGHT_FUZZ=$$(($(INPUTS) / 500)) $(BIN)/python -m pytest tests/python/fuzz -n 2 --timeout 7200
 

@@ -7,8 +7,9 @@
 //! pattern write tools/%u/%c       all clients; %u = user name, %c = client identifier
 //! ```
 
-use crate::{BrokerError, lines, topic};
+use crate::{BrokerError, lines};
 use std::path::Path;
+use swarmwright_packets::topic;
 
 /// Rules; what none of them allows is denied.
 pub struct Access {

@@ -20,7 +20,6 @@ static MEMORY: swarmwright_fuzzing::Counting = swarmwright_fuzzing::Counting;
 
 mod access;
 mod certificates;
-mod codec;
 mod config;
 mod connection;
 mod error;
@@ -33,7 +32,6 @@ mod retained;
 mod server;
 mod session;
 mod subscriptions;
-mod topic;
 mod transport;
 
 pub use certificates::{Certificates, certify};

@@ -1,7 +1,7 @@
 //! A message that the broker keeps: retained, queued, or sent and not yet acknowledged.
 
-use crate::codec::{Publish, expiry_of, without_expiry};
 use std::time::{Duration, Instant};
+use swarmwright_packets::{Publish, expiry_of, without_expiry};
 
 /// A published message with owned contents.
 #[derive(Debug)]

@@ -1,6 +1,6 @@
 //! Bytes to be sent to one client.
 
-use crate::codec::frame;
+use swarmwright_packets::frame;
 
 /// A queue of packets, contiguous so that one system call sends many.
 #[derive(Default)]

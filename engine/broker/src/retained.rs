@@ -1,10 +1,11 @@
 //! Retained messages: the last one of each topic, for clients that subscribe later.
 
-use crate::{message::Message, topic};
+use crate::message::Message;
 use std::collections::BTreeMap;
 use std::ops::Bound;
 use std::sync::Arc;
 use std::time::Instant;
+use swarmwright_packets::topic;
 
 /// All retained messages, bounded by bytes.
 pub struct Retained {
@@ -143,8 +144,8 @@ fn fixed_part(filter: &str) -> (&str, bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec::Publish;
     use std::time::Duration;
+    use swarmwright_packets::Publish;
 
     fn message(topic: &str, payload: &[u8], properties: &[u8], now: Instant) -> Arc<Message> {
         let publish = Publish {

@@ -1,11 +1,11 @@
 //! The state that the broker stores for a client: MQTT 5.0, chapter 4.1.
 
 use crate::access::{Access, Subject};
-use crate::codec::{Answer, Outgoing, Version, publish, reason};
 use crate::{message::Message, outbox::Outbox};
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 use std::time::Instant;
+use swarmwright_packets::{Answer, Outgoing, Version, publish, reason};
 
 /// Topic filters that one client can subscribe to, and the bytes that they may take together.
 pub const MOST_FILTERS: usize = 4096;
@@ -192,7 +192,7 @@ impl Session {
                 fits
             }
             None => {
-                crate::codec::acknowledge(
+                swarmwright_packets::acknowledge(
                     out.end(),
                     Answer::Release,
                     flight.id,

@@ -113,8 +113,8 @@ fn prune<'a>(level: &mut Level, session: usize, mut names: impl Iterator<Item = 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::topic;
     use proptest::prelude::*;
+    use swarmwright_packets::topic;
 
     fn options(identifier: u32) -> Options {
         Options {

@@ -3,11 +3,11 @@
 use super::Hub;
 use super::complaints::Kind;
 use crate::access::Access;
-use crate::codec::{self, Connect, Packet, Refusal, reason};
 use crate::passwords::{Users, Verdict};
 use std::collections::HashMap;
 use std::net::{IpAddr, SocketAddr};
 use std::time::Instant;
+use swarmwright_packets::{Connect, Packet, Refusal, reason};
 
 /// At most one in this many of the permitted connections may be unauthenticated.
 const UNAUTHENTICATED_PART: usize = 2;
@@ -121,7 +121,7 @@ impl Hub {
         let links = &self.links;
         let verdicts = passwords.verdicts(now, |id| {
             let link = links.get(id)?;
-            match codec::decode(0x10, link.asked.as_deref()?, link.terms.version) {
+            match swarmwright_packets::decode(0x10, link.asked.as_deref()?, link.terms.version) {
                 Ok(Packet::Connect(connect)) => Some((
                     connect.user?.to_owned(),
                     connect.password.unwrap_or_default().to_owned(),
@@ -136,7 +136,7 @@ impl Hub {
             };
             self.recount(id);
             let version = self.links[id].terms.version;
-            let outcome = match (verdict, codec::decode(0x10, &asked, version)) {
+            let outcome = match (verdict, swarmwright_packets::decode(0x10, &asked, version)) {
                 (Verdict::Admitted, Ok(Packet::Connect(connect))) => self.enter(id, &connect, now),
                 (Verdict::Busy, _) => Err(BUSY),
                 _ => Err(WRONG),

@@ -2,11 +2,11 @@
 
 use super::Hub;
 use super::packets::Next;
-use crate::codec::{Connect, Publish, Refusal, Version, Welcome, connack, reason};
 use crate::message::Message;
 use crate::session::{Session, Terms, Testament};
-use crate::topic;
 use std::time::{Duration, Instant};
+use swarmwright_packets::topic;
+use swarmwright_packets::{Connect, Publish, Refusal, Version, Welcome, connack, reason};
 
 /// QoS 1 and 2 messages unacknowledged in one direction of a connection.
 pub const WINDOW: u16 = 1024;
@@ -86,7 +86,7 @@ impl Hub {
         remembered.will_due = None;
         remembered.will = connect.will.as_ref().map(|will| Testament {
             delay: will.delay,
-            expiry: crate::codec::expiry_of(&will.properties),
+            expiry: swarmwright_packets::expiry_of(&will.properties),
             message: Message::new(
                 &Publish {
                     topic: will.topic,

@@ -2,8 +2,8 @@
 
 use super::Hub;
 use super::complaints::Kind;
-use crate::codec::{self, Refusal, reason};
 use std::time::Instant;
+use swarmwright_packets::{Refusal, reason};
 
 impl Hub {
     /// The broker stops: every client receives a DISCONNECT.
@@ -13,7 +13,7 @@ impl Hub {
             let link = &mut self.links[id];
             if link.session.is_some() && !link.closing {
                 let version = link.terms.version;
-                codec::disconnect(
+                swarmwright_packets::disconnect(
                     link.out.end(),
                     reason::SHUTTING_DOWN,
                     "the broker is stopping",
@@ -41,7 +41,7 @@ impl Hub {
                         link.peer, refusal.what
                     )
                 });
-                codec::disconnect(
+                swarmwright_packets::disconnect(
                     link.out.end(),
                     refusal.reason,
                     refusal.what,
@@ -53,7 +53,7 @@ impl Hub {
                 self.complaints.say(Kind::Refused, now, || {
                     format!("{}: {}; refused", link.peer, refusal.what)
                 });
-                codec::refuse(
+                swarmwright_packets::refuse(
                     link.out.end(),
                     refusal.reason,
                     refusal.what,

@@ -1,11 +1,11 @@
 //! What the hub keeps of one connection.
 
 use super::lookups::Lookup;
-use crate::codec::{self, Refusal, Version, reason};
 use crate::outbox::Outbox;
 use crate::session::Terms;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
+use swarmwright_packets::{Refusal, Version, reason};
 
 /// A connection must send its CONNECT within this time.
 const INTRODUCTION: Duration = Duration::from_secs(10);
@@ -68,7 +68,7 @@ impl Link {
                 version: Version::Three,
                 window: 1,
                 // Until its CONNECT has said it, no reasons as text.
-                maximum_packet: codec::BARE,
+                maximum_packet: swarmwright_packets::BARE,
             },
             keep_alive: None,
             heard: now,

@@ -18,7 +18,6 @@ mod subscribe;
 mod tests;
 
 use crate::access::Access;
-use crate::codec::Refusal;
 use crate::config::Limits;
 use crate::outbox::Outbox;
 use crate::passwords::{Keys, Passwords};
@@ -32,6 +31,7 @@ use slab::Slab;
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use swarmwright_packets::Refusal;
 
 /// A reader that accepted nothing for this long no longer slows down its publishers.
 const STANDSTILL: Duration = Duration::from_secs(2);

@@ -1,8 +1,8 @@
 //! Packets: split off the received bytes, decoded, and dispatched.
 
 use super::{Hub, WORK_OF_PACKET};
-use crate::codec::{self, Answer, Packet, Refusal, Version, reason};
 use std::time::Instant;
+use swarmwright_packets::{Answer, Packet, Refusal, Version, reason};
 
 /// Client identifier, will, user name and password with 64 KiB each, and properties.
 const LARGEST_CONNECT: usize = 1 << 19;
@@ -41,7 +41,7 @@ impl Hub {
                 self.note_version(id, &bytes[start..done]);
             }
             let version = self.links[id].terms.version;
-            let outcome = codec::decode(first, &bytes[start..done], version)
+            let outcome = swarmwright_packets::decode(first, &bytes[start..done], version)
                 .and_then(|packet| self.handle(id, packet, now));
             match outcome {
                 Ok(Next::Packet) => {}
@@ -63,7 +63,7 @@ impl Hub {
 
     /// Notes the version of a client from its CONNECT, for an answer also where nothing else of it can be read.
     fn note_version(&mut self, id: usize, connect: &[u8]) {
-        if let Some(version) = codec::version_of(connect) {
+        if let Some(version) = swarmwright_packets::version_of(connect) {
             self.links[id].terms.version = version;
         }
     }
@@ -79,7 +79,7 @@ impl Hub {
         } else {
             self.limits.packet.min(LARGEST_CONNECT)
         };
-        let frame = codec::frame(bytes, limit)?;
+        let frame = swarmwright_packets::frame(bytes, limit)?;
         Ok(frame.filter(|(_, head, body)| bytes.len() >= head + body))
     }
 
@@ -106,7 +106,7 @@ impl Hub {
                 id: packet,
                 filters,
             } => self.unsubscribe(id, session, packet, &filters)?,
-            Packet::Ping => self.answer(id, |out, _| codec::pingresp(out))?,
+            Packet::Ping => self.answer(id, |out, _| swarmwright_packets::pingresp(out))?,
             Packet::Disconnect {
                 reason,
                 session_expiry,
@@ -151,7 +151,7 @@ impl Hub {
         };
         if let Some((kind, code)) = reply {
             self.answer(id, |out, version| {
-                codec::acknowledge(out, kind, packet, code, version);
+                swarmwright_packets::acknowledge(out, kind, packet, code, version);
             })?;
         }
         let link = &mut self.links[id];

@@ -5,12 +5,14 @@ use super::connect::WINDOW;
 use super::link::{Link, mark};
 use super::memory::recount;
 use super::{BEHIND, BYTES_OF_WORK, Hub, STANDSTILL};
-use crate::codec::{Answer, Outgoing, Publish, Refusal, Version, acknowledge, publish, reason};
 use crate::message::Message;
 use crate::session::{Delivery, Session};
-use crate::topic;
 use std::sync::Arc;
 use std::time::Instant;
+use swarmwright_packets::topic;
+use swarmwright_packets::{
+    Answer, Outgoing, Publish, Refusal, Version, acknowledge, publish, reason,
+};
 
 /// Topics whose readers are cached.
 const KNOWN_TOPICS: usize = 4096;

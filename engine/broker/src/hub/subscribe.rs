@@ -3,10 +3,10 @@
 use super::complaints::Kind;
 use super::lookups::Lookup;
 use super::{Hub, WORK_OF_PACKET};
-use crate::codec::{Filter, Refusal, reason, suback, unsuback};
 use crate::subscriptions::{DEEPEST, Options};
-use crate::topic;
 use std::time::Instant;
+use swarmwright_packets::topic;
+use swarmwright_packets::{Filter, Refusal, reason, suback, unsuback};
 
 impl Hub {
     pub(super) fn subscribe(

@@ -2,8 +2,8 @@
 //! left when the clients are gone.
 
 use super::*;
-use crate::codec::fuzz::golden;
 use proptest::prelude::*;
+use swarmwright_fuzzing::packets_of_clients as golden;
 use swarmwright_fuzzing::{config, mutated, peak};
 
 /// Clients that come and go.

@@ -8,7 +8,7 @@ mod refusals;
 mod sessions;
 
 use super::*;
-use crate::codec::{self, reason};
+use swarmwright_packets::reason;
 
 const CONNACK: u8 = 0x20;
 const PUBLISH: u8 = 0x30;
@@ -118,7 +118,7 @@ impl Stage {
         self.hub.sent(link, pending.len(), self.now);
         let mut packets = Vec::new();
         let mut rest = &pending[..];
-        while let Ok(Some((first, head, body))) = codec::frame(rest, usize::MAX) {
+        while let Ok(Some((first, head, body))) = swarmwright_packets::frame(rest, usize::MAX) {
             packets.push((first, rest[head..head + body].to_vec()));
             rest = &rest[head + body..];
         }

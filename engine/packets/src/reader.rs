@@ -1,6 +1,6 @@
 //! The data types of MQTT 5.0, chapter 1.5, read from a slice.
 
-use super::Refusal;
+use crate::Refusal;
 
 /// Reads from the front of a slice; every method fails when too few bytes are left.
 #[derive(Clone, Copy)]

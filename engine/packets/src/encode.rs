@@ -1,12 +1,14 @@
 //! Packets to bytes, appended to a buffer.
 
-use super::decode::Answer;
-use super::{Version, properties as p, reason};
+use crate::decode::Answer;
+use crate::{Version, properties as p, reason};
 
 /// A message on its way to one client.
 #[derive(Clone, Copy, Debug)]
 pub struct Outgoing<'a> {
+    /// Topic name.
     pub topic: &'a str,
+    /// The message.
     pub payload: &'a [u8],
     /// Without the message expiry interval if part of it has passed.
     pub properties: &'a [u8],
@@ -14,8 +16,11 @@ pub struct Outgoing<'a> {
     pub expiry: Option<u32>,
     /// Subscription identifiers of the subscriptions that match.
     pub identifiers: &'a [u32],
+    /// 0 to 2.
     pub qos: u8,
+    /// Whether it is retained.
     pub retain: bool,
+    /// Whether it may have been sent before.
     pub again: bool,
     /// 0 at QoS 0.
     pub id: u16,
@@ -57,9 +62,13 @@ pub fn publish(out: &mut Vec<u8>, message: &Outgoing<'_>, version: Version) {
 
 /// The properties of a CONNACK of MQTT 5.
 pub struct Welcome<'a> {
+    /// The identifier of a client that left the choice to the broker.
     pub assigned_id: Option<&'a str>,
+    /// Seconds, where it is not what the client asked for.
     pub session_expiry: Option<u32>,
+    /// QoS 1 and 2 messages that the broker accepts before it acknowledges one.
     pub receive_maximum: u16,
+    /// The largest packet that the broker accepts, bytes.
     pub maximum_packet: u32,
 }
 

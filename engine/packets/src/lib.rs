@@ -7,9 +7,10 @@ mod connect;
 mod decode;
 mod encode;
 #[cfg(test)]
-pub mod fuzz;
+mod fuzz;
 mod properties;
 mod reader;
+pub mod topic;
 
 pub use connect::{Connect, version_of};
 pub use decode::{Answer, Filter, Packet, Publish, decode, frame};

@@ -1,12 +1,14 @@
 //! CONNECT: MQTT 5.0 and 3.1.1, chapter 3.1.
 
-use super::properties::{self as p, Value, each};
-use super::{Refusal, Version, reader::Reader, reason};
+use crate::properties::{self as p, Value, each};
+use crate::{Refusal, Version, reader::Reader, reason};
 
 /// The contents of a CONNECT.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Connect<'a> {
+    /// The rules of the connection.
     pub version: Version,
+    /// Empty where the broker is to choose one.
     pub client_id: &'a str,
     /// Discard an earlier session with this identifier (clean start).
     pub clean: bool,
@@ -18,19 +20,26 @@ pub struct Connect<'a> {
     pub receive_maximum: u16,
     /// The largest packet that the client accepts, bytes.
     pub maximum_packet: u32,
+    /// Published when the client is lost.
     pub will: Option<Will<'a>>,
+    /// User name.
     pub user: Option<&'a str>,
+    /// Any bytes.
     pub password: Option<&'a [u8]>,
 }
 
 /// What is published when the client is lost.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Will<'a> {
+    /// As sent, which may be one that cannot be published to.
     pub topic: &'a str,
+    /// The message.
     pub payload: &'a [u8],
     /// Those of the PUBLISH to come, the will delay taken out.
     pub properties: Vec<u8>,
+    /// 0 to 2.
     pub qos: u8,
+    /// Whether the broker keeps it.
     pub retain: bool,
     /// Seconds between the loss and the message.
     pub delay: u32,

@@ -1,7 +1,7 @@
 //! Properties of MQTT 5.0, chapter 2.2.2.
 
-use super::{Refusal, reader::Reader};
 use crate::topic;
+use crate::{Refusal, reader::Reader};
 
 /// The value of a property, by its data type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,29 +1,40 @@
 //! Bytes to packets: MQTT 5.0 and 3.1.1, chapters 2 and 3.
 
-use super::connect::{Connect, connect};
-use super::properties::{self as p, Value, each};
-use super::{Refusal, Version, reader::Reader, reason};
+use crate::connect::{Connect, connect};
+use crate::properties::{self as p, Value, each};
 use crate::topic;
+use crate::{Refusal, Version, reader::Reader, reason};
 
 /// A packet that a client may send, borrowed from what was received.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Packet<'a> {
+    /// The first packet.
     Connect(Connect<'a>),
+    /// A message.
     Publish(Publish<'a>),
     /// PUBACK, PUBREC, PUBREL, PUBCOMP: packet identifier and reason code.
     Acknowledge(Answer, u16, u8),
+    /// SUBSCRIBE.
     Subscribe {
+        /// Packet identifier.
         id: u16,
         /// Subscription identifier, MQTT 5.
         identifier: Option<u32>,
+        /// At least one.
         filters: Vec<Filter<'a>>,
     },
+    /// UNSUBSCRIBE.
     Unsubscribe {
+        /// Packet identifier.
         id: u16,
+        /// At least one.
         filters: Vec<&'a str>,
     },
+    /// PINGREQ.
     Ping,
+    /// The last packet.
     Disconnect {
+        /// Reason code, 0 in MQTT 3.
         reason: u8,
         /// Replaces the value in CONNECT, seconds.
         session_expiry: Option<u32>,
@@ -33,20 +44,28 @@ pub enum Packet<'a> {
 /// The four answers to a PUBLISH; the discriminant is the packet type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Answer {
+    /// PUBACK.
     Acknowledged = 4,
+    /// PUBREC.
     Received = 5,
+    /// PUBREL.
     Release = 6,
+    /// PUBCOMP.
     Complete = 7,
 }
 
 /// A message from a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Publish<'a> {
+    /// As sent: empty, or with wildcards, where the other side is wrong.
     pub topic: &'a str,
+    /// The message.
     pub payload: &'a [u8],
     /// As received, checked, without their length.
     pub properties: &'a [u8],
+    /// 0 to 2.
     pub qos: u8,
+    /// Whether it is retained.
     pub retain: bool,
     /// 0 at QoS 0.
     pub id: u16,
@@ -55,9 +74,13 @@ pub struct Publish<'a> {
 /// One line of a SUBSCRIBE.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Filter<'a> {
+    /// As sent; in MQTT 5 its wildcards may not be valid.
     pub filter: &'a str,
+    /// The highest QoS wanted, 0 to 2.
     pub qos: u8,
+    /// Without the messages of the same client (MQTT 5).
     pub no_local: bool,
+    /// With the flag as the publisher set it (MQTT 5).
     pub retain_as_published: bool,
     /// 0: send retained messages, 1: only when the subscription is new, 2: never.
     pub retain_handling: u8,
