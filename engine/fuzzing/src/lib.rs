@@ -11,7 +11,7 @@ use proptest::test_runner::Config;
 
 pub use memory::{Counting, held, peak};
 pub use mutation::{mutated, noise};
-pub use packets::packets_of_clients;
+pub use packets::{packets_of_brokers, packets_of_clients};
 
 /// Inputs of each test by default: some seconds for all decoders together.
 const FEW: u32 = 2_000;

@@ -245,7 +245,7 @@ impl Connection {
         self.traffic.sent_messages += 1;
         if let Err(error) = link.session.publish(topic, payload, options, &mut self.out) {
             log::error!(
-                "cannot publish {} bytes on {topic:?}: {error:?}",
+                "cannot publish {} bytes on {topic:?}: {error}",
                 payload.len()
             );
         }
@@ -270,16 +270,13 @@ impl Connection {
         self.flush(events);
         let readable = self.link.as_ref().is_some_and(|link| link.readable);
         if !readable && events.is_empty() {
-            let timer = self
-                .link
-                .as_ref()
-                .and_then(|link| link.session.next_timer());
+            let timer = self.link.as_ref().map(|link| link.session.next_timer());
             self.wait(timer.map_or(until, |timer| timer.min(until)), events);
         }
         self.read(events);
         let now = Instant::now();
         if let Some(link) = &mut self.link
-            && link.session.next_timer().is_some_and(|at| at <= now)
+            && link.session.next_timer() <= now
         {
             let mut closed = None;
             link.session.tick(now, &mut self.out, &mut |received| {
@@ -298,10 +295,8 @@ impl Connection {
     pub fn close(mut self, timeout: Duration) {
         let deadline = Instant::now() + timeout;
         let mut events = Vec::new();
-        if let Some(link) = &mut self.link
-            && link.session.disconnect(&mut self.out).is_err()
-        {
-            return;
+        if self.link.is_some() {
+            Session::disconnect(&mut self.out);
         }
         while self.link.is_some() && !self.out.is_empty() && Instant::now() < deadline {
             self.flush(&mut events);

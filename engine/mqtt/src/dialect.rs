@@ -36,7 +36,7 @@ impl Dialect {
     /// The first attempt with an unknown broker; in one version only if that is `forced`.
     pub fn first(forced: Option<Version>) -> Self {
         Self {
-            version: forced.unwrap_or(Version::V5),
+            version: forced.unwrap_or(Version::Five),
             will_qos: QoS::AtLeastOnce,
             will_retained: true,
         }
@@ -48,7 +48,7 @@ impl Dialect {
             Remedy::None => return None,
             Remedy::Retry => return Some(self),
             Remedy::Older => Self {
-                version: forced.unwrap_or(Version::V3),
+                version: forced.unwrap_or(Version::Three),
                 ..self
             },
             Remedy::WillAtMostOnce => Self {
@@ -91,7 +91,7 @@ mod tests {
     fn each_remedy_is_tried_once() {
         let first = Dialect::first(None);
         let older = first.after(Remedy::Older, None).unwrap();
-        assert_eq!(older.version, Version::V3);
+        assert_eq!(older.version, Version::Three);
         assert_eq!(older.after(Remedy::Older, None), None);
         let plain = first.after(Remedy::WillAtMostOnce, None).unwrap();
         assert_eq!(plain.will_qos, QoS::AtMostOnce);
@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn a_forced_version_is_kept() {
-        for version in [Version::V5, Version::V3] {
+        for version in [Version::Five, Version::Three] {
             let first = Dialect::first(Some(version));
             assert_eq!(first.version, version);
             assert_eq!(first.after(Remedy::Older, Some(version)), None);

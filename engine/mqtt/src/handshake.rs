@@ -108,7 +108,7 @@ fn attempt(
     let mut transport =
         Transport::connect(settings).map_err(|error| Failure(error, Remedy::None))?;
     let silence = match (dialect.version, settings.url.version) {
-        (Version::V5, None) => settings.timeout.mul_f64(SILENCE),
+        (Version::Five, None) => settings.timeout.mul_f64(SILENCE),
         _ => settings.timeout,
     };
     transport
@@ -117,7 +117,11 @@ fn attempt(
     let mut session = Session::new(dialect.version, settings.keep_alive);
     session
         .connect(settings, caller.client_id, dialect, out)
-        .map_err(|error| broken(false, format!("{error:?}")))?;
+        .map_err(|error| {
+            let (url, who) = (url.clone(), settings.who());
+            let reason = error.to_string();
+            Failure(ConnectError::Refused { url, who, reason }, Remedy::None)
+        })?;
     let deadline = Instant::now() + settings.timeout;
     let unusable = |accepted: bool, error: &io::Error| match tls::refused(error, settings) {
         Some(refused) if !accepted => Failure(refused, Remedy::None),
@@ -154,7 +158,7 @@ fn attempt(
                     }
                     session
                         .subscribe(caller.subscriptions, out)
-                        .map_err(|error| broken(true, format!("{error:?}")))?;
+                        .map_err(|error| broken(true, error.to_string()))?;
                 }
                 Received::Refused(reason, Remedy::Retry) => {
                     return Err(Failure(ConnectError::Busy { url, reason }, Remedy::Retry));
@@ -171,7 +175,11 @@ fn attempt(
                 }
                 Received::Publish(message) => early.push(Event::Message(message)),
                 Received::Denied(..) => {}
-                Received::Closed(reason) => return Err(broken(accepted, reason)),
+                Received::Closed(reason) => {
+                    // The broker may want to know why.
+                    let _ = send(&mut transport, out);
+                    return Err(broken(accepted, reason));
+                }
             }
         }
         // Not before: retained messages come together with the last answer.

@@ -1,15 +1,18 @@
 //! The MQTT connection of the optimization tool and of the simulation wrapper.
 //!
-//! The protocol is implemented by the crate `mqtt-protocol-core`, which does no I/O; the most frequent packet
-//! is read and written here (`plain`). This crate adds the socket (TCP, TLS,
+//! The packets are those of the crate `swarmwright-packets`, which the embedded broker reads and writes too. This crate adds the
+//! state of a connection (`session`), the socket (TCP, TLS,
 //! websocket, Unix socket), the event loop on one thread without locks, and reconnection. One `poll` sends everything that was
 //! published since the last in one write, since a step of many agents is many small messages.
+
+#[cfg(test)]
+#[global_allocator]
+static MEMORY: swarmwright_fuzzing::Counting = swarmwright_fuzzing::Counting;
 
 mod accounts;
 mod connection;
 mod dialect;
 mod handshake;
-mod plain;
 mod probe;
 mod publication;
 mod reading;

@@ -4,6 +4,7 @@ use std::io::{self, ErrorKind};
 use std::time::{Duration, Instant};
 
 use crate::handshake::{self, Caller};
+use crate::session::Session;
 use crate::settings::Settings;
 use crate::transport::Transport;
 
@@ -35,9 +36,8 @@ pub fn holds_back_small_packets(settings: &Settings) -> io::Result<bool> {
         waits: false,
     };
     let (mut chunk, mut out) = (vec![0; 4096], Vec::new());
-    let (mut transport, mut session) =
-        handshake::connect(&caller, &mut chunk, &mut out, &mut Vec::new())
-            .map_err(io::Error::other)?;
+    let (mut transport, _) = handshake::connect(&caller, &mut chunk, &mut out, &mut Vec::new())
+        .map_err(io::Error::other)?;
     transport.set_read_timeout(settings.timeout)?;
     let mut shortest = Duration::MAX;
     for _ in 0..TRIES {
@@ -47,9 +47,8 @@ pub fn holds_back_small_packets(settings: &Settings) -> io::Result<bool> {
         }
     }
     // The broker notices the end of the connection by itself if this does not reach it.
-    if session.disconnect(&mut out).is_ok() {
-        send(&mut transport, &out).unwrap_or_default();
-    }
+    Session::disconnect(&mut out);
+    send(&mut transport, &out).unwrap_or_default();
     Ok(shortest >= HELD_BACK)
 }
 

@@ -1,5 +1,7 @@
 //! How a message is published.
 
+use swarmwright_packets::client::Properties;
+
 use crate::session::QoS;
 
 /// How a message is published. What MQTT 3.1.1 does not support (all but `qos` and `retain`) is omitted there, so a body
@@ -29,7 +31,7 @@ pub struct PublishOptions<'a> {
     pub correlation: Option<&'a [u8]>,
 }
 
-impl PublishOptions<'_> {
+impl<'a> PublishOptions<'a> {
     /// The default, but for `confirm`.
     pub const CONFIRMED: Self = Self {
         confirm: true,
@@ -45,6 +47,15 @@ impl PublishOptions<'_> {
         response_topic: None,
         correlation: None,
     };
+
+    pub(crate) fn properties(&self) -> Properties<'a> {
+        Properties {
+            expiry: self.expiry,
+            content_type: self.content_type,
+            response_topic: self.response_topic,
+            correlation: self.correlation,
+        }
+    }
 
     /// Bytes of a packet beside the payload, at most: headers, topic and properties.
     pub(crate) fn room(&self, topic: &str) -> usize {
@@ -65,6 +76,7 @@ impl Default for PublishOptions<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use swarmwright_packets::{Outgoing, Version, client};
 
     #[test]
     fn the_room_beside_a_payload_is_never_underrated() {
@@ -78,15 +90,18 @@ mod tests {
         for options in [options, PublishOptions::default()] {
             let mut packet = Vec::new();
             let topic = "swarmwright/v1/server/1";
-            let written = crate::plain::write(
+            let message = Outgoing {
                 topic,
-                &[0; 70_000],
-                &options,
-                crate::session::Version::V5,
-                usize::MAX,
-                &mut packet,
-            );
-            assert!(written);
+                payload: &[0; 70_000],
+                properties: &options.properties().encoded().unwrap(),
+                expiry: None,
+                identifiers: &[],
+                qos: 0,
+                retain: false,
+                again: false,
+                id: 0,
+            };
+            client::publish(&mut packet, &message, Version::Five, usize::MAX).unwrap();
             let room = packet.len() - 70_000;
             assert!((room..room + 20).contains(&options.room(topic)), "{room}");
         }

@@ -1,46 +1,72 @@
-//! MQTT 5 or 3.1.1 without I/O: bytes in, bytes and packets out. A thin layer over `mqtt-protocol-core`.
+//! MQTT 5 or 3.1.1 without I/O: bytes in, bytes and what they say out. The packets themselves are those of `swarmwright-packets`.
 
-mod events;
+mod answers;
 mod messages;
-mod packets;
+mod requests;
 
 pub(crate) use messages::{Granted, Received};
-pub use messages::{Incoming, QoS, Subscription, Version};
+pub use messages::{Incoming, QoS, Subscription};
+pub use swarmwright_packets::Version;
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use mqtt_protocol_core::mqtt::common::Cursor;
-use mqtt_protocol_core::mqtt::connection::{Event as CoreEvent, TimerKind};
-use mqtt_protocol_core::mqtt::packet::Packet;
-use mqtt_protocol_core::mqtt::result_code::MqttError;
-use mqtt_protocol_core::mqtt::{self, role};
+use swarmwright_packets::client::{self, Invalid, PINGREQ, Packet};
+use swarmwright_packets::{Answer, Outgoing, Publish, Refusal, acknowledge, frame, reason, topic};
 
-use messages::Publish;
-
-use crate::plain::{self, Cut};
 use crate::publication::PublishOptions;
 use crate::reading::Reading;
 
-/// The packet PINGREQ.
-const PINGREQ: [u8; 2] = [0xc0, 0];
+/// The largest packet that a broker may send here (MQTT 5), bytes: the protocol's largest message, its topic and properties.
+const LARGEST_PACKET: u32 = (64 << 20) + (1 << 20);
 
 /// How many topics are remembered.
 const MOST_TOPICS: usize = 1000;
 
-/// How many answers are waited for at the same time, at most.
+/// How many answers are waited for at the same time, at most, for messages that need none.
 const MOST_AWAITED: usize = 16;
+
+/// How many messages may be unacknowledged at the same time, even where the broker accepts more.
+const MOST_UNACKNOWLEDGED: usize = 1 << 14;
 
 /// Parts of the keep-alive interval after which silence is noticed. Up to two of them before a ping and half of the interval for its
 /// answer make the whole interval.
 const CHECKS: u32 = 4;
 
+/// How far a connection has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// CONNECT is not answered yet.
+    Connecting,
+    /// The broker has accepted the connection.
+    Accepted,
+    /// Further bytes are ignored.
+    Over,
+}
+
+/// What the broker accepts.
+#[derive(Debug)]
+struct Limits {
+    /// The largest packet, bytes.
+    largest: usize,
+    /// How many messages may be unacknowledged.
+    unacknowledged: usize,
+    /// How many of these there may be of messages that need no answer.
+    awaited: usize,
+    /// The highest quality of service.
+    qos: QoS,
+    /// Whether it supports retained messages.
+    retains: bool,
+}
+
 /// One MQTT connection's state.
 pub(crate) struct Session {
     version: Version,
-    core: mqtt::Connection<role::Client>,
+    stage: Stage,
+    /// After how long a broker that hears nothing gives this client up; none if never.
+    patience: Option<Duration>,
     ping_at: Option<Instant>,
     keep_alive: Duration,
     /// When it is next checked whether the broker is silent.
@@ -51,26 +77,19 @@ pub(crate) struct Session {
     asked: bool,
     /// The part of an incomplete packet received so far.
     partial: Vec<u8>,
-    /// The broker has accepted the connection: plain messages need not go through the core.
-    accepted: bool,
-    /// The connection is over: further bytes are ignored.
-    over: bool,
-    /// The largest packet that the broker accepts.
-    largest: usize,
-    /// The highest quality of service that the broker supports.
-    most: QoS,
-    /// Whether the broker supports retained messages.
-    retains: bool,
+    limits: Limits,
     /// What the broker has read; used where it announces no limit.
     reading: Reading,
     /// Topics on which was published: the first message on each is acknowledged, since a broker that denies it says so
     /// there only.
     topics: HashSet<Box<str>>,
     /// Identifiers and topics of what the broker has not acknowledged yet.
-    unacknowledged: Vec<(u16, Box<str>)>,
-    /// How many of these there may be, of messages that need no answer.
-    awaited: usize,
-    /// The topic of the last plain message: most have the same one, which is then neither checked nor copied.
+    unacknowledged: BTreeMap<u16, Box<str>>,
+    /// Identifier of a subscription that is not answered, and its number of filters.
+    subscribing: Option<(u16, usize)>,
+    /// The packet identifier used last.
+    last_id: u16,
+    /// The topic of the last message received: most have the same one, which is then neither checked nor copied.
     last_topic: Arc<str>,
 }
 
@@ -78,71 +97,83 @@ impl Session {
     /// `keep_alive`: seconds, as in the settings.
     pub fn new(version: Version, keep_alive: u16) -> Self {
         let keep_alive = Duration::from_secs(keep_alive.into());
-        let mut core = mqtt::Connection::new(match version {
-            Version::V5 => mqtt::Version::V5_0,
-            Version::V3 => mqtt::Version::V3_1_1,
-        });
-        core.set_auto_pub_response(true);
         Self {
             version,
-            core,
+            stage: Stage::Connecting,
+            patience: Some(keep_alive),
             ping_at: None,
             keep_alive,
             check_at: Instant::now() + keep_alive / CHECKS,
             heard: false,
             asked: false,
             partial: Vec::new(),
-            accepted: false,
-            over: false,
-            largest: usize::MAX,
-            most: QoS::AtLeastOnce,
-            retains: true,
+            limits: Limits {
+                largest: usize::MAX,
+                unacknowledged: MOST_UNACKNOWLEDGED,
+                awaited: MOST_AWAITED,
+                qos: QoS::AtLeastOnce,
+                retains: true,
+            },
             reading: Reading::default(),
             topics: HashSet::new(),
-            unacknowledged: Vec::new(),
-            awaited: MOST_AWAITED,
+            unacknowledged: BTreeMap::new(),
+            subscribing: None,
+            last_id: 0,
             last_topic: Arc::default(),
         }
     }
 
     /// Bytes of the largest packet that the broker accepts; `usize::MAX` if it announces no limit.
     pub fn largest(&self) -> usize {
-        self.largest
+        self.limits.largest
     }
 
     pub fn version(&self) -> Version {
         self.version
     }
 
+    /// Appends a message to `out`, at QoS 0 where the broker takes no further messages that have to be acknowledged.
     pub fn publish(
         &mut self,
         topic: &str,
         payload: &[u8],
         options: &PublishOptions<'_>,
         out: &mut Vec<u8>,
-    ) -> Result<(), MqttError> {
+    ) -> Result<(), Invalid> {
         // The identifier of a message that is acknowledged must have room too.
-        let fits = options.room(topic) + payload.len() <= self.largest;
+        let fits = options.room(topic) + payload.len() <= self.limits.largest;
         let qos = if options.confirm && fits && self.is_first(topic) {
             QoS::AtLeastOnce
         } else {
             options.qos
         };
-        let options = &PublishOptions {
-            qos: self.allowed(qos),
-            retain: options.retain && self.retains,
-            ..*options
+        let id = match qos.min(self.limits.qos) {
+            QoS::AtMostOnce => None,
+            QoS::AtLeastOnce => self.next_id(),
+        };
+        let properties = match self.version {
+            Version::Three => Vec::new(),
+            Version::Five => options.properties().encoded()?,
+        };
+        let message = Outgoing {
+            topic,
+            payload,
+            properties: &properties,
+            expiry: None,
+            identifiers: &[],
+            qos: u8::from(id.is_some()),
+            retain: options.retain && self.limits.retains,
+            again: false,
+            id: id.unwrap_or_default(),
         };
         let before = out.len();
-        // The keep-alive timer is not reset: an additional ping is harmless.
-        let plain = self.accepted && options.qos == QoS::AtMostOnce && !options.retain;
-        if !(plain && plain::write(topic, payload, options, self.version, self.largest, out)) {
-            self.publish_by_core(topic, payload, options, out)?;
+        client::publish(out, &message, self.version, self.limits.largest)?;
+        if let Some(id) = id {
+            self.unacknowledged.insert(id, topic.into());
         }
         let bytes = out.len() - before;
-        if self.largest == usize::MAX && self.reading.sent(bytes) {
+        if self.limits.largest == usize::MAX && self.reading.sent(bytes) {
             self.reading.asked(bytes);
-            // Not sent by the core, whose time-out for the answer is that of an idle connection.
             out.extend_from_slice(&PINGREQ);
         }
         Ok(())
@@ -157,7 +188,7 @@ impl Session {
     /// Whether nothing was published on a topic yet, and the answer can be waited for. Where there are very many topics,
     /// also now and then for one of them.
     fn is_first(&mut self, topic: &str) -> bool {
-        if self.topics.contains(topic) || self.unacknowledged.len() >= self.awaited {
+        if self.topics.contains(topic) || self.unacknowledged.len() >= self.limits.awaited {
             return false;
         }
         if self.topics.len() == MOST_TOPICS {
@@ -166,24 +197,24 @@ impl Session {
         self.topics.insert(topic.into())
     }
 
-    /// The quality of service, reduced to what the broker supports.
-    fn allowed(&self, qos: QoS) -> QoS {
-        match self.most {
-            QoS::AtMostOnce => QoS::AtMostOnce,
-            QoS::AtLeastOnce => qos,
+    /// The packet identifier of a message; None if the broker takes no further messages that have to be acknowledged.
+    fn next_id(&mut self) -> Option<u16> {
+        if self.unacknowledged.len() >= self.limits.unacknowledged {
+            return None;
         }
+        Some(self.fresh_id())
     }
 
-    fn send(&mut self, packet: Packet, out: &mut Vec<u8>) -> Result<(), MqttError> {
-        let mut failed = None;
-        for event in self.core.send(packet) {
-            if let CoreEvent::NotifyError(error) = event {
-                failed = Some(error);
-            } else {
-                self.handle(event, out, &mut |_| {});
+    /// A packet identifier that is not in use: most of them never are.
+    fn fresh_id(&mut self) -> u16 {
+        loop {
+            self.last_id = self.last_id.wrapping_add(1);
+            let id = self.last_id;
+            let subscribing = self.subscribing.is_some_and(|(it, _)| it == id);
+            if id != 0 && !subscribing && !self.unacknowledged.contains_key(&id) {
+                return id;
             }
         }
-        failed.map_or(Ok(()), Err)
     }
 
     /// Takes bytes from the broker; answers go to `out`, events for the connection to `received`.
@@ -213,79 +244,112 @@ impl Session {
         out: &mut Vec<u8>,
         received: &mut impl FnMut(Received),
     ) -> usize {
+        let most = match self.version {
+            Version::Three => usize::MAX,
+            Version::Five => LARGEST_PACKET as usize,
+        };
         let mut shared: Option<Arc<[u8]>> = None;
         let mut start = 0;
-        while start < bytes.len() && !self.over {
-            let (header, end) = match plain::cut(&bytes[start..]) {
-                Cut::Incomplete => return start,
-                // The core reports the error.
-                Cut::Malformed => (0, bytes.len()),
-                Cut::Whole { header, length } => (header, start + length),
-            };
-            let packet = &bytes[start..end];
-            if let Some((topic, payload)) = self.read_plain(packet, header) {
-                received(Received::Publish(Incoming(Publish::Plain {
-                    retained: packet[0] & 1 == 1,
-                    bytes: Arc::clone(shared.get_or_insert_with(|| bytes.into())),
-                    topic,
-                    payload: start + payload.start..start + payload.end,
-                })));
-            } else {
-                let mut cursor = Cursor::new(packet);
-                while !cursor.remaining_slice().is_empty() {
-                    for event in self.core.recv(&mut cursor) {
-                        self.handle(event, out, received);
+        while start < bytes.len() && self.stage != Stage::Over {
+            let outcome = match frame(&bytes[start..], most) {
+                // What is no broker at all may promise more bytes than it sends.
+                _ if self.stage == Stage::Connecting && !matches!(bytes[start], 0x20 | 0xe0) => {
+                    Err(answers::NO_CONNACK)
+                }
+                Ok(None) => return start,
+                Ok(Some((_, header, length))) if bytes.len() - start < header + length => {
+                    return start;
+                }
+                Ok(Some((first, header, length))) => {
+                    let body = &bytes[start + header..start + header + length];
+                    start += header + length;
+                    if let Some(payload) = self.repeated(first, body) {
+                        let bytes = shared.get_or_insert_with(|| bytes.into());
+                        let payload = start - payload..start;
+                        received(self.message(bytes, payload, first & 1 == 1));
+                        continue;
+                    }
+                    match client::decode(first, body, self.version) {
+                        Ok(Packet::Publish(message)) => self.take(&message, out).map(|()| {
+                            let bytes = shared.get_or_insert_with(|| bytes.into());
+                            let payload = start - message.payload.len()..start;
+                            received(self.message(bytes, payload, message.retain));
+                        }),
+                        Ok(packet) => self.handle(&packet, received),
+                        Err(refusal) => Err(refusal),
                     }
                 }
+                Err(refusal) => Err(refusal),
+            };
+            if let Err(refusal) = outcome {
+                self.refuse(refusal, out, received);
             }
-            start = end;
         }
         bytes.len()
     }
 
-    /// Topic and place of the payload, if the packet is a plain message that need not go through the core.
-    fn read_plain(&mut self, packet: &[u8], header: usize) -> Option<(Arc<str>, Range<usize>)> {
-        if !self.accepted {
-            return None;
+    /// Bytes of the payload, if the packet is a plain message on the same topic as the one before.
+    fn repeated(&self, first: u8, body: &[u8]) -> Option<usize> {
+        let (topic, payload) = client::bare(first, body, self.version)?;
+        let is_same = !topic.is_empty() && topic == self.last_topic.as_bytes();
+        is_same.then_some(payload.len())
+    }
+
+    /// Acknowledges a message, whose topic is the last one from here on.
+    fn take(&mut self, message: &Publish<'_>, out: &mut Vec<u8>) -> Result<(), Refusal> {
+        if !topic::is_name(message.topic) {
+            let what = "a message on a topic that cannot be published to";
+            return Err(Refusal::protocol(what));
         }
-        let (topic, payload) = plain::read(packet, header, self.version)?;
-        let topic = packet.get(topic)?;
-        if topic.is_empty() || topic != self.last_topic.as_bytes() {
-            self.last_topic = plain::topic(topic)?.into();
+        if *message.topic != *self.last_topic {
+            self.last_topic = message.topic.into();
         }
-        Some((Arc::clone(&self.last_topic), payload))
+        if message.qos > 0 {
+            let code = reason::SUCCESS;
+            acknowledge(out, Answer::Acknowledged, message.id, code, self.version);
+        }
+        Ok(())
+    }
+
+    fn message(&self, bytes: &Arc<[u8]>, payload: Range<usize>, retained: bool) -> Received {
+        Received::Publish(Incoming {
+            bytes: Arc::clone(bytes),
+            topic: Arc::clone(&self.last_topic),
+            payload,
+            retained,
+        })
     }
 
     /// The next time at which `tick` is needed.
-    pub fn next_timer(&self) -> Option<Instant> {
+    pub fn next_timer(&self) -> Instant {
         self.ping_at
-            .map_or(Some(self.check_at), |at| Some(at.min(self.check_at)))
+            .map_or(self.check_at, |at| at.min(self.check_at))
     }
 
     /// Fires the timers that are due.
     pub fn tick(&mut self, now: Instant, out: &mut Vec<u8>, received: &mut impl FnMut(Received)) {
         if self.ping_at.is_some_and(|at| at <= now) {
-            self.ping_at = None;
-            for event in self.core.notify_timer_fired(TimerKind::PingreqSend) {
-                self.handle(event, out, received);
-            }
+            self.ping(now, out);
         }
         if self.check_at <= now {
             self.check(now, out, received);
         }
     }
 
+    fn ping(&mut self, now: Instant, out: &mut Vec<u8>) {
+        self.reading.asked(0);
+        out.extend_from_slice(&PINGREQ);
+        self.ping_at = self.patience.map(|patience| now + patience);
+    }
+
     /// Asks a broker that has been silent, and gives up one that does not answer.
-    ///
-    /// Pings of the core depend on what is sent: a client that publishes now and then would never ask.
     fn check(&mut self, now: Instant, out: &mut Vec<u8>, received: &mut impl FnMut(Received)) {
         let asked = std::mem::replace(&mut self.asked, false);
         if std::mem::take(&mut self.heard) {
             self.check_at = now + self.keep_alive / CHECKS;
         } else if !asked {
             self.asked = true;
-            self.reading.asked(0);
-            out.extend_from_slice(&PINGREQ);
+            self.ping(now, out);
             self.check_at = now + self.keep_alive / 2;
         } else {
             self.check_at = now + self.keep_alive;

@@ -226,8 +226,8 @@ fn options(query: &str) -> Result<(Option<Version>, String), String> {
     let mut others = Vec::new();
     for option in query.split('&').filter(|option| !option.is_empty()) {
         match option.split_once('=') {
-            Some(("mqtt", "3")) => version = Some(Version::V3),
-            Some(("mqtt", "5")) => version = Some(Version::V5),
+            Some(("mqtt", "3")) => version = Some(Version::Three),
+            Some(("mqtt", "5")) => version = Some(Version::Five),
             Some(("mqtt", _)) => {
                 return Err(format!(
                     "{option:?} is not a version of MQTT; write ?mqtt=3 (for 3.1.1) or ?mqtt=5"
@@ -530,28 +530,28 @@ mod tests {
             (
                 "mqtt://localhost?mqtt=3",
                 "mqtt://localhost:1883",
-                Some(Version::V3),
+                Some(Version::Three),
             ),
             (
                 "localhost:1884/?mqtt=5",
                 "mqtt://localhost:1884",
-                Some(Version::V5),
+                Some(Version::Five),
             ),
             (
                 "ws://localhost?mqtt=3",
                 "ws://localhost:80/mqtt",
-                Some(Version::V3),
+                Some(Version::Three),
             ),
             (
                 "ws://localhost/a?x=1&mqtt=5&y=2",
                 "ws://localhost:80/a?x=1&y=2",
-                Some(Version::V5),
+                Some(Version::Five),
             ),
             #[cfg(unix)]
             (
                 "unix:///run/broker.sock?mqtt=3",
                 "unix:///run/broker.sock",
-                Some(Version::V3),
+                Some(Version::Three),
             ),
             ("ws://localhost/a?x=1", "ws://localhost:80/a?x=1", None),
         ] {

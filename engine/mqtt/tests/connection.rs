@@ -15,7 +15,7 @@ fn messages_of_any_size_arrive_in_order() {
     let broker = Broker::start(&Config::default()).unwrap();
     let mut reader = open(&broker.url(), "t/#");
     let mut writer = open(&broker.url(), "nothing");
-    assert_eq!(writer.version(), Some(Version::V5));
+    assert_eq!(writer.version(), Some(Version::Five));
     let sent: Vec<Vec<u8>> = (0..300u32)
         .map(|size| vec![size as u8; (size * size) as usize])
         .collect();

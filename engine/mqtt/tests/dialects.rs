@@ -118,11 +118,11 @@ fn a_broker_that_is_silent_to_mqtt_5_is_asked_in_the_older_version_and_remembere
         _ => Answer::Serve,
     });
     let connection = open(&url).unwrap();
-    assert_eq!(connection.version(), Some(Version::V3));
+    assert_eq!(connection.version(), Some(Version::Three));
     assert_eq!(levels(&told), [5, 4]);
     drop(connection);
     let start = Instant::now();
-    assert_eq!(open(&url).unwrap().version(), Some(Version::V3));
+    assert_eq!(open(&url).unwrap().version(), Some(Version::Three));
     assert_eq!(levels(&told), [4]);
     assert!(start.elapsed() < Duration::from_millis(300));
 }
@@ -130,7 +130,10 @@ fn a_broker_that_is_silent_to_mqtt_5_is_asked_in_the_older_version_and_remembere
 #[test]
 fn the_url_forces_a_version() {
     let (url, told) = listen(|_, _| Answer::Serve);
-    for (option, version, level) in [("?mqtt=3", Version::V3, 4), ("?mqtt=5", Version::V5, 5)] {
+    for (option, version, level) in [
+        ("?mqtt=3", Version::Three, 4),
+        ("?mqtt=5", Version::Five, 5),
+    ] {
         let connection = open(&format!("{url}{option}")).unwrap();
         assert_eq!(connection.version(), Some(version));
         assert_eq!(levels(&told), [level]);
@@ -146,7 +149,7 @@ fn a_connection_that_breaks_right_after_its_start_is_tried_again() {
         0 | 1 => Answer::Break,
         _ => Answer::Serve,
     });
-    assert_eq!(open(&url).unwrap().version(), Some(Version::V5));
+    assert_eq!(open(&url).unwrap().version(), Some(Version::Five));
     assert_eq!(levels(&told), [5, 5, 5]);
     let (url, told) = listen(|_, _| Answer::Break);
     let error = open(&url).err().unwrap();

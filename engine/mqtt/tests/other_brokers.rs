@@ -75,7 +75,7 @@ fn a_broker_that_restarts_during_the_first_connection_is_waited_for() {
         });
         let url = format!("mqtt://{address}");
         let connection = Connection::open(settings(&url), subscription("t")).unwrap();
-        assert_eq!(connection.version(), Some(Version::V5));
+        assert_eq!(connection.version(), Some(Version::Five));
         drop(restarting.join().unwrap());
     }
 }
@@ -121,7 +121,7 @@ fn a_broker_of_mqtt_3_1_1_is_connected_to_in_3_1_1() {
         }
     });
     let mut connection = Connection::open(settings(&url), subscription("t")).unwrap();
-    assert_eq!(connection.version(), Some(Version::V3));
+    assert_eq!(connection.version(), Some(Version::Three));
     assert_eq!(
         messages(&mut connection, 1),
         [("t".to_owned(), b"old".to_vec(), false)]

@@ -142,11 +142,6 @@ fn properties_of_connect<'a>(
     each(reader, OF_CONNECT, |id, value| {
         match (id, value) {
             (p::SESSION_EXPIRY, Value::Long(seconds)) => connect.session_expiry = seconds,
-            (p::RECEIVE_MAXIMUM, Value::Short(0)) | (p::MAXIMUM_PACKET_SIZE, Value::Long(0)) => {
-                return Err(Refusal::protocol(
-                    "a maximum packet size or receive maximum of 0",
-                ));
-            }
             (p::RECEIVE_MAXIMUM, Value::Short(count)) => connect.receive_maximum = count,
             (p::MAXIMUM_PACKET_SIZE, Value::Long(bytes)) => connect.maximum_packet = bytes,
             (p::AUTHENTICATION_METHOD, _) => has_method = true,

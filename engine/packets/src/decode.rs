@@ -112,7 +112,7 @@ pub fn frame(bytes: &[u8], maximum: usize) -> Result<Option<(u8, usize, usize)>,
             if length + place + 2 > maximum {
                 return Err(Refusal::new(
                     reason::PACKET_TOO_LARGE,
-                    "a packet larger than this broker accepts",
+                    "a packet larger than is accepted",
                 ));
             }
             return Ok(Some((first, place + 2, length)));
@@ -131,24 +131,18 @@ pub fn frame(bytes: &[u8], maximum: usize) -> Result<Option<(u8, usize, usize)>,
 pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Refusal> {
     let mut reader = Reader::new(body);
     let reader = &mut reader;
-    let flags = first & 0x0f;
-    let expected = match first >> 4 {
-        3 => flags,
-        6 | 8 | 10 => 2,
-        _ => 0,
+    check_flags(first)?;
+    let answer = |kind, reader: &mut Reader<'_>| {
+        let (id, code, _) = acknowledge(kind, reader, version)?;
+        Ok(Packet::Acknowledge(kind, id, code))
     };
-    if flags != expected {
-        return Err(Refusal::malformed(
-            "wrong flags in the first byte of a packet",
-        ));
-    }
     let packet = match first >> 4 {
         1 => Packet::Connect(connect(reader)?),
-        3 => Packet::Publish(publish(flags, reader, version)?),
-        4 => acknowledge(Answer::Acknowledged, reader, version)?,
-        5 => acknowledge(Answer::Received, reader, version)?,
-        6 => acknowledge(Answer::Release, reader, version)?,
-        7 => acknowledge(Answer::Complete, reader, version)?,
+        3 => Packet::Publish(publish(first, reader, version, Side::Client)?),
+        4 => answer(Answer::Acknowledged, reader)?,
+        5 => answer(Answer::Received, reader)?,
+        6 => answer(Answer::Release, reader)?,
+        7 => answer(Answer::Complete, reader)?,
         8 => subscribe(reader, version)?,
         10 => unsubscribe(reader, version)?,
         12 => Packet::Ping,
@@ -156,19 +150,41 @@ pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Re
         15 => return Err(Refusal::protocol("AUTH without an authentication method")),
         _ => return Err(Refusal::protocol("a packet that only a server may send")),
     };
-    if !reader.is_empty() {
-        return Err(Refusal::malformed("a packet is longer than its fields"));
-    }
+    reader.end()?;
     Ok(packet)
 }
 
-fn publish<'a>(
-    flags: u8,
+/// Refuses a packet other than PUBLISH whose first byte has other flags than its type demands.
+pub(crate) fn check_flags(first: u8) -> Result<(), Refusal> {
+    let is_right = match first >> 4 {
+        3 => true,
+        6 | 8 | 10 => first & 0x0f == 2,
+        _ => first & 0x0f == 0,
+    };
+    if is_right {
+        Ok(())
+    } else {
+        Err(Refusal::malformed(
+            "wrong flags in the first byte of a packet",
+        ))
+    }
+}
+
+/// Who sent a packet.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Side {
+    Client,
+    Broker,
+}
+
+pub(crate) fn publish<'a>(
+    first: u8,
     reader: &mut Reader<'a>,
     version: Version,
+    side: Side,
 ) -> Result<Publish<'a>, Refusal> {
-    let qos = flags >> 1 & 3;
-    if qos == 3 || (qos == 0 && flags & 8 != 0) {
+    let qos = first >> 1 & 3;
+    if qos == 3 || (qos == 0 && first & 8 != 0) {
         return Err(Refusal::malformed(
             "a PUBLISH with QoS 3, or a duplicate with QoS 0",
         ));
@@ -182,7 +198,7 @@ fn publish<'a>(
                 reason::BAD_TOPIC_ALIAS,
                 "topic aliases are not offered",
             )),
-            p::SUBSCRIPTION_ID => Err(Refusal::protocol(
+            p::SUBSCRIPTION_ID if side == Side::Client => Err(Refusal::protocol(
                 "a subscription identifier, which only a server may send with a message",
             )),
             _ => Ok(()),
@@ -193,18 +209,19 @@ fn publish<'a>(
         payload: reader.take(reader.rest().len())?,
         properties,
         qos,
-        retain: flags & 1 != 0,
+        retain: first & 1 != 0,
         id,
     })
 }
 
-fn acknowledge<'a>(
+/// Packet identifier, reason code and reason string of an answer to a PUBLISH.
+pub(crate) fn acknowledge<'a>(
     kind: Answer,
     reader: &mut Reader<'a>,
     version: Version,
-) -> Result<Packet<'a>, Refusal> {
+) -> Result<(u16, u8, Option<&'a str>), Refusal> {
     let id = identifier(reader)?;
-    let mut code = reason::SUCCESS;
+    let (mut code, mut text) = (reason::SUCCESS, None);
     if version == Version::Five && !reader.is_empty() {
         code = reader.u8()?;
         let codes = match kind {
@@ -217,10 +234,10 @@ fn acknowledge<'a>(
             ));
         }
         if !reader.is_empty() {
-            each(reader, &[p::REASON_STRING, p::USER_PROPERTY], |_, _| Ok(()))?;
+            text = p::explanation(reader, &[p::REASON_STRING, p::USER_PROPERTY])?;
         }
     }
-    Ok(Packet::Acknowledge(kind, id, code))
+    Ok((id, code, text))
 }
 
 fn subscribe<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'a>, Refusal> {
@@ -230,15 +247,11 @@ fn subscribe<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'a>
         each(
             reader,
             &[p::SUBSCRIPTION_ID, p::USER_PROPERTY],
-            |_, value| {
-                match value {
-                    Value::Variable(0) => {
-                        return Err(Refusal::protocol("subscription identifier 0"));
-                    }
-                    Value::Variable(number) => subscription = Some(number),
-                    _ => {}
+            |_, value| match value {
+                Value::Variable(number) if subscription.replace(number).is_some() => {
+                    Err(Refusal::protocol("a property occurs twice"))
                 }
-                Ok(())
+                _ => Ok(()),
             },
         )?;
     }
@@ -319,7 +332,7 @@ fn filter<'a>(reader: &mut Reader<'a>, version: Version) -> Result<&'a str, Refu
     }
 }
 
-fn identifier(reader: &mut Reader<'_>) -> Result<u16, Refusal> {
+pub(crate) fn identifier(reader: &mut Reader<'_>) -> Result<u16, Refusal> {
     match reader.u16()? {
         0 => Err(Refusal::protocol("packet identifier 0")),
         id => Ok(id),

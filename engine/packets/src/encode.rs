@@ -26,25 +26,34 @@ pub struct Outgoing<'a> {
     pub id: u16,
 }
 
+impl Outgoing<'_> {
+    /// Bytes of all properties, without their length.
+    fn properties_length(&self) -> usize {
+        let expiry = self.expiry.map_or(0, |_| 5);
+        let identifiers = self.identifiers.iter();
+        let identifiers: usize = identifiers
+            .map(|&identifier| 1 + size_of_variable(identifier as usize))
+            .sum();
+        expiry + identifiers + self.properties.len()
+    }
+
+    /// Bytes of the packet without its fixed header.
+    pub(crate) fn length(&self, version: Version) -> usize {
+        let id = if self.qos > 0 { 2 } else { 0 };
+        let properties = match version {
+            Version::Three => 0,
+            Version::Five => {
+                let properties = self.properties_length();
+                size_of_variable(properties) + properties
+            }
+        };
+        2 + self.topic.len() + id + properties + self.payload.len()
+    }
+}
+
 /// Appends a PUBLISH.
 pub fn publish(out: &mut Vec<u8>, message: &Outgoing<'_>, version: Version) {
-    let mut extra = Vec::new();
-    if let Some(seconds) = message.expiry {
-        extra.push(p::MESSAGE_EXPIRY);
-        extra.extend(seconds.to_be_bytes());
-    }
-    for &identifier in message.identifiers {
-        extra.push(p::SUBSCRIPTION_ID);
-        variable(&mut extra, identifier as usize);
-    }
-    let properties = extra.len() + message.properties.len();
-    let mut length = 2 + message.topic.len() + message.payload.len();
-    if message.qos > 0 {
-        length += 2;
-    }
-    if version == Version::Five {
-        length += properties + size_of_variable(properties);
-    }
+    let length = message.length(version);
     out.reserve(length + 5);
     out.push(0x30 | u8::from(message.again) << 3 | message.qos << 1 | u8::from(message.retain));
     variable(out, length);
@@ -53,8 +62,15 @@ pub fn publish(out: &mut Vec<u8>, message: &Outgoing<'_>, version: Version) {
         out.extend(message.id.to_be_bytes());
     }
     if version == Version::Five {
-        variable(out, properties);
-        out.extend_from_slice(&extra);
+        variable(out, message.properties_length());
+        if let Some(seconds) = message.expiry {
+            out.push(p::MESSAGE_EXPIRY);
+            out.extend(seconds.to_be_bytes());
+        }
+        for &identifier in message.identifiers {
+            out.push(p::SUBSCRIPTION_ID);
+            variable(out, identifier as usize);
+        }
         out.extend_from_slice(message.properties);
     }
     out.extend_from_slice(message.payload);
@@ -135,7 +151,7 @@ fn explained(out: &mut Vec<u8>, first: u8, head: &[u8], what: &str, maximum_pack
         return;
     }
     out.push(first);
-    if what.is_empty() || 1 + size_of_variable(length) + length > maximum_packet {
+    if what.is_empty() || size_with_header(length) > maximum_packet {
         variable(out, bare);
         out.extend_from_slice(head);
         out.push(0);
@@ -194,8 +210,8 @@ pub fn pingresp(out: &mut Vec<u8>) {
     out.extend([0xd0, 0]);
 }
 
-/// Appends a DISCONNECT, with its reason as text where the client takes packets of that size; servers cannot send one in MQTT 3 and
-/// only close.
+/// Appends a DISCONNECT, with its reason as text where the client takes packets of that size; in MQTT 3 there are no reasons: nothing is
+/// appended.
 pub fn disconnect(
     out: &mut Vec<u8>,
     code: u8,
@@ -209,7 +225,7 @@ pub fn disconnect(
 }
 
 /// Appends a variable byte integer.
-fn variable(out: &mut Vec<u8>, mut value: usize) {
+pub(crate) fn variable(out: &mut Vec<u8>, mut value: usize) {
     loop {
         let low = (value & 0x7f) as u8;
         value >>= 7;
@@ -218,6 +234,11 @@ fn variable(out: &mut Vec<u8>, mut value: usize) {
             return;
         }
     }
+}
+
+/// Bytes of a packet whose body has so many.
+pub(crate) fn size_with_header(length: usize) -> usize {
+    1 + size_of_variable(length) + length
 }
 
 fn size_of_variable(value: usize) -> usize {
@@ -229,8 +250,8 @@ fn size_of_variable(value: usize) -> usize {
     }
 }
 
-fn string(out: &mut Vec<u8>, text: &str) {
-    // Topics and identifiers were received with a two-byte length, so none is longer.
+pub(crate) fn string(out: &mut Vec<u8>, text: &str) {
+    // None is longer: it was received with a two-byte length, or checked.
     out.extend((text.len() as u16).to_be_bytes());
     out.extend_from_slice(text.as_bytes());
 }

@@ -23,21 +23,28 @@ pub const CORRELATION_DATA: u8 = 0x09;
 pub const SUBSCRIPTION_ID: u8 = 0x0b;
 pub const SESSION_EXPIRY: u8 = 0x11;
 pub const ASSIGNED_CLIENT_ID: u8 = 0x12;
+pub const SERVER_KEEP_ALIVE: u8 = 0x13;
 pub const AUTHENTICATION_METHOD: u8 = 0x15;
 pub const AUTHENTICATION_DATA: u8 = 0x16;
 pub const REQUEST_PROBLEM: u8 = 0x17;
 pub const WILL_DELAY: u8 = 0x18;
 pub const REQUEST_RESPONSE: u8 = 0x19;
+pub const RESPONSE_INFORMATION: u8 = 0x1a;
+pub const SERVER_REFERENCE: u8 = 0x1c;
 pub const REASON_STRING: u8 = 0x1f;
 pub const RECEIVE_MAXIMUM: u8 = 0x21;
 pub const TOPIC_ALIAS_MAXIMUM: u8 = 0x22;
 pub const TOPIC_ALIAS: u8 = 0x23;
+pub const MAXIMUM_QOS: u8 = 0x24;
+pub const RETAIN_AVAILABLE: u8 = 0x25;
 pub const USER_PROPERTY: u8 = 0x26;
 pub const MAXIMUM_PACKET_SIZE: u8 = 0x27;
+pub const WILDCARD_AVAILABLE: u8 = 0x28;
+pub const SUBSCRIPTION_IDS_AVAILABLE: u8 = 0x29;
 pub const SHARED_AVAILABLE: u8 = 0x2a;
 
 /// Reads the length and then each property, refusing those not `allowed` and those that occur twice (user properties may,
-/// and subscription identifiers where they are allowed are single in what a client sends).
+/// and subscription identifiers in what a broker sends).
 /// Returns the bytes of all properties, without the length.
 pub fn each<'a>(
     reader: &mut Reader<'a>,
@@ -58,7 +65,7 @@ pub fn each<'a>(
             ));
         }
         check(id, value)?;
-        if id != USER_PROPERTY {
+        if !matches!(id, USER_PROPERTY | SUBSCRIPTION_ID) {
             let bit = 1 << (id & 63);
             if seen & bit != 0 {
                 return Err(Refusal::protocol("a property occurs twice"));
@@ -70,12 +77,30 @@ pub fn each<'a>(
     Ok(all)
 }
 
+/// Reads properties of which only the reason string is of interest.
+pub fn explanation<'a>(
+    reader: &mut Reader<'a>,
+    allowed: &[u8],
+) -> Result<Option<&'a str>, Refusal> {
+    let mut text = None;
+    each(reader, allowed, |id, value| {
+        if let (REASON_STRING, Value::Text(reason)) = (id, value) {
+            text = Some(reason);
+        }
+        Ok(())
+    })?;
+    Ok(text)
+}
+
 /// Refuses values that a property may not have in any packet.
 fn check(id: u8, value: Value<'_>) -> Result<(), Refusal> {
     match (id, value) {
-        (PAYLOAD_FORMAT | REQUEST_PROBLEM | REQUEST_RESPONSE, Value::Byte(2..)) => {
-            Err(Refusal::protocol("a property is neither 0 nor 1"))
-        }
+        // Those of one byte are all flags.
+        (_, Value::Byte(2..)) => Err(Refusal::protocol("a property is neither 0 nor 1")),
+        (RECEIVE_MAXIMUM, Value::Short(0)) | (MAXIMUM_PACKET_SIZE, Value::Long(0)) => Err(
+            Refusal::protocol("a maximum packet size or receive maximum of 0"),
+        ),
+        (_, Value::Variable(0)) => Err(Refusal::protocol("subscription identifier 0")),
         (RESPONSE_TOPIC, Value::Text(topic)) if !topic::is_name(topic) => Err(Refusal::protocol(
             "a response topic that cannot be published to",
         )),
@@ -124,9 +149,17 @@ pub fn without(properties: &[u8], unwanted: u8) -> Vec<u8> {
 
 fn value<'a>(id: u8, reader: &mut Reader<'a>) -> Result<Value<'a>, Refusal> {
     Ok(match id {
-        PAYLOAD_FORMAT | REQUEST_PROBLEM | REQUEST_RESPONSE | 0x24 | 0x25 | 0x28 | 0x29
+        PAYLOAD_FORMAT
+        | REQUEST_PROBLEM
+        | REQUEST_RESPONSE
+        | MAXIMUM_QOS
+        | RETAIN_AVAILABLE
+        | WILDCARD_AVAILABLE
+        | SUBSCRIPTION_IDS_AVAILABLE
         | SHARED_AVAILABLE => Value::Byte(reader.u8()?),
-        0x13 | RECEIVE_MAXIMUM | TOPIC_ALIAS_MAXIMUM | TOPIC_ALIAS => Value::Short(reader.u16()?),
+        SERVER_KEEP_ALIVE | RECEIVE_MAXIMUM | TOPIC_ALIAS_MAXIMUM | TOPIC_ALIAS => {
+            Value::Short(reader.u16()?)
+        }
         MESSAGE_EXPIRY | SESSION_EXPIRY | WILL_DELAY | MAXIMUM_PACKET_SIZE => {
             Value::Long(reader.u32()?)
         }
@@ -135,8 +168,8 @@ fn value<'a>(id: u8, reader: &mut Reader<'a>) -> Result<Value<'a>, Refusal> {
         | RESPONSE_TOPIC
         | ASSIGNED_CLIENT_ID
         | AUTHENTICATION_METHOD
-        | 0x1a
-        | 0x1c
+        | RESPONSE_INFORMATION
+        | SERVER_REFERENCE
         | REASON_STRING => Value::Text(reader.string()?),
         CORRELATION_DATA | AUTHENTICATION_DATA => Value::Binary(reader.binary()?),
         USER_PROPERTY => {

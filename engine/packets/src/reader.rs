@@ -21,6 +21,15 @@ impl<'a> Reader<'a> {
         self.rest.is_empty()
     }
 
+    /// Refuses a packet of which something is left.
+    pub fn end(&self) -> Result<(), Refusal> {
+        if self.is_empty() {
+            Ok(())
+        } else {
+            Err(Refusal::malformed("a packet is longer than its fields"))
+        }
+    }
+
     pub fn take(&mut self, length: usize) -> Result<&'a [u8], Refusal> {
         let Some((taken, rest)) = self.rest.split_at_checked(length) else {
             return Err(Refusal::malformed(

@@ -2,7 +2,7 @@
 
 /// May a message be published here?
 pub fn is_name(topic: &str) -> bool {
-    !topic.is_empty() && !topic.contains(['+', '#'])
+    !topic.is_empty() && !topic.bytes().any(|byte| matches!(byte, b'+' | b'#'))
 }
 
 /// May this be subscribed to? `#` only as the last level, `+` only as a whole level.

@@ -196,6 +196,9 @@ impl Connection {
             },
         );
         if let Some(reason) = closed {
+            // The broker may want to know why, but is not waited for.
+            let _ = link.transport.write(&self.out);
+            let _ = link.transport.flush();
             self.broke(reason, events);
         }
     }

@@ -1,0 +1,238 @@
+//! MQTT 3.1.1 and 5.0 as a client sees it.
+//!
+//! A client of this crate asks for no QoS 2, no topic aliases and no enhanced authentication, and subscribes once and for all: packets
+//! that would belong to these are refused.
+
+mod encode;
+
+pub use encode::{DISCONNECT, Invalid, PINGREQ, Properties, connect, publish, subscribe};
+
+use crate::decode::{Side, acknowledge, check_flags, identifier, publish as read_publish};
+use crate::properties::{self as p, Value, each};
+use crate::{Answer, Publish, Refusal, Version, reader::Reader, reason};
+
+/// A packet that a broker may send, borrowed from what was received.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Packet<'a> {
+    /// The answer to CONNECT.
+    Connack(Connack<'a>),
+    /// A message.
+    Publish(Publish<'a>),
+    /// The answer to a message at QoS 1.
+    Puback {
+        /// Packet identifier of the message.
+        id: u16,
+        /// Reason code, 0 in MQTT 3.
+        code: u8,
+        /// The broker's own words.
+        text: Option<&'a str>,
+    },
+    /// The answer to a subscription.
+    Suback {
+        /// Packet identifier of the SUBSCRIBE.
+        id: u16,
+        /// For each filter the granted QoS, or the reason code of a refusal.
+        codes: &'a [u8],
+        /// The broker's own words.
+        text: Option<&'a str>,
+    },
+    /// The answer to a ping.
+    Pong,
+    /// The broker ends the connection (MQTT 5).
+    Disconnect {
+        /// Reason code.
+        code: u8,
+        /// The broker's own words.
+        text: Option<&'a str>,
+    },
+}
+
+/// The answer to CONNECT, as far as a client needs it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Connack<'a> {
+    /// Reason code of MQTT 5; return codes of MQTT 3 are translated.
+    pub code: u8,
+    /// The broker's own words.
+    pub text: Option<&'a str>,
+    /// The broker has a session of this client from before.
+    pub present: bool,
+    /// Keep-alive interval that replaces the one in CONNECT, seconds, 0 = none.
+    pub keep_alive: Option<u16>,
+    /// QoS 1 and 2 messages that the broker accepts before it acknowledges one.
+    pub receive_maximum: u16,
+    /// The largest packet that the broker accepts, bytes.
+    pub maximum_packet: u32,
+    /// The highest QoS of messages that the broker accepts.
+    pub maximum_qos: u8,
+    /// Whether the broker keeps messages for clients that subscribe later.
+    pub retains: bool,
+}
+
+const OF_CONNACK: &[u8] = &[
+    p::SESSION_EXPIRY,
+    p::ASSIGNED_CLIENT_ID,
+    p::SERVER_KEEP_ALIVE,
+    p::AUTHENTICATION_METHOD,
+    p::AUTHENTICATION_DATA,
+    p::RESPONSE_INFORMATION,
+    p::SERVER_REFERENCE,
+    p::REASON_STRING,
+    p::RECEIVE_MAXIMUM,
+    p::TOPIC_ALIAS_MAXIMUM,
+    p::MAXIMUM_QOS,
+    p::RETAIN_AVAILABLE,
+    p::USER_PROPERTY,
+    p::MAXIMUM_PACKET_SIZE,
+    p::WILDCARD_AVAILABLE,
+    p::SUBSCRIPTION_IDS_AVAILABLE,
+    p::SHARED_AVAILABLE,
+];
+
+/// Reads one packet; `first` is its first byte, `body` what follows the fixed header.
+///
+/// # Errors
+/// The bytes are not a packet that a broker may send to such a client.
+pub fn decode(first: u8, body: &[u8], version: Version) -> Result<Packet<'_>, Refusal> {
+    let mut reader = Reader::new(body);
+    let reader = &mut reader;
+    check_flags(first)?;
+    let packet = match first >> 4 {
+        2 => Packet::Connack(connack(reader, version)?),
+        3 => {
+            let message = read_publish(first, reader, version, Side::Broker)?;
+            if message.qos > 1 {
+                return Err(Refusal::protocol(
+                    "a message at QoS 2, which was not asked for",
+                ));
+            }
+            Packet::Publish(message)
+        }
+        4 => {
+            let (id, code, text) = acknowledge(Answer::Acknowledged, reader, version)?;
+            Packet::Puback { id, code, text }
+        }
+        9 => suback(reader, version)?,
+        13 => Packet::Pong,
+        14 if version == Version::Five => disconnect(reader)?,
+        5..=7 => {
+            return Err(Refusal::protocol(
+                "an answer to a message at QoS 2, of which there was none",
+            ));
+        }
+        11 => return Err(Refusal::protocol("UNSUBACK without an UNSUBSCRIBE")),
+        14 => {
+            return Err(Refusal::protocol(
+                "DISCONNECT, which brokers of MQTT 3 do not send",
+            ));
+        }
+        15 if version == Version::Five => {
+            return Err(Refusal::protocol("AUTH without an authentication method"));
+        }
+        _ => {
+            return Err(Refusal::protocol(
+                "a packet that brokers do not send to clients",
+            ));
+        }
+    };
+    reader.end()?;
+    Ok(packet)
+}
+
+/// Topic, not checked, and payload of a message at QoS 0 without properties, as nearly all are. [`decode`] reads it too, in twice
+/// the time.
+#[inline]
+#[must_use]
+pub fn bare(first: u8, body: &[u8], version: Version) -> Option<(&[u8], &[u8])> {
+    let (length, rest) = body.split_first_chunk()?;
+    let (topic, rest) = rest.split_at_checked(usize::from(u16::from_be_bytes(*length)))?;
+    let payload = match version {
+        Version::Three => rest,
+        Version::Five => rest.strip_prefix(&[0])?,
+    };
+    (first & 0xfe == 0x30).then_some((topic, payload))
+}
+
+fn connack<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Connack<'a>, Refusal> {
+    let flags = reader.u8()?;
+    if flags > 1 {
+        return Err(Refusal::malformed("flags of CONNACK that do not exist"));
+    }
+    let code = reader.u8()?;
+    let mut connack = Connack {
+        code,
+        text: None,
+        present: flags == 1,
+        keep_alive: None,
+        receive_maximum: u16::MAX,
+        maximum_packet: u32::MAX,
+        maximum_qos: 2,
+        retains: true,
+    };
+    // Brokers of MQTT 3 alone answer a CONNECT of MQTT 5 in their own way.
+    if version == Version::Three || (code == 1 && reader.is_empty()) {
+        connack.code = match code {
+            0 => reason::SUCCESS,
+            1 => reason::UNSUPPORTED_VERSION,
+            2 => reason::BAD_CLIENT_ID,
+            3 => reason::UNAVAILABLE,
+            4 => reason::BAD_PASSWORD,
+            5 => reason::NOT_AUTHORIZED,
+            _ => {
+                return Err(Refusal::malformed(
+                    "a return code of CONNACK that does not exist",
+                ));
+            }
+        };
+        return Ok(connack);
+    }
+    if matches!(code, 1..0x80) {
+        return Err(Refusal::malformed(
+            "a reason code of CONNACK that does not exist",
+        ));
+    }
+    each(reader, OF_CONNACK, |id, value| {
+        match (id, value) {
+            (p::REASON_STRING, Value::Text(text)) => connack.text = Some(text),
+            (p::SERVER_KEEP_ALIVE, Value::Short(seconds)) => connack.keep_alive = Some(seconds),
+            (p::RECEIVE_MAXIMUM, Value::Short(count)) => connack.receive_maximum = count,
+            (p::MAXIMUM_PACKET_SIZE, Value::Long(bytes)) => connack.maximum_packet = bytes,
+            (p::MAXIMUM_QOS, Value::Byte(qos)) => connack.maximum_qos = qos,
+            (p::RETAIN_AVAILABLE, Value::Byte(flag)) => connack.retains = flag == 1,
+            _ => {}
+        }
+        Ok(())
+    })?;
+    Ok(connack)
+}
+
+fn suback<'a>(reader: &mut Reader<'a>, version: Version) -> Result<Packet<'a>, Refusal> {
+    let id = identifier(reader)?;
+    let mut text = None;
+    if version == Version::Five {
+        text = p::explanation(reader, &[p::REASON_STRING, p::USER_PROPERTY])?;
+    }
+    let codes = reader.take(reader.rest().len())?;
+    if codes.iter().any(|code| matches!(code, 3..0x80)) {
+        return Err(Refusal::malformed("a code of SUBACK that does not exist"));
+    }
+    Ok(Packet::Suback { id, codes, text })
+}
+
+fn disconnect<'a>(reader: &mut Reader<'a>) -> Result<Packet<'a>, Refusal> {
+    let (mut code, mut text) = (reason::SUCCESS, None);
+    if !reader.is_empty() {
+        code = reader.u8()?;
+    }
+    if !reader.is_empty() {
+        text = p::explanation(
+            reader,
+            &[
+                p::SESSION_EXPIRY,
+                p::SERVER_REFERENCE,
+                p::REASON_STRING,
+                p::USER_PROPERTY,
+            ],
+        )?;
+    }
+    Ok(Packet::Disconnect { code, text })
+}
