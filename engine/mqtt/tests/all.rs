@@ -4,6 +4,7 @@ mod accounts;
 mod common;
 mod connection;
 mod dialects;
+mod mosquitto;
 mod other_brokers;
 #[cfg(unix)]
 mod unix;
