@@ -130,7 +130,13 @@ fn describe(code: u8, text: Option<&str>) -> String {
     );
     if let Some(text) = text.filter(|text| !text.is_empty()) {
         words.push_str(": ");
-        words.extend(text.chars().take(LONGEST_TEXT).flat_map(char::escape_debug));
+        for character in text.chars().take(LONGEST_TEXT) {
+            match character {
+                '"' | '\'' => words.push(character),
+                // Nothing that a terminal would obey.
+                _ => words.extend(character.escape_debug()),
+            }
+        }
     }
     words
 }

@@ -347,7 +347,7 @@ fn a_refusal_is_given_in_words_with_what_may_help() {
         (
             Version::Five,
             &with_text,
-            "server busy: try \\u{1b}[2J\\\"later\\\"",
+            "server busy: try \\u{1b}[2J\"later\"",
             Remedy::Retry,
         ),
         (
