@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.teams import is_team
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._key import directed, scale_of
 from swarmwright.display._look import (
@@ -25,18 +26,18 @@ from swarmwright.display._look import (
     moving,
     whole,
 )
-from swarmwright.display._machine import groups_of
+from swarmwright.display._machine import groups_of, machine_of
 from swarmwright.display._part import Part
 from swarmwright.display._scene import Patch, Scene
 from swarmwright.display._shown import Shown
 from swarmwright.display._trace import Trace
-from swarmwright.display.page._machine import machine_data, states_data
 from swarmwright.display.page._series import number_kind, packed, series
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
     from swarmwright.display.pictures import PictureRecording
+
 
 _MOST_PLACES = 4_000_000
 """Places of moving bodies on a page; of longer episodes every second, third, .. scene is on it."""
@@ -343,3 +344,31 @@ def _jpeg(image: "Image") -> str:
 
 def _number(value: float, digits: int) -> float | None:
     return float(f"{value + 0.0:.{digits}g}") if math.isfinite(value) else None
+
+
+NO_STATE = 255
+"""Stands for an agent whose controller has no states."""
+
+
+def states_data(trace: Trace, keys: Sequence[int]) -> dict[str, Any] | None:
+    """Return the states that agents are in; None for controllers without states.
+
+    agents: how many; at: (scenes, agents), NO_STATE for an agent without states.
+    """
+    if trace.states is None:
+        return None
+    states = trace.states[list(keys)]
+    return {
+        "agents": states.shape[1],
+        "at": packed(np.where(states < 0, NO_STATE, states).reshape(-1), "u1"),
+    }
+
+
+def machine_data(trace: Trace, part: Part) -> dict[str, Any] | None:
+    """Return the state machine of an episode's agents; None for a team, or a controller without states.
+
+    states: name and words of each; transitions: [from, to, words]; form: "tree" for a behaviour tree.
+    """
+    if trace.states is None or is_team(part.controller):
+        return None
+    return machine_of(part.controller, int(trace.states.max(initial=0)))
