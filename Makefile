@@ -125,7 +125,7 @@ ENGINE_TESTS ?= --release
 test-engine: $(VENV)/.created
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	# Without the examples, which cargo would compile too: lint-engine checks them.
-	$(CARGO) test $(MANIFEST) $(ENGINE_TESTS) --workspace --lib --bins --tests --no-fail-fast --quiet
+	$(CARGO) test $(MANIFEST) $(ENGINE_TESTS) --workspace --tests --no-fail-fast --quiet
 	$(CARGO) test $(MANIFEST) $(ENGINE_TESTS) --workspace --doc --no-fail-fast --quiet
 
 test-java: $(JAVA)
