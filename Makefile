@@ -60,7 +60,7 @@ GO := wrappers/examples/go/line-server
 JAVA := wrappers/java/target/minisim.jar
 JAVA_SOURCES := wrappers/java/pom.xml $(shell find wrappers/java/src/main protocol/schemas -type f)
 CPP := wrappers/cpp/build
-CPP_SOURCES := $(shell find wrappers/cpp engine/c/include -path $(CPP) -prune -o -type f -print)
+CPP_SOURCES := $(shell find wrappers/cpp engine/bindings/c/include -path $(CPP) -prune -o -type f -print)
 GAZEBO := wrappers/gazebo/build
 GAZEBO_ROOT ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/swarmwright/gazebo/root
 KUBERNETES ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/swarmwright/kubernetes
@@ -492,7 +492,7 @@ reference: $(VENV)/.engine
 	$(BIN)/python -m swarmwright.cli._reference > docs/reference/command-line.md
 	$(BIN)/python -m swarmwright.experiment.reference > docs/reference/experiment.md
 	$(BIN)/python -m swarmwright.conformance._reference > docs/reference/conformance.md
-	$(BIN)/python engine/arena/built_in.py
+	$(BIN)/python engine/worlds/arena/built_in.py
 
 docs: reference $(VENV)/.docs build/site-scripts/.fetched
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
@@ -500,7 +500,7 @@ docs: reference $(VENV)/.docs build/site-scripts/.fetched
 
 # The reference pages in the repository are those that the code makes, and the built-in missions those of their YAML files.
 check-docs: docs
-	git diff --exit-code -- $(addprefix docs/reference/,command-line.md experiment.md conformance.md) engine/arena/src/missions.json engine/arena/src/robots.json
+	git diff --exit-code -- $(addprefix docs/reference/,command-line.md experiment.md conformance.md) engine/worlds/arena/src/missions.json engine/worlds/arena/src/robots.json
 
 # Search in pages that were opened from files, and diagrams; put into the site so that it needs no network.
 build/site-scripts/.fetched: docs/site/scripts.sha256

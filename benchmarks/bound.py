@@ -3,7 +3,7 @@
 The counts below are those of the algorithm for one agent-step of one vector of lanes, read off the sources
 named, each arithmetic operation of a vector once; moving data between registers and memory is not counted,
 except for what lanes must read and write one by one. In the arena, what is done depends on where robots are:
-`engine/arena/examples/operations` computes the same episodes with lanes that count. `benchmarks/peak`
+`engine/worlds/arena/examples/operations` computes the same episodes with lanes that count. `benchmarks/peak`
 measures how many operations of each kind the processor does in a nanosecond.
 """
 
@@ -41,7 +41,8 @@ class Count:
 
 
 TANH = Count(vector=21, divide=2)
-"""engine/controllers/src/functions/lanes.rs: 2 limits, z, two cubics of 6, y*P, t+t, t*t, 1+, 2 limits."""
+"""engine/numeric/controllers/src/functions/lanes.rs: 2 limits, z, two cubics of 6, y*P, t+t, t*t, 1+,
+2 limits."""
 
 MINISIM = {
     # Differences to the goal, four quotients; the way to the defender is known from the step before.
@@ -55,7 +56,7 @@ MINISIM = {
     # Distances to goal and defender, and both compared.
     "judge": Count(vector=12, square_root=2),
 }
-"""engine/worlds/src/minisim/lanes.rs with a 4-8-1 tanh network, one agent and one defender."""
+"""engine/worlds/worlds/src/minisim/lanes.rs with a 4-8-1 tanh network, one agent and one defender."""
 
 EMERGENCY_EXIT = {
     # Two indices and a shift of what lies around (4), eight neighbours (8), two halves of the way (5); each
@@ -67,8 +68,9 @@ EMERGENCY_EXIT = {
     # 4 comparisons, the step they make (5), its cell (2), whether that is free, who is out.
     "move": Count(vector=13),
 }
-"""engine/worlds/src/emergency_exit/lanes with 2 hidden nodes, 2 iterations, clamped, in 16 lanes. What else
-agents need that do move is left out, since most are in each other's way; so the bound is rather too low."""
+"""engine/worlds/worlds/src/emergency_exit/lanes with 2 hidden nodes, 2 iterations, clamped, in 16 lanes.
+What else agents need that do move is left out, since most are in each other's way; so the bound is rather
+too low."""
 
 
 ARENA = {"EvoStick": (arena.evostick, "e-puck-rm1.1"), "modules": (arena.machines, "e-puck-rm1.2")}

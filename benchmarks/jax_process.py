@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 STEPS, WIDTH, HEIGHT, SPEED_AGENT, SPEED_DEFENDER = 15, 13.0, 7.0, 1.0, 0.33
-"""The published example, as in D6.1; see engine/worlds/src/minisim for the order of operations."""
+"""The published example, as in D6.1; see engine/worlds/worlds/src/minisim for the order of operations."""
 
 
 def network_of_sums(jnp: Any) -> Callable[..., Any]:

@@ -1,6 +1,6 @@
 """`python -m benchmarks.scale`: one tool with 10 to 10,000 servers in virtual time; a broker's memory.
 
-The simulation is `engine/schedules/src/scale.rs`: the real scheduler and the real state machine of
+The simulation is `engine/checks/schedules/src/scale.rs`: the real scheduler and the real state machine of
 servers, in a simulated network.
 """
 
@@ -50,7 +50,7 @@ CONNECTIONS = (0, 1_000, 4_000)
 
 
 def simulate(case: Case, share: int, generations: int) -> dict[str, Any]:
-    """Run one case; return the figures of `engine/schedules/src/scale.rs`."""
+    """Run one case; return the figures of `engine/checks/schedules/src/scale.rs`."""
     manifest = str(ROOT / "engine" / "Cargo.toml")
     subprocess.run(
         [

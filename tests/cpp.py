@@ -22,7 +22,7 @@ def _sources() -> Iterator[Path]:
             yield from (crate / "src").rglob("*.rs")
             for pattern in ("*.rs", "Cargo.*"):
                 yield from crate.glob(pattern)
-    for folder in (PROJECT, ROOT / "engine" / "c"):
+    for folder in (PROJECT, ROOT / "engine" / "bindings" / "c"):
         for pattern in ("CMake*.*", "*.in", "*.h", "*.hpp", "*.c", "*.cpp"):
             yield from (path for path in folder.rglob(pattern) if BUILD not in path.parents)
 

@@ -1,4 +1,4 @@
-"""The compiled engine. Everything here is built from `engine/python`; `mypy.stubtest` checks the two against each other."""
+"""The compiled engine. Everything here is built from `engine/bindings/python`; `mypy.stubtest` checks the two against each other."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path

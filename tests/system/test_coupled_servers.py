@@ -19,7 +19,7 @@ from tests.data.coupled_parts import Battery, Vehicle
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Launch
 
-pytestmark = pytest.mark.skipif(not LIBRARY.exists(), reason="engine/fmi is not built: make fmi")
+pytestmark = pytest.mark.skipif(not LIBRARY.exists(), reason="engine/bindings/fmi is not built: make fmi")
 SIZE = 0.1
 """Seconds of a step of both."""
 PARTS = ROOT / "tests" / "data" / "coupled_parts.py"

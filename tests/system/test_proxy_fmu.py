@@ -21,7 +21,7 @@ from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Launch, Serve, ServeCpp
 from tests.system.plain_server import MeasuringServer, PlainServer
 
-pytestmark = pytest.mark.skipif(not LIBRARY.exists(), reason="engine/fmi is not built: make fmi")
+pytestmark = pytest.mark.skipif(not LIBRARY.exists(), reason="engine/bindings/fmi is not built: make fmi")
 
 PARAMETERS = {"numAgents": 3, "placement": "random", "speedDefenders": 0.4}
 PYTHON = ROOT / "tests" / "python" / "simulations" / "minisim.py"

@@ -1,11 +1,11 @@
-"""`swarmwright.h` says what `engine/c` is: the same functions, structures and constants, type by type."""
+"""`swarmwright.h` declares `engine/bindings/c`: the same functions, structures and constants, with types."""
 
 import re
 from pathlib import Path
 
 from tests.conftest import ROOT
 
-CRATE = ROOT / "engine" / "c"
+CRATE = ROOT / "engine" / "bindings" / "c"
 HEADER = CRATE / "include" / "swarmwright" / "swarmwright.h"
 SCALARS = {
     "c_char": "char",
@@ -60,7 +60,7 @@ def _without_comments(text: str) -> str:
 
 def _rust() -> str:
     """All sources, without tests, comments and line ends."""
-    folders = [CRATE / "src", CRATE.parent / "arena" / "src" / "physics"]
+    folders = [CRATE / "src", ROOT / "engine" / "worlds" / "arena" / "src" / "physics"]
     sources = [path for one in folders for path in sorted(one.rglob("*.rs")) if path.name != "tests.rs"]
     text = "\n".join(path.read_text(encoding="utf-8") for path in sources)
     return re.sub(r"\s+", " ", re.sub(r"//.*", "", text))

@@ -12,7 +12,7 @@ from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.untrusted import one_line
 
 FILE = Path(__file__).parents[1] / "simulations" / "fmu" / "libswarmwright_fmi.so"
-"""The library; its source is the crate engine/fmi."""
+"""The library; its source is the crate engine/bindings/fmi."""
 _CHECKOUT = Path(__file__).parents[3]
 _LINES = 5
 """Of the output of a failed build, the last ones, which name the cause."""
@@ -33,7 +33,7 @@ def read() -> bytes:
 
 def _build() -> None:
     """Compile the library, as `make` does it. Raises InputError and RunError."""
-    if not (_CHECKOUT / "engine" / "fmi" / "Cargo.toml").is_file():
+    if not (_CHECKOUT / "engine" / "bindings" / "fmi" / "Cargo.toml").is_file():
         raise InputError(
             f"{FILE}: is missing, the library that an FMU of a simulation holds; installing Swarmwright "
             "again brings it back"

@@ -13,7 +13,7 @@ from swarmwright.export.simulation_model import Model, Parameter, check_size, pa
 from swarmwright.simulations import catalogue
 
 CONNECTION = "connection."
-"""What the names of parameters begin with that say how the server is reached; as in `engine/fmi`."""
+"""What the names of parameters begin with that say how the server is reached; as in `engine/bindings/fmi`."""
 _ANNOUNCED_S = 1.0
 _AGENTS = ("numAgents", "robots", "agents")
 """Parameters that may say how many agents there are."""

@@ -1,4 +1,4 @@
-"""What an FMU of a simulation holds: its variables, with the value references of `engine/fmi`."""
+"""What an FMU of a simulation holds: its variables, with the value references of `engine/bindings/fmi`."""
 
 import json
 import math

@@ -3,14 +3,14 @@
 import re
 
 OVERTAKEN = "server % was faster"
-"""What the pool says of the other attempts of work that is done, engine/pool/src/scheduler/settle.rs; a
+"""What the pool says of the other attempts of work that is done, engine/roles/pool/src/scheduler/settle.rs; a
 pattern of SQL's LIKE."""
 TURN = "it is the turn of "
 """What servers say of requests that they hand back, since another tool has waited for them,
-engine/wrapper/src/machine/turns.rs."""
+engine/roles/wrapper/src/machine/turns.rs."""
 NOT_FINISHED = "not finished: "
 """Before the reason, where a server ended at one evaluation of a batch: the attempt at the whole batch,
-engine/pool/src/scheduler/supervised.rs."""
+engine/roles/pool/src/scheduler/supervised.rs."""
 SAME_END_S = 0.001
 """Attempts on one server that ended within so many seconds, for one reason, ended together."""
 _SERVER_END = re.compile(r"a simulation server |server \d+\b")

@@ -24,7 +24,7 @@ ARENA = "arena"
 
 
 _ARENA_STEP = 0.1
-"""Seconds of a step of the arena, `TICK` in engine/arena. Others that are built in have no physical time."""
+"""Seconds of a step of the arena, `TICK` in engine/worlds/arena. Other built-in simulations have none."""
 
 
 @cache

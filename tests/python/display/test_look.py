@@ -146,7 +146,8 @@ def test_legends_name_all_parts_of_the_floor_with_one_grey_value(tmp_path: Path)
 
 
 def test_the_terminal_has_the_same_table(root: Path) -> None:
-    source = (root / "engine" / "worlds" / "src" / "text" / "glyphs.rs").read_text(encoding="utf-8")
+    glyphs = root / "engine" / "worlds" / "worlds" / "src" / "text" / "glyphs.rs"
+    source = glyphs.read_text(encoding="utf-8")
     entry = re.compile(r"""\("(\w+)", "(\w*)", '(.)', '.', Color::(\w+)\)""")
     terminal = {(kind, state): (symbol, color) for kind, state, symbol, color in entry.findall(source)}
     assert set(terminal) == set(KNOWN)

@@ -9,7 +9,7 @@ import yaml
 from swarmwright.export.arena_words import PRESETS, Robot, actuator_meaning, robot_in, sensor_meaning
 from swarmwright.simulations import catalogue
 
-ROBOTS = Path(__file__).parents[3] / "engine" / "arena" / "src" / "robots"
+ROBOTS = Path(__file__).parents[3] / "engine" / "worlds" / "arena" / "src" / "robots"
 PRESETS_RS = ROBOTS.parent / "robot" / "presets.rs"
 
 

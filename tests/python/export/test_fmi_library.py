@@ -13,8 +13,8 @@ from swarmwright.export import fmi_library
 @pytest.fixture
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the source, where the library has not been compiled."""
-    (tmp_path / "engine" / "fmi").mkdir(parents=True)
-    (tmp_path / "engine" / "fmi" / "Cargo.toml").touch()
+    (tmp_path / "engine" / "bindings" / "fmi").mkdir(parents=True)
+    (tmp_path / "engine" / "bindings" / "fmi" / "Cargo.toml").touch()
     monkeypatch.setattr(fmi_library, "_CHECKOUT", tmp_path)
     monkeypatch.setattr(fmi_library, "FILE", tmp_path / "fmi.so")
     return tmp_path
@@ -50,6 +50,6 @@ def test_without_make(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_without_the_source(checkout: Path) -> None:
-    (checkout / "engine" / "fmi" / "Cargo.toml").unlink()
+    (checkout / "engine" / "bindings" / "fmi" / "Cargo.toml").unlink()
     with pytest.raises(InputError, match="again brings it back"):
         fmi_library.read()

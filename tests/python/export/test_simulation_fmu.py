@@ -30,7 +30,7 @@ from tests.fmus import Driven, driving
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not LIBRARY.exists(), reason="engine/fmi is not built: make fmi"),
+    pytest.mark.skipif(not LIBRARY.exists(), reason="engine/bindings/fmi is not built: make fmi"),
 ]
 
 CASES: dict[str, dict[str, Any]] = {

@@ -1,5 +1,5 @@
-"""Minisim once more, in Python: the arithmetic of engine/worlds/src/minisim, operation by operation, in
-binary32."""
+"""Minisim once more, in Python: the arithmetic of engine/worlds/worlds/src/minisim, operation by operation,
+in binary32."""
 
 from typing import Any
 

@@ -272,8 +272,8 @@ def test_the_class_cannot_be_made_without_its_methods() -> None:
 
 
 def test_the_arena_is_stepped_as_often_as_it_is_shown() -> None:
-    # The catalogue repeats TICK of engine/arena; the engine tells the default of `stepSize`, which shows a
-    # step for as long as it takes.
+    # The catalogue repeats TICK of engine/worlds/arena; the engine tells the default of `stepSize`, which
+    # shows a step for as long as it takes.
     assert catalogue.step_seconds("arena") == Episodes("arena", {"mission": "aggregation"}).step_seconds
     assert catalogue.step_seconds("minisim") is None
 

@@ -19,7 +19,7 @@ from swarmwright.servers.rows import AttemptEntry, Journal, WarningEntry
 
 _log = logging.getLogger("swarmwright")
 _UNATTRIBUTED = "an evaluation failed after "
-"""How the pool's warning of a failed evaluation begins: engine/pool/src/scheduler/attribution.rs."""
+"""How the pool's warning of a failed evaluation begins: engine/roles/pool/src/scheduler/attribution.rs."""
 _QUARANTINED = re.compile(r"an evaluation is quarantined: ([^;]*); last reason: (.*)", re.DOTALL)
 """The pool's warning of an evaluation that took servers down, with the cause: as above."""
 _MOST_NAMED = 10

@@ -13,7 +13,7 @@ FailureOf = Callable[[str], SimulationError | None]
 _MOST_REASONS = 200
 """Different reasons that are remembered, the last ones."""
 _WARNED = re.compile(r"an episode failed on server \d+: (.*)", re.DOTALL)
-"""A pool's warning of such a reason, of each once: engine/pool/src/scheduler/outbox.rs."""
+"""A pool's warning of such a reason, of each once: engine/roles/pool/src/scheduler/outbox.rs."""
 
 
 class CodeFailures:
