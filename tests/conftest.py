@@ -53,6 +53,10 @@ COMMIT_TIER = ("python", "protocol", "typing")
 """Folders whose tests belong to the commit tier unless they are marked; those of all others are slow."""
 
 
+STARTING = frozenset({"browser", "bundle", "classes", "fmus", "mosquitto"})
+"""Fixtures that start programs: tests that use them are slow, too."""
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option that chooses a part of the slow tier."""
     parser.addoption(
@@ -68,7 +72,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """
     for item in items:
         folder = item.path.relative_to(ROOT / "tests").parts[0]
-        if folder not in COMMIT_TIER and item.get_closest_marker("journey") is None:
+        starts = STARTING.intersection(getattr(item, "fixturenames", ()))
+        if (folder not in COMMIT_TIER or starts) and item.get_closest_marker("journey") is None:
             item.add_marker("slow")
     part = config.getoption("--part")
     if part:
@@ -118,13 +123,17 @@ class _Started:
 _STARTED = _Started()
 
 
+def _refuse_processes(item: pytest.Item, before: int) -> None:
+    if _STARTED.number > before and not any(map(item.get_closest_marker, ("slow", "journey"))):
+        pytest.fail("this test starts a process: mark it as slow, or call what it tests in this process")
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Keep the commit tier in one process: what starts others is slow, or a journey."""
     before = _STARTED.number
     yield
-    if _STARTED.number > before and not any(map(item.get_closest_marker, ("slow", "journey"))):
-        pytest.fail("this test starts a process: mark it as slow, or call what it tests in this process")
+    _refuse_processes(item, before)
 
 
 def _timed_anew(item: pytest.Item) -> None:
@@ -137,10 +146,15 @@ def _timed_anew(item: pytest.Item) -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
-    """Give a repeated test its time again: pytest-timeout counts to the first failure, and then no more."""
+    """Give a repeated test its time again: pytest-timeout counts to the first failure, and then no more.
+
+    Fixtures of the commit tier start no processes either.
+    """
     if getattr(item, "execution_count", 1) > 1:
         _timed_anew(item)
-    return (yield)
+    before = _STARTED.number
+    yield
+    _refuse_processes(item, before)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

@@ -17,8 +17,8 @@ SANITIZED = ("address", "thread")
 
 
 def _sources() -> Iterator[Path]:
-    for crate in (ROOT / "engine").glob("*/"):
-        if crate.name != "target":
+    for crate in (ROOT / "engine").glob("*/*/"):
+        if crate.parent.name != "target":
             yield from (crate / "src").rglob("*.rs")
             for pattern in ("*.rs", "Cargo.*"):
                 yield from crate.glob(pattern)

@@ -21,6 +21,8 @@ from tests.python.simulations.fmu.built import MEMORY, build
 CALM, LATE, FAILING, SILENT = range(4)
 """Modes of memory.c."""
 
+pytestmark = pytest.mark.slow  # compiles FMUs
+
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -20,6 +20,8 @@ from swarmwright.simulations.fmu.program import Episodes
 from tests.python.simulations.fmu.built import BALL_2, BALL_3, FLEET, ROBOTS, TERMINALS, build
 from tests.python.simulations.fmu.test_fmu import controller_of, score
 
+pytestmark = pytest.mark.slow  # compiles FMUs
+
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> Path:

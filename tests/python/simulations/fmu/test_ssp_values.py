@@ -11,6 +11,8 @@ from swarmwright.simulations.fmu.coupled import Coupled
 from swarmwright.simulations.fmu.ssp import described, system_of
 from tests.python.simulations.fmu.built import build
 
+pytestmark = pytest.mark.slow  # compiles FMUs
+
 _SSP = "http://ssp-standard.org/SSP1/SystemStructure"
 PASS = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="Pass" guid="pass"><CoSimulation modelIdentifier="pass"/>

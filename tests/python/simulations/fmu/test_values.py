@@ -20,6 +20,8 @@ from swarmwright.simulations.parameters import filled_in
 from tests.python.simulations.fmu.built import build
 from tests.python.simulations.fmu.conftest import SOURCES
 
+pytestmark = pytest.mark.slow  # compiles FMUs
+
 TYPES = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="Types" instantiationToken="types">
 <CoSimulation modelIdentifier="types"/>
