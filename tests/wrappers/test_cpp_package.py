@@ -67,5 +67,5 @@ def test_another_version_is_not_taken(tmp_path: Path) -> None:
 def test_newer_standards_take_the_headers_without_a_warning(compiler: str, tmp_path: Path) -> None:
     (tmp_path / "main.cpp").write_text(MAIN)
     flags = ["-std=c++20", "-fsyntax-only", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
-    includes = [f"-I{PROJECT / 'include'}", f"-I{ROOT / 'engine' / 'c' / 'include'}"]
+    includes = [f"-I{PROJECT / 'include'}", f"-I{ROOT / 'engine' / 'bindings' / 'c' / 'include'}"]
     run([compiler, *flags, *includes, tmp_path / "main.cpp"])
