@@ -585,7 +585,8 @@ $(VENV)/.docs: $(VENV)/.tools pyproject.toml
 
 # Simulators that not everybody wants to have.
 $(VENV)/.simulators: $(VENV)/.dev pyproject.toml
-	$(call python-install,--group simulators)
+	# By pip: where uv puts the headers of CPyCppyy, cppyy does not find them.
+	$(BIN)/python -m pip install --quiet --group simulators
 	touch $@
 
 # Libraries of clusters that not everybody has.
