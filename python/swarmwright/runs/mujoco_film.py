@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import mujoco
 import numpy as np
 from PIL import Image
 
@@ -23,6 +22,9 @@ from swarmwright.simulations.mujoco import undrawable
 from swarmwright.simulations.mujoco._library import cannot_draw
 from swarmwright.simulations.mujoco._robots import Robots
 from swarmwright.simulations.parameters import declared, filled_in
+
+# After swarmwright.simulations.mujoco, which imports it also where it cannot draw.
+import mujoco  # isort: skip
 
 COLORS = 200
 LAST_FRAME_MS = 1500  # milliseconds
