@@ -1163,5 +1163,8 @@ class Pool:
 
         revised: candidates with results of a server that turns out to be wrong are evaluated and fed again.
         """
+    def take_back(self) -> None:
+        """End the producer that has the pool, if there is one; generations that wait are lost."""
+
     def close(self) -> None:
         """End the runs that are left, free the servers, disconnect."""

@@ -1,5 +1,7 @@
 //! The optimization tool's side of the broker.
 
+use std::sync::Arc;
+
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -12,6 +14,7 @@ use swarmwright_protocol::Requirements;
 use crate::account::{Account, settings};
 use crate::errors::{NoServerError, engine, input, unconnected};
 use crate::genomes::{architecture, work};
+use crate::producer::Borrower;
 use crate::results::{Fitness, Metrics, arrays};
 use crate::sample::PySample;
 use crate::supervision::PySupervision;
@@ -46,6 +49,8 @@ pub struct PyPool {
     pool: Option<Pool>,
     /// A producer has it.
     lent: bool,
+    /// Its thread, once there is one.
+    borrower: Option<Arc<Borrower>>,
     /// Number of metrics that are needed of every episode.
     metrics: usize,
 }
@@ -127,6 +132,7 @@ impl PyPool {
             .map(|pool| Self {
                 pool: Some(pool),
                 lent: false,
+                borrower: None,
                 metrics,
             })
             .map_err(|failed| error(&failed))
@@ -323,7 +329,18 @@ impl PyPool {
         result.map_err(|failed| error(&failed))
     }
 
+    /// Ends the producer that has it, if there is one; generations that wait are lost.
+    pub fn take_back(&mut self, py: Python<'_>) {
+        if let Some(borrower) = self.borrower.take()
+            && let Some(pool) = py.detach(|| borrower.end())
+        {
+            self.pool = Some(pool);
+            self.lent = false;
+        }
+    }
+
     fn close(&mut self, py: Python<'_>) {
+        self.take_back(py);
         if let Some(pool) = self.pool.take() {
             py.detach(|| pool.close());
         }
@@ -407,9 +424,8 @@ impl PyPool {
         Ok(pool)
     }
 
-    /// Takes it back.
-    pub fn give_back(&mut self, pool: Pool) {
-        self.pool = Some(pool);
-        self.lent = false;
+    /// Names the thread that has it.
+    pub fn lent_to(&mut self, borrower: Arc<Borrower>) {
+        self.borrower = Some(borrower);
     }
 }

@@ -3,8 +3,8 @@
 mod queue;
 mod work;
 
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use numpy::{PyArray1, PyArrayMethods};
@@ -27,15 +27,39 @@ use crate::statistics::aggregate;
 use queue::{End, Kept, Produced, Shared};
 use work::{Limits, Place, Work};
 
+/// The thread of a producer. The pool that it was lent knows it, too: a producer may be lost before anyone can close it, as when
+/// Ctrl-C comes while it is made.
+pub struct Borrower {
+    shared: Arc<Shared>,
+    /// Returns the pool where there is one.
+    thread: Mutex<Option<JoinHandle<Option<Pool>>>>,
+    waker: Option<Waker>,
+}
+
+impl Borrower {
+    fn stop(&self) {
+        self.shared.stop();
+        if let Some(waker) = &self.waker {
+            waker.wake();
+        }
+    }
+
+    /// Ends the thread; generations that wait are lost. The pool where it has not been returned yet.
+    pub fn end(&self) -> Option<Pool> {
+        self.stop();
+        let thread = lock(&self.thread).take()?;
+        // `next` has reported an error of the thread, unless the run was ended before it.
+        thread.join().ok().flatten()
+    }
+}
+
 /// Evolves in a thread of its own.
 #[pyclass(name = "Producer", module = "swarmwright._engine")]
 pub struct PyProducer {
     shared: Arc<Shared>,
-    /// Returns the pool where there is one.
-    thread: Option<JoinHandle<Option<Pool>>>,
+    borrower: Arc<Borrower>,
     /// Who gets the pool back.
     lender: Option<Py<PyPool>>,
-    waker: Option<Waker>,
     genes: usize,
     episodes: usize,
     metrics: usize,
@@ -72,6 +96,7 @@ impl PyProducer {
         reason = "pyo3 hands arguments over by value, keywords in Python"
     )]
     fn new(
+        py: Python<'_>,
         search: &mut PySearch,
         evaluator: Evaluator<'_>,
         architecture: &Bound<'_, PyDict>,
@@ -151,11 +176,18 @@ impl PyProducer {
                 }
             })
             .map_err(|error| engine(format!("no thread can be started: {error}")))?;
+        let borrower = Arc::new(Borrower {
+            shared: shared.clone(),
+            thread: Mutex::new(Some(thread)),
+            waker,
+        });
+        if let Some(lender) = &lender {
+            lender.borrow_mut(py).lent_to(borrower.clone());
+        }
         Ok(Self {
             shared,
-            thread: Some(thread),
+            borrower,
             lender,
-            waker,
             genes,
             episodes,
             metrics,
@@ -199,25 +231,14 @@ impl PyProducer {
 
     /// Ends the thread; generations that wait are lost.
     fn close(&mut self, py: Python<'_>) {
-        self.stop();
-        if let Some(thread) = self.thread.take() {
-            // `next` has reported an error of the thread, unless the run was ended before it.
-            let ended = py.detach(|| thread.join());
-            if let (Ok(Some(pool)), Some(lender)) = (ended, self.lender.take()) {
-                lender.borrow_mut(py).give_back(pool);
-            }
+        match self.lender.take() {
+            Some(lender) => lender.borrow_mut(py).take_back(py),
+            None => drop(py.detach(|| self.borrower.end())),
         }
     }
 }
 
 impl PyProducer {
-    fn stop(&self) {
-        self.shared.stop();
-        if let Some(waker) = &self.waker {
-            waker.wake();
-        }
-    }
-
     fn arrays<'py>(&self, py: Python<'py>, mut produced: Produced) -> PyResult<Generation<'py>> {
         let (digests, one) = py.detach(|| produced.summary())?;
         let candidates = produced.fitness.len();
@@ -261,6 +282,6 @@ impl PyProducer {
 
 impl Drop for PyProducer {
     fn drop(&mut self) {
-        self.stop();
+        self.borrower.stop();
     }
 }

@@ -189,6 +189,8 @@ class Loop:
                 stopped = self._continue(backend, on_generation, on_progress)
                 self._fitness_checks.tell()
             finally:
+                # Ctrl-C may have come before there was something to close.
+                backend.end_ahead()
                 self._recorder.store_last()
         except KeyboardInterrupt:
             if not self._account.stored:

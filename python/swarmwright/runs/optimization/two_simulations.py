@@ -86,6 +86,9 @@ class TwoSimulations:
     def ahead(self, architecture: dict[str, Any]) -> None:
         """Return None: the ranking has a part in every generation."""
 
+    def end_ahead(self) -> None:
+        """Do nothing: nothing is lent."""
+
     def check(self) -> None:
         """Raise RunError when what evaluates has ended for good."""
         self.fast.check()

@@ -172,6 +172,9 @@ class Backend(Protocol):
     def ahead(self, architecture: dict[str, Any]) -> _engine.Evaluator | _engine.Pool | None:
         """Return what a thread of the engine evaluates with by itself; None where Python has a part in it."""
 
+    def end_ahead(self) -> None:
+        """Take back what `ahead` has lent to a thread that nobody has closed."""
+
     def check(self) -> None:
         """Raise RunError when what evaluates has ended for good."""
 

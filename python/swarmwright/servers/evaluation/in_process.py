@@ -142,6 +142,9 @@ class InProcessBackend:
         """Return what the engine evaluates with; None where Python has a part in it."""
         return self.evaluator(architecture)
 
+    def end_ahead(self) -> None:
+        """Do nothing: the thread shares an evaluator, and ends with the object that stands for it."""
+
     def _evaluator_of(self, architecture: dict[str, Any]) -> _engine.Evaluator:
         use_threads()
         if self._evaluator is None or self._evaluator[0] != architecture:

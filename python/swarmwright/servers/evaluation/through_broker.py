@@ -97,6 +97,10 @@ class BrokerBackend:
         """Return the pool; None where the experiment has its own fitness, or modules in Python."""
         return None if self._expression is not None or is_in_python(architecture) else self._pool
 
+    def end_ahead(self) -> None:
+        """Take the pool back."""
+        self._pool.take_back()
+
     def count_failed(self, results: Results) -> None:
         """Do nothing: the pool counts."""
 

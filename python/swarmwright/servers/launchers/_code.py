@@ -62,4 +62,4 @@ class Code:
                     raise OSError(f"{entry.name}: not a file inside the folder")
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(content.read())
-                path.chmod(entry.mode)
+                path.chmod(entry.mode & 0o755)

@@ -345,3 +345,23 @@ def test_where_python_has_a_part_it_is_the_ordinary_loop(
     run = optimize(experiment(method, **other), out=tmp_path / "run")
     assert run.state == "done"
     assert not used
+
+
+@pytest.mark.slow
+def test_an_interrupt_before_there_is_something_to_close_ends_the_thread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As when Ctrl-C comes after the thread has begun and before the loop knows of it."""
+    made = experiment({"kind": "nnga", "population": 6, "generations": 1000}, servers=1, validate=False)
+    begin, lost = Ahead.of.__func__, []  # type: ignore[attr-defined] # of the class method
+
+    def interrupted(kind: type[Ahead], *arguments: Any, **options: Any) -> None:
+        lost.append(begin(kind, *arguments, **options))  # a traceback keeps it as well
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Ahead, "of", classmethod(interrupted))
+        run = optimize(made, out=tmp_path / "run")
+    assert run.interrupted
+    assert lost[0] is not None
+    assert 0 < run.generations < 1000
