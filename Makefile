@@ -140,7 +140,7 @@ test-cpp: $(CPP)/address/.built $(CPP)/thread/.built
 PART ?= 1/1
 SLOW := -m "slow and not long and not journey" --part $(PART)
 
-# A test of the process or the slow tier that fails is repeated once: many start several processes, of which one may be late on
+# A test of the slow tier that fails is repeated once: many start several processes, of which one may be late on
 # a busy machine. Both are printed, since what fails now and then is a fault to be found, too.
 AGAIN := --reruns 1 --rerun-show-tracebacks -raR
 
@@ -154,7 +154,7 @@ test-commit: $(VENV)/.engine $(VENV)/.dev
 test-journeys: $(VENV)/.engine $(VENV)/.dev $(FMI) $(JAVA) $(CPP)/.built
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
-	$(PYTEST) $(AGAIN) -n 3 -m "journey and not long" tests/python tests/protocol tests/system tests/docs
+	$(PYTEST) -n 3 -m "journey and not long" tests/python tests/protocol tests/system tests/docs
 
 # The slow tier. Its tests wait for other processes more than half of their time: four at a time keep two processors busy.
 test-python: $(VENV)/.engine $(VENV)/.dev $(FMI) protocol/node_modules/.package-lock.json
