@@ -173,9 +173,10 @@ def test_a_file_is_flushed_where_no_thread_can_be_started(
     flushed: list[Path] = []
     monkeypatch.setattr("_thread.start_new_thread", refused)
     monkeypatch.setattr(open_store, "_flush", flushed.append)
+    earlier = set(open_store._unfinished)  # files of other tests that the disk has not taken yet
     open_store._flush_later(tmp_path / "run.sqlite")
     assert flushed == [tmp_path / "run.sqlite"]
-    assert not open_store._unfinished
+    assert open_store._unfinished <= earlier
 
 
 @pytest.mark.slow
