@@ -104,6 +104,8 @@ def _part(text: str) -> tuple[int, int]:
 
 
 _STARTS = ("subprocess.Popen", "os.posix_spawn", "os.fork", "os.forkpty")
+_ONCE = ("git", "uname", "/sbin/ldconfig")
+"""Asked once in a process: for the revision of the code, and by Python for the processor and for places of libraries."""
 
 
 class _Started:
@@ -115,8 +117,7 @@ class _Started:
         sys.addaudithook(self._note)
 
     def _note(self, event: str, arguments: tuple[object, ...]) -> None:
-        # The first run of a process asks git for the revision of the code; later ones do not ask again.
-        if event in _STARTS and not (arguments and arguments[0] == "git"):
+        if event in _STARTS and not (arguments and arguments[0] in _ONCE):
             self.number += 1
 
 
