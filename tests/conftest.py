@@ -105,7 +105,7 @@ def _part(text: str) -> tuple[int, int]:
 
 _STARTS = ("subprocess.Popen", "os.posix_spawn", "os.fork", "os.forkpty")
 _ONCE = ("git", "uname", "/sbin/ldconfig")
-"""Asked once in a process: for the revision of the code, and by Python for the processor and for places of libraries."""
+"""Asked once in a process: the code's revision, and by Python the processor and places of libraries."""
 
 
 class _Started:
