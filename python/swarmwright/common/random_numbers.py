@@ -8,9 +8,12 @@ blocks are counted from 1. Everything above the raw words is done with exact int
 IEEE binary64 operations. The engine does it, for one stream or for many that differ in the candidate alone.
 """
 
-from swarmwright._engine import Stream, Streams
+from swarmwright import _engine
 
 __all__ = ["Stream", "Streams"]
+
+Stream = _engine.Stream
+Streams = _engine.Streams
 
 # NumPy passes its interface to the engine at the first array. Do this now: a signal handler that raises
 # during it, such as Ctrl-C in the first long computation, would leave the engine unusable.

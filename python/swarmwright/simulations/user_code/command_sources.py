@@ -30,18 +30,19 @@ def sources_of(options: Definition) -> tuple[str, dict[str, Path]]:
     definition gets in a copy, in its own folder. Raises InputError for named files that are not there.
     """
     here = Path(options.folder).resolve()
-    paths = {path for path in _named(options, here) if _belongs(path)}
-    for path in list(paths):
-        if path.suffix == ".py":
-            try:
-                paths |= set(Walk.of_file(path).files.values())
-            except OSError as error:
-                raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    inside = [path for path in paths if path.is_relative_to(here.parent)]
+    near, far = set[Path](), set[Path]()
+    for path, is_relative in _named(options, here):
+        if _belongs(path):
+            (near if is_relative else far).update(_with_imports(path))
+    # What is named by its whole path has that in every copy, wherever the experiment file is.
+    far -= near
+    inside = [path for path in near if path.is_relative_to(here.parent)]
     root = Path(os.path.commonpath([here, *(path.parent for path in inside)]))
     places = {
-        path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path).lstrip("/"): path
-        for path in paths
+        path.relative_to(root).as_posix()
+        if path in near and path.is_relative_to(root)
+        else str(path).lstrip("/"): path
+        for path in near | far
     }
     main = (here / SimulationName.DEFINITION).relative_to(root).as_posix()
     return main, dict(sorted(places.items()))
@@ -61,28 +62,38 @@ def _belongs(path: Path) -> bool:
     return not installed and path.stat().st_size <= work_files.LARGEST_BYTES
 
 
-def _named(options: Definition, here: Path) -> Iterator[Path]:
+def _with_imports(path: Path) -> set[Path]:
+    if path.suffix != ".py":
+        return {path}
+    try:
+        return {path, *Walk.of_file(path).files.values()}
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _named(options: Definition, here: Path) -> Iterator[tuple[Path, bool]]:
+    """Yield the files that a definition names, and whether by paths that are relative to its folder."""
     for key, names in options.named_files():
         for name in names:
             if key == "command":
                 yield from _in_word(name, here)
                 continue
-            path = (here / name).absolute()
+            path, is_relative = (here / name).absolute(), not Path(name).is_absolute()
             if key in {"sources", "files"} and path.is_dir():
-                yield from (Path(os.path.normpath(one)) for one in work_files.within(path))
+                for one in work_files.within(path):
+                    yield Path(os.path.normpath(one)), is_relative
             elif _is_file(path):
-                yield Path(os.path.normpath(path))
+                yield Path(os.path.normpath(path)), is_relative
             else:
                 raise InputError(f"{key}: {path}: there is no such file")
 
 
-def _in_word(word: str, here: Path) -> Iterator[Path]:
-    """Yield the files that a word of a command names."""
-    plain = word.replace("{here}", str(here))
-    for part in (plain, plain.partition("=")[2]):
-        path = Path(resolved_word(part, here))
+def _in_word(word: str, here: Path) -> Iterator[tuple[Path, bool]]:
+    """Yield the files that a word of a command names, as `_named` does."""
+    for name in (word, word.partition("=")[2]):
+        path = Path(resolved_word(name.replace("{here}", str(here)), here))
         if path.is_absolute() and _is_file(path):
-            yield path
+            yield path, not Path(name).is_absolute()
 
 
 def _is_file(path: Path) -> bool:

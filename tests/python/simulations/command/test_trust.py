@@ -55,3 +55,14 @@ def test_another_command_beside_a_trusted_copy_is_not_trusted(received: Path, tm
     with pytest.raises(InputError, match="is code that a run folder names"):
         again(received)
     assert not (tmp_path / "evil").exists()
+
+
+def test_a_run_of_a_file_named_by_its_whole_path_is_trusted_by_who_made_it(tmp_path: Path) -> None:
+    """Also where the file lies in a folder beside that of the experiment."""
+    for name in ("models", "project"):
+        (tmp_path / name).mkdir()
+    program = tmp_path / "models" / "simulation.sh"
+    program.write_text(WELL)
+    run = optimize(Traced(tmp_path / "project").experiment(["sh", str(program)]), out=tmp_path / "run")
+    assert (run.path / "code/1/simulation" / str(program).lstrip("/")).is_file()
+    assert again(run.path)

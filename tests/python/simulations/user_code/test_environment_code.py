@@ -89,6 +89,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "maze_parts" / "gain.py").write_text("GAIN = 1.0\n")
     (folder / "maze_parts" / "ending.py").write_text("def is_over(left):\n    return left == 0\n")
     monkeypatch.chdir(folder)
+    # A test before it may have registered it: no other test is to depend on that.
+    gymnasium.registry.pop("Maze-v0", None)
     return folder
 
 
