@@ -66,5 +66,5 @@ def test_an_unknown_instruction_set() -> None:
     assert done.returncode == 2
     assert done.stderr == (
         f"swarmwright: SWARMWRIGHT_INSTRUCTIONS=mmx: expected {' or '.join(SETS)}, "
-        "the instruction sets of this processor\n"
+        "the instruction sets of this processor that the library was compiled for\n"
     )
