@@ -397,12 +397,12 @@ def _audit_words(audit: Mapping[str, int]) -> str:
 def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines of a state machine or behaviour tree, for a team of each group's controller."""
     from swarmwright.common.teams import parts_of
-    from swarmwright.controllers.controller import controller_words
+    from swarmwright.controllers.kinds import words_of
 
     if is_modules(specification):
         yield from controller_text(specification).splitlines()
     for name, part in parts_of(specification).items():
-        yield f"{one_line(name)}: {controller_words(part)}"
+        yield f"{one_line(name)}: {words_of(part)}"
         yield from (f"  {row}" for row in _controller(part))
 
 

@@ -11,6 +11,7 @@ from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.common.registry import Registry
 from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.controllers._base import Representation, RepresentationOptions
+from swarmwright.controllers.kinds import KINDS
 
 __all__ = [
     "REPRESENTATIONS",
@@ -28,15 +29,9 @@ REPRESENTATIONS: Registry[Representation] = Registry(
     "controller",
     "swarmwright.representations",
     {
-        "evostick": "swarmwright.controllers.kinds.evostick.representation:Evostick",
-        "fully_meshed": "swarmwright.controllers.kinds.fully_meshed:FullyMeshed",
-        "hebbian": "swarmwright.controllers.kinds.hebbian.representation:Hebbian",
-        "layered": "swarmwright.controllers.kinds.layered:Layered",
-        "mealy_fsm": "swarmwright.controllers.kinds.mealy_fsm:MealyFsm",
-        "modules": "swarmwright.controllers.kinds.modules.representation:Modules",
-        "neat": "swarmwright.controllers.kinds.neat.representation:Neat",
-        "parameter_set": "swarmwright.controllers.kinds.parameter_set:ParameterSet",
-        "team": "swarmwright.controllers.kinds.team:Team",
+        name: f"swarmwright.controllers.{kind.representation}"
+        for name, kind in KINDS.items()
+        if kind.representation
     },
     "swarmwright.controllers:Representation",
 )

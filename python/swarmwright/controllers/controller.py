@@ -11,22 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
-from swarmwright.common.activations import in_words
 from swarmwright.common.arguments import checked, mapping, path_of
 from swarmwright.common.arrays import float32_of
 from swarmwright.common.errors import InputError, engine_errors, explained
 from swarmwright.common.files import read_bytes, write_text
 from swarmwright.common.json_text import loads
-from swarmwright.common.modules import ACTUATORS, PYTHON_KIND, SENSORS, is_modules, is_tree
+from swarmwright.common.modules import ACTUATORS, PYTHON_KIND, SENSORS
 from swarmwright.common.problems import shown
 from swarmwright.common.teams import is_team, parts_of
+from swarmwright.controllers.kinds import kind_of
 from swarmwright.controllers.modules.machine import Swarm
 from swarmwright.controllers.modules.registered import find
 
 _LARGEST_FILE_BYTES = 1 << 28
 """Bytes of a file."""
-_STATELESS = frozenset({"layered", "evostick"})
-"""Kinds whose actuators depend on the sensors of the same step alone."""
 
 
 class Controller:
@@ -146,7 +144,7 @@ class Controller:
     @cached_property
     def _is_stateless(self) -> bool:
         """Whether actuators depend on the sensors of the same step alone, for all agents alike."""
-        return self._swarm is None and self.specification.get("kind") in _STATELESS
+        return self._swarm is None and kind_of(self.specification).stateless
 
     def reset(self) -> None:
         """Begin a new episode: forget all state, and how many agents there are."""
@@ -339,24 +337,3 @@ def _find_modules(specification: Mapping[str, Any], folder: Path) -> None:
         find(specification, folder)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"controller: is not a machine of modules: {explained(error)}") from error
-
-
-def controller_words(specification: Mapping[str, Any]) -> str:
-    """Return what kind of controller it is: `layered, 4-8-1, tanh`; `modules (behaviour tree)`."""
-    kind = specification.get("kind", "controller")
-    if is_team(specification) and isinstance(specification.get("groups"), list):
-        groups = (f"{one['name']}: {controller_words(one['controller'])}" for one in specification["groups"])
-        return f"team of {'; '.join(groups)}"
-    if kind == "mealy_fsm":
-        return f"{kind}, {specification.get('states')} states"
-    if is_modules(specification):
-        return f"{kind} ({'behaviour tree' if is_tree(specification) else 'state machine'})"
-    sensors, actuators = specification.get("sensors"), specification.get("actuators")
-    hidden = specification.get("hidden")
-    parts = [str(kind)]
-    if sensors is not None and actuators is not None:
-        middle = hidden if isinstance(hidden, list) else [] if hidden is None else [hidden]
-        parts.append("-".join(str(size) for size in (sensors, *middle, actuators)))
-    if "activation" in specification:
-        parts.append(in_words(specification))
-    return ", ".join(parts)

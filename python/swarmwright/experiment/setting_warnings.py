@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from swarmwright.common.options import Options
-from swarmwright.controllers.kinds.network import NetworkOptions
+from swarmwright.controllers.networks import NetworkOptions
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.start_from import samples_around_start

@@ -13,7 +13,8 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.problems import shown
 from swarmwright.common.typing import Genomes
 from swarmwright.controllers import Representation
-from swarmwright.controllers.controller import Controller, controller_words, genome_beside
+from swarmwright.controllers.controller import Controller, genome_beside
+from swarmwright.controllers.kinds import words_of
 from swarmwright.experiment.unavailable import method_of
 from swarmwright.runs.store import StoreReader
 from swarmwright.runs.store.folder import find_store
@@ -123,8 +124,8 @@ def genomes_of(start_from: Sequence[Entry], representation: Representation) -> G
         if differing:
             options = type(representation.options).model_fields
             raise InputError(
-                f"{name} is {controller_words(architecture)}; the controllers of this experiment are "
-                f"{controller_words(wanted)}: they differ in "
+                f"{name} is {words_of(architecture)}; the controllers of this experiment are "
+                f"{words_of(wanted)}: they differ in "
                 f"{', '.join(_difference(key, architecture, wanted, options) for key in differing)}"
             )
         try:

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,13 @@ from numpy.typing import NDArray
 from swarmwright.common import modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.ranges import shortest_decimal
+from swarmwright.controllers.kinds import KINDS, kind_of, part
+from swarmwright.controllers.source.text import MARK, plain, table, templates
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
+
+render = templates(__file__, "templates")
+"""Renders the templates of this package, see `controllers.source.text.templates`."""
 
 Files = dict[str, str | bytes]
 """Content by path, relative to the folder that is exported to."""
@@ -114,11 +119,28 @@ class Exporter(ABC):
         return None
 
 
+def part_of(subject: Subject, language: str, form: str) -> Any:  # noqa: ANN401 - as the field of `Kind` says
+    """Return what the kind of a controller has for a language: c, python or onnx.
+
+    Args:
+        subject: that steers agents.
+        language: the field of `Kind`.
+        form: what the language is called in messages.
+
+    Raises InputError for kinds without it.
+    """
+    address = getattr(kind_of(subject.specification), language)
+    if not address:
+        known = (name for name, one in KINDS.items() if getattr(one, language) and not one.swarm)
+        raise not_exported(subject, form, known)
+    return part(address)
+
+
 def not_exported(subject: Subject, form: str, known: Iterable[str]) -> InputError:
     """Return the error for a controller of a kind that the format does not have; known: those it has."""
-    kinds = ", ".join(sorted({*known} - {modules.PYTHON_KIND}))
+    kinds = ", ".join(sorted(known))
     reason = f"controller: the kind {subject.kind!r} cannot be exported to {form}, only {kinds}"
-    if subject.kind == modules.PYTHON_KIND:
+    if kind_of(subject.specification).swarm:
         catalogue = modules.Catalogue.of(subject.specification)
         own = [one.name for one in (*catalogue.behaviours, *catalogue.conditions) if not one.built_in]
         reason = (
@@ -132,7 +154,6 @@ def not_exported(subject: Subject, form: str, known: Iterable[str]) -> InputErro
 def facts(subject: Subject, begin: str = " * ", advice: str = "changes here are lost") -> str:
     """Return where a controller comes from, as lines of a comment; advice: to who would edit the file."""
     from swarmwright import __version__  # noqa: PLC0415 - asks the engine
-    from swarmwright.export.text import MARK, plain, table  # noqa: PLC0415 - beside the line above
 
     # Those of a bundle are its sender's, who could write code behind the end of a comment.
     said = [(plain(name), plain(text)) for name, text in subject.facts]

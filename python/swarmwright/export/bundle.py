@@ -22,11 +22,11 @@ from swarmwright.common.files import read_bytes
 from swarmwright.common.revision import revision
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.teams import TEAM
+from swarmwright.controllers.source.text import check_prefix, decimals
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject, subject_of
-from swarmwright.export.text import check_prefix, decimals
 from swarmwright.export.verification import Verification, verify
 from swarmwright.runs.instances import instances
 from swarmwright.runs.post_evaluation import kept_values

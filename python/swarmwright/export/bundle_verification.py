@@ -14,6 +14,7 @@ from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.json_text import loads
 from swarmwright.common.modules import PYTHON_KIND
 from swarmwright.common.untrusted import one_line
+from swarmwright.controllers.source.text import check_prefix
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, NotInstalledError, file_bytes
 from swarmwright.export.bundle import (
@@ -31,7 +32,6 @@ from swarmwright.export.bundle_reading import read_files
 from swarmwright.export.bundle_report import BundleVerification
 from swarmwright.export.sequences import Sequences, difference
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import check_prefix
 from swarmwright.export.verification import verify
 
 _KNOWN = frozenset({MANIFEST, CONTROLLER, EVALUATION, EPISODES, LICENSE, MAPPING})

@@ -6,13 +6,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.controllers.source.in_c import Table
+from swarmwright.controllers.source.text import check_global_name, check_header, check_type, sealed
 from swarmwright.export import c_family, c_parameters
-from swarmwright.export._base import Exporter, Files, facts
-from swarmwright.export.c_code import Table, code
-from swarmwright.export.c_family import Language
+from swarmwright.export._base import Exporter, Files, facts, render
+from swarmwright.export.c_family import Language, code
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Subject
-from swarmwright.export.text import check_global_name, check_header, check_type, render, sealed
 
 LANGUAGE = Language("C", "c", "gnu11", "CC", ("cc", "gcc", "clang"), "apt install gcc")
 

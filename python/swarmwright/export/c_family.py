@@ -4,7 +4,7 @@ import os
 import platform
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from textwrap import wrap
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from swarmwright.common.errors import RunError
 from swarmwright.common.ranges import shortest_decimal
-from swarmwright.export._base import facts
-from swarmwright.export.c_code import Code, Table
+from swarmwright.controllers.source.in_c import Code, Table
+from swarmwright.controllers.source.text import identifiers, literals, plain, wrapped
+from swarmwright.export._base import facts, part_of, render
 from swarmwright.export.programs import command, run, standard_option, stepped, steps
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Channel, Subject
-from swarmwright.export.text import identifiers, literals, plain, render, wrapped
 from swarmwright.export.walk import walk_of
 
 _OPTIONS = (["-O0"], ["-O2"], ["-O3", "-march=native", "-ffp-contract=fast"])
@@ -101,6 +101,21 @@ class Language:
                 f"machine, or an emulator with {_RUNNER}, such as {_RUNNER}=qemu-arm; on the robot, run the "
                 f"self-test: {error}"
             ) from error
+
+
+def code(subject: Subject, language: dict[str, str]) -> Code:
+    """Return the code of a controller.
+
+    Args:
+        subject: that steers agents.
+        language: replacements in templates that differ between C and C++.
+
+    Raises:
+        InputError: controllers of this kind are not known here.
+    """
+    made: Code = part_of(subject, "c", "C and C++")(subject, language)
+    ready = "    uint8_t ready; /* set by reset: without it, a step is refused */"
+    return replace(made, state="\n".join(filter(None, [made.state, ready])))
 
 
 def harness_values(prefix: str, subject_sizes: tuple[int, int], language: str) -> dict[str, str]:

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.export._base import Files, facts
+from swarmwright.controllers.source.text import identifiers, is_reserved, literals, plain
+from swarmwright.export._base import Files, facts, render
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import identifiers, is_reserved, literals, plain, render
 
 _BITS = """static uint32_t bits_of(float value)
 {

@@ -7,13 +7,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.controllers.source.in_c import Code
+from swarmwright.controllers.source.text import check_global_name, check_header
 from swarmwright.export import c_family, c_parameters
-from swarmwright.export._base import Exporter, Files, facts
-from swarmwright.export.c_code import Code, code
-from swarmwright.export.c_family import Language
+from swarmwright.export._base import Exporter, Files, facts, render
+from swarmwright.export.c_family import Language, code
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import check_global_name, check_header, render
 
 _CAST = re.compile(
     r"\((float|double|int|long|unsigned(?: long| int)?|size_t|u?int(?:8|16|32|64)_t)\)(?=[(\w])"

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from swarmwright.common.arguments import checked, text
 from swarmwright.common.errors import RunError
+from swarmwright.controllers.source.text import check_prefix, word_of
 from swarmwright.export import EXPORTERS
 from swarmwright.export.subject import Subject, subject_of
-from swarmwright.export.text import check_prefix, word_of
 from swarmwright.export.verification import Verification, verify
 from swarmwright.export.writing import check_case, check_replaceable, write
 

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.common.modules import is_modules
-from swarmwright.export._base import Exporter, Files, facts, file_bytes
+from swarmwright.controllers.kinds import kind_of
+from swarmwright.controllers.source.text import MARK, check_header
+from swarmwright.export._base import Exporter, Files, facts, file_bytes, render
 from swarmwright.export.c import C
 from swarmwright.export.fmu_library import add_library, library
 from swarmwright.export.fmu_parts import add_range, add_units, named, token, unit_name, xml, zipped
 from swarmwright.export.programs import run
 from swarmwright.export.python_arrays import golden_text
-from swarmwright.export.sequences import RANDOM_SENSOR, Sequences
+from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Channel, Subject
-from swarmwright.export.text import MARK, check_header, render
 
 if TYPE_CHECKING:
     from swarmwright.export.fmu_driver import Driver
@@ -95,7 +95,7 @@ class Fmu(Exporter):
         """Return the content of the archive."""
         written = C().files(subject, prefix)
         sources = {name: file_bytes(written[name]) for name in (f"{prefix}.h", f"{prefix}.c")}
-        variables = _Variables(subject)
+        variables, random = _Variables(subject), random_sensor(subject)
         values = {
             "p": prefix,
             "facts": facts(subject),
@@ -104,8 +104,8 @@ class Fmu(Exporter):
             "actuators": str(len(subject.actuators)),
             "sensor_names": "\n".join(f'    "{name}",' for name in variables.sensors),
             "period": repr(_period(subject)),
-            "otherwise": f"{variables.sensors[RANDOM_SENSOR]} is not from 0 to 1"
-            if subject.checks_random
+            "otherwise": f"{variables.sensors[random]} is not from 0 to 1"
+            if subject.checks_random and random is not None
             else "a node overflows, sensors are too large",
             **source_parts(subject, variables.sensors, self.fmi),
         }
@@ -343,10 +343,9 @@ _INTEGERS = {"2.0": "Integer", "3.0": "Int32"}
 
 def random_sensor(subject: Subject) -> int | None:
     """Return the place of the sensor that is a random number from 0 to 1, None where there is none."""
-    if subject.checks_random:
-        return RANDOM_SENSOR
-    if is_modules(subject.specification):  # in its simulation, the sensor is something else
-        return None
+    sensor = kind_of(subject.specification).random_sensor
+    if sensor is not None:  # where it is not checked, it is something else in its simulation
+        return sensor if subject.checks_random else None
     named = (place for place, one in enumerate(subject.sensors) if one.name == RANDOM and one.range is None)
     return next(named, None)
 

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from xml.etree import ElementTree as ET
 
 from swarmwright.common.ranges import Range
+from swarmwright.controllers.source.text import identifiers, plain
 from swarmwright.export._base import Files, file_bytes
-from swarmwright.export.text import identifiers, plain
 from swarmwright.simulations.fmu.description import RANGE
 
 _DATE = (1980, 1, 1, 0, 0, 0)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import RunError
+from swarmwright.controllers.source.text import check_module
 from swarmwright.export._base import Exporter, Files, not_exported
 from swarmwright.export.programs import command, run, stepped
 from swarmwright.export.python_arrays import as_bytes
@@ -18,7 +19,6 @@ from swarmwright.export.python_family import MICROPYTHON, modules, parts
 from swarmwright.export.python_modules import has_own
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import check_module
 
 _INSTALL = (
     "apt install micropython where the distribution has it, or "

@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.export._base import Exporter, Files, NotInstalledError, facts
+from swarmwright.export._base import Exporter, Files, NotInstalledError, facts, render
 from swarmwright.export.programs import run
 from swarmwright.export.python_arrays import golden_text
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import render
 
 if TYPE_CHECKING:
-    from swarmwright.export.onnx_graph import Graph
+    from swarmwright.controllers.source.in_onnx import Graph
 
 _MOST_ELEMENTS = 20_000_000
 """Of the largest intermediate tensor of a batch."""
@@ -43,7 +42,7 @@ class Onnx(Exporter):
                 "c, cpp, python or micropython"
             )
         _need("onnx")
-        from swarmwright.export.onnx_graph import graph_of, model  # noqa: PLC0415 - needs onnx
+        from swarmwright.export.onnx_model import graph_of, model  # noqa: PLC0415 - needs onnx
 
         graph = graph_of(subject)
         data = model(subject, graph, prefix, facts(subject, ""))

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.controllers.kinds.evostick.network import STEEP
+from swarmwright.controllers.activations import STEEP
+from swarmwright.controllers.kinds import kind_of
 from swarmwright.export.python import module_of
-from swarmwright.export.sequences import OVERFLOWING, Sequences
+from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
 _WITHIN_1 = frozenset({"clamp", "sigmoid", STEEP, "tanh"})
@@ -29,7 +30,7 @@ def before_overflow(specification: Mapping[str, Any], sequences: Sequences) -> N
         sequences: in which no sensor is NaN or infinite.
     """
     kept = np.ones(len(sequences), np.bool_)
-    if specification.get("kind") not in OVERFLOWING or _bounded(specification, sequences.sensors):
+    if not kind_of(specification).overflows or _bounded(specification, sequences.sensors):
         return kept
     module: dict[str, Any] = {"__name__": "controller"}
     exec(module_of(Subject(specification), "controller"), module)  # noqa: S102 - of numbers alone
@@ -47,7 +48,7 @@ def before_overflow(specification: Mapping[str, Any], sequences: Sequences) -> N
 
 def _bounded(specification: Mapping[str, Any], sensors: NDArray[np.float32]) -> bool:
     """Return whether no sum of a node can overflow, whatever the outputs of the others are."""
-    if specification["kind"] != "fully_meshed" or specification["activation"] not in _WITHIN_1:
+    if specification.get("activation") not in _WITHIN_1:  # weights that learn have no bound
         return False
     computed = int(specification["hidden"]) + int(specification["actuators"])
     weights = np.abs(np.array(specification["weights"], np.float64)).reshape(computed, -1)

@@ -1,18 +1,13 @@
 """Arrays of numbers as expressions in Python and MicroPython."""
 
-from collections.abc import Callable
-
 import numpy as np
-from numpy.typing import NDArray
 
+from swarmwright.controllers.source.in_python import Values
+from swarmwright.controllers.source.text import decimals, wrapped
 from swarmwright.export.sequences import Sequences
-from swarmwright.export.text import decimals, wrapped
 
 _NUMBERS_OF_A_LINE = 5
 """Longer arrays are written in several lines."""
-Values = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.uint16] | NDArray[np.uint32]
-Numbers = Callable[[Values], str]
-"""An expression that is an array of these numbers."""
 
 
 def as_decimals(values: Values) -> str:

@@ -3,12 +3,12 @@
 import numpy as np
 
 from swarmwright.common.untrusted import one_line
-from swarmwright.export._base import Files, facts
-from swarmwright.export.python_arrays import Numbers, golden_text
-from swarmwright.export.python_code import python_code
+from swarmwright.controllers.source.in_python import Numbers, PythonCode
+from swarmwright.controllers.source.text import quoted
+from swarmwright.export._base import Files, facts, part_of, render
+from swarmwright.export.python_arrays import golden_text
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
-from swarmwright.export.text import quoted, render
 
 MICROPYTHON = ", for MicroPython"
 """In the first line of a module for MicroPython, which has the name of the one for Python."""
@@ -35,7 +35,7 @@ def module_text(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[s
     if not subject.steers:
         lines = [f"    {name!r}: {value!r}," for name, value in subject.values.items()]
         return render("python_parameters.txt", {**values, "parameters": "\n".join(lines)})
-    code = python_code(subject, numbers)
+    code: PythonCode = part_of(subject, "python", "Python")(subject, numbers)
     return render(
         "python.txt",
         {

@@ -9,11 +9,12 @@ from pathlib import Path
 from swarmwright.common import modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.tracebacks import place_of
+from swarmwright.controllers.kinds import kind_of
+from swarmwright.controllers.kinds.modules.tables import catalogue_of, own_modules
 from swarmwright.controllers.modules.registered import Kind, implementation
-from swarmwright.export._base import Files, facts
-from swarmwright.export.machine_tables import catalogue_of, own_modules
+from swarmwright.controllers.source.text import MARK, plain
+from swarmwright.export._base import Files, facts, render
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import MARK, plain, render
 from swarmwright.simulations.user_code import trust
 from swarmwright.simulations.user_code.copying import Copy
 from swarmwright.simulations.user_code.parts import Part, distributions
@@ -57,7 +58,7 @@ class _Source:
 
 def has_own(subject: Subject) -> bool:
     """Return whether a controller has a behaviour or a condition that is not the engine's."""
-    return subject.kind == modules.PYTHON_KIND
+    return bool(kind_of(subject.specification).swarm)
 
 
 def own_python(subject: Subject, prefix: str) -> OwnPython:

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.export import ros_family
-from swarmwright.export._base import Exporter, Files
+from swarmwright.export._base import Exporter, Files, render
 from swarmwright.export.c import C
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import render
 
 _TEMPLATES = (
     "package.xml",

@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
 from swarmwright.export import ros_family
-from swarmwright.export._base import Exporter, Files
+from swarmwright.export._base import Exporter, Files, render
 from swarmwright.export.c import C
 from swarmwright.export.python import Python
 from swarmwright.export.python_modules import copy_of, has_own
 from swarmwright.export.sequences import Sequences, difference
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import render
 
 _TEMPLATES = (
     "package.xml",

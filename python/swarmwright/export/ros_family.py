@@ -7,13 +7,13 @@ from typing import Any
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.untrusted import in_json, one_line
-from swarmwright.controllers.controller import controller_words
+from swarmwright.controllers.kinds import words_of
+from swarmwright.controllers.source.text import MARK, c_literal, quoted
 from swarmwright.experiment.robots import DEFAULT
-from swarmwright.export._base import Files, facts
+from swarmwright.export._base import Files, facts, render
 from swarmwright.export.arena_words import PRESETS
 from swarmwright.export.c import C
 from swarmwright.export.subject import RANDOM, Channel, Subject
-from swarmwright.export.text import MARK, c_literal, quoted, render
 
 _SHARED = (
     "control.cpp",
@@ -60,7 +60,7 @@ def values_of(subject: Subject, prefix: str) -> dict[str, str]:
         "p": prefix,
         "PREFIX": prefix.upper(),
         "package": prefix.lower(),
-        "words": controller_words(dict(subject.specification)),
+        "words": words_of(dict(subject.specification)),
         "facts": facts(subject),
         "sensor_names": _names(subject.sensors, c_literal),
         "actuator_names": _names(subject.actuators, c_literal),

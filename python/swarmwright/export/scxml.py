@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.controllers import scxml
+from swarmwright.controllers.source.text import plain
 from swarmwright.export._base import Exporter, Files, facts, not_exported
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import plain
 
 
 class Scxml(Exporter):

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.common.by_value import ComparedByValue
 from swarmwright.common.errors import InputError, engine_errors
-from swarmwright.common.modules import PYTHON_KIND, is_modules
-from swarmwright.controllers.modules.machine import Swarm
+from swarmwright.controllers.kinds import kind_of, part
 
 RANDOM_SEQUENCES = 10_000
 LONGEST = 30
@@ -28,10 +27,6 @@ _BITS = [
 """Zeros, subnormal and smallest normal numbers, neighbours of 1, huge numbers."""
 _REFUSED = [0x7FC00000, 0x7F800000, 0xFF800000]
 """NaN and infinities."""
-RANDOM_SENSOR = 8
-"""The sensor from which machines and trees of modules take their random numbers, 0 to 1."""
-OVERFLOWING = frozenset({"fully_meshed", "hebbian"})
-"""Kinds whose nodes can become NaN, and then are for ever."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +85,7 @@ class Sequences(ComparedByValue):
         """
         if accepted is None:
             accepted = accepted_steps(specification, sensors)
-        if specification.get("kind") == PYTHON_KIND:
+        if kind_of(specification).swarm:
             return _in_python(specification, first, sensors, accepted)
         with engine_errors("controller: "):
             controller = _engine.Controller(json.dumps(dict(specification), allow_nan=False))
@@ -118,8 +113,9 @@ def accepted_steps(
         checks_random: modules refuse a random number that is not from 0 to 1, see `Subject.checks_random`.
     """
     accepted: NDArray[np.bool_] = np.array(np.isfinite(sensors).all(axis=1))
-    if checks_random and is_modules(specification):
-        random = sensors[:, RANDOM_SENSOR]
+    sensor = kind_of(specification).random_sensor
+    if checks_random and sensor is not None:
+        random = sensors[:, sensor]
         accepted &= (random >= 0) & (random <= 1)
     return accepted
 
@@ -142,7 +138,7 @@ def possible_overflows(
         actuators: (steps, actuators)
         accepted: (steps,)
     """
-    if specification.get("kind") not in OVERFLOWING:
+    if not kind_of(specification).overflows:
         return None
     found = np.zeros(len(first), np.bool_)
     moves = accepted & actuators.view(np.uint32).any(axis=1)
@@ -159,7 +155,9 @@ def _in_python(
     accepted: NDArray[np.bool_],
 ) -> Sequences:
     """Return what a machine with modules in Python does, all sequences side by side."""
-    swarm = Swarm(specification, np.array([specification["weights"]], dtype=np.float32))
+    swarm = part(kind_of(specification).swarm)(
+        specification, np.array([specification["weights"]], dtype=np.float32)
+    )
     starts = np.flatnonzero(first)
     lengths = np.diff([*starts.tolist(), len(first)])
     actuators = np.zeros((len(first), int(specification["actuators"])), np.float32)
@@ -206,10 +204,11 @@ def random_sequences(
     chosen = special[numbers.integers(0, len(special), sensors.shape)]
     share = np.array([0.02, 0.02, 0.05, 0.5])[which]
     sensors = np.where(numbers.random(sensors.shape) < share[:, None], chosen, sensors)
-    if checks_random and is_modules(specification):
+    kind = kind_of(specification)
+    if checks_random and kind.random_sensor is not None:
         outside = refused & (numbers.random(len(first)) < 0.02)
-        sensors[~outside, RANDOM_SENSOR] = numbers.random(len(first), np.float32)[~outside]
-    if specification.get("kind") == PYTHON_KIND:
+        sensors[~outside, kind.random_sensor] = numbers.random(len(first), np.float32)[~outside]
+    if kind.swarm:
         sensors = np.clip(sensors, -_LARGEST_SENSED, _LARGEST_SENSED)
     if refused:
         bad = np.flatnonzero(numbers.random(len(first)) < 0.01)

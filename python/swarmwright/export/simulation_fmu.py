@@ -10,11 +10,11 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from swarmwright.common.errors import InputError
+from swarmwright.controllers.source.text import MARK, check_prefix
 from swarmwright.export import fmi_library
-from swarmwright.export._base import Files
+from swarmwright.export._base import Files, render
 from swarmwright.export.fmu_parts import add_range, add_units, token, unit_name, xml, zipped
 from swarmwright.export.simulation_model import Model, Variable
-from swarmwright.export.text import MARK, check_prefix, render
 
 LIBRARY = fmi_library.FILE
 """The library that an FMU of a simulation holds."""

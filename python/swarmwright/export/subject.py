@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError, engine_errors
-from swarmwright.common.modules import is_modules
 from swarmwright.common.ranges import CONVERSION, Range, ranges_of, shortest_decimal
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.warn_once import warn_once
-from swarmwright.controllers.controller import controller_words
+from swarmwright.controllers.kinds import kind_of, words_of
+from swarmwright.controllers.source import Evolved
+from swarmwright.controllers.source.text import plain
 from swarmwright.export.arena_words import actuator_meaning, robot_in, sensor_meaning
 from swarmwright.export.groups import Member, member_of
-from swarmwright.export.sequences import RANDOM_SENSOR, Sequences, possible_overflows, random_sequences
-from swarmwright.export.text import plain
+from swarmwright.export.sequences import Sequences, possible_overflows, random_sequences
 from swarmwright.runs.choice import choose
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.command.ros_definition import RosOptions
@@ -53,11 +53,9 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Subject:
+class Subject(Evolved):
     """A controller and where it comes from."""
 
-    specification: Mapping[str, Any]
-    """As plain values, see protocol/schemas/controller.schema.json."""
     facts: tuple[tuple[str, str], ...] = ()
     """Where it comes from, in lines of a name and a text."""
     description: Mapping[str, Any] = field(default_factory=dict)
@@ -94,19 +92,9 @@ class Subject:
         return f"names, units and ranges of sensors and actuators are not known: {self.reason}"
 
     @property
-    def kind(self) -> str:
-        """The kind of controller."""
-        return str(self.specification["kind"])
-
-    @property
     def steers(self) -> bool:
         """Whether it steers agents, which a parameter set does not."""
         return "sensors" in self.specification
-
-    @cached_property
-    def weights(self) -> NDArray[np.float32]:
-        """The weights, in the order of the specification."""
-        return np.array(self.specification["weights"], np.float32)
 
     @cached_property
     def sensors(self) -> list[Channel]:
@@ -175,15 +163,16 @@ class Subject:
 
     @cached_property
     def checks_random(self) -> bool:
-        """Whether exported steps refuse a random number that is not from 0 to 1: of modules, for a robot.
+        """Whether exported steps refuse a random number that is not from 0 to 1: for a robot.
 
         Not where a recorded episode has another one: in that simulation, the sensor is something else.
         """
-        if not is_modules(self.specification):
+        sensor = kind_of(self.specification).random_sensor
+        if sensor is None:
             return False
         if self.episodes is None:
             return True
-        recorded = self.episodes.sensors[:, RANDOM_SENSOR]
+        recorded = self.episodes.sensors[:, sensor]
         return bool(((recorded >= 0) & (recorded <= 1)).all())
 
     @cached_property
@@ -263,7 +252,7 @@ def subject_of(
         facts = (
             *facts[:-1],
             ("Group", plain(part.name)),
-            ("Controller", controller_words(part.specification)),
+            ("Controller", words_of(part.specification)),
         )
     specification = chosen.specification if part is None else part.specification
     if "sensors" not in specification:
@@ -310,7 +299,7 @@ def _facts(run: "Run", chosen: "Choice") -> tuple[tuple[str, str], ...]:
         ("Simulation", experiment.label),
         ("Candidate", f"{chosen.candidate} of generation {chosen.generation} (both from 0)"),
         ("Fitness", fitness_words(chosen.fitness, chosen.made_of)),
-        ("Controller", controller_words(chosen.specification)),
+        ("Controller", words_of(chosen.specification)),
     ]
     return tuple((name, plain(text)) for name, text in rows)
 

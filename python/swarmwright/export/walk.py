@@ -1,15 +1,13 @@
 """Pseudo-random steps of self-tests, which try more of a controller than recorded episodes do."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.export.machine_tables import machine_tables
+from swarmwright.controllers.kinds import kind_of, part
 from swarmwright.export.overflow import before_overflow
-from swarmwright.export.sequences import RANDOM_SENSOR, Sequences, accepted_steps
+from swarmwright.export.sequences import Sequences, accepted_steps
 from swarmwright.export.subject import Subject
 
 _STEPS = 256
@@ -59,21 +57,21 @@ def walk_of(subject: Subject) -> Walk:
     """Return the steps for a controller that steers agents, the same ones for the same controller."""
     specification = subject.specification
     sensors = int(specification["sensors"])
-    machine = specification["kind"] == "mealy_fsm"
+    visits = kind_of(specification).visits  # of tables, whose thresholds are tried
     tried = (
         [_probes(one) for one in specification["thresholds"]]
-        if machine
+        if visits
         else [np.array([*_VALUES_WITHIN_0_1, *_NEGATIVE_VALUES], np.float32)]
     )
-    counts = [len(one) for one in tried] if machine else _counts(subject, len(tried[0]))
-    begins = np.cumsum([0, *map(len, tried)])[:-1].tolist() if machine else [0] * sensors
+    counts = [len(one) for one in tried] if visits else _counts(subject, len(tried[0]))
+    begins = np.cumsum([0, *map(len, tried)])[:-1].tolist() if visits else [0] * sensors
     probes = np.concatenate(tried)
     restart = max(_RESTART, 8 * int(specification.get("states", 1)))
-    chosen = _drawn(_MOST_STEPS if machine else _STEPS, counts) + np.array(begins)
+    chosen = _drawn(_MOST_STEPS if visits else _STEPS, counts) + np.array(begins)
     rows = probes[chosen]
     words = f"{len(rows)} pseudo-random steps"
-    if machine:
-        length, words = _visits(specification, rows, restart)
+    if visits:
+        length, words = part(visits)(specification, rows, restart, _STEPS)
         rows = rows[:length]
     first = np.arange(len(rows)) % restart == 0
     accepted = accepted_steps(specification, rows, checks_random=subject.checks_random)
@@ -97,8 +95,9 @@ def checksum(actuators: NDArray[np.float32]) -> int:
 
 def _counts(subject: Subject, probes: int) -> list[int]:
     counts = [probes] * int(subject.specification["sensors"])
-    if subject.checks_random:
-        counts[RANDOM_SENSOR] = len(_VALUES_WITHIN_0_1)
+    sensor = kind_of(subject.specification).random_sensor
+    if sensor is not None and subject.checks_random:
+        counts[sensor] = len(_VALUES_WITHIN_0_1)
     return counts
 
 
@@ -120,30 +119,3 @@ def _drawn(steps: int, counts: list[int]) -> NDArray[np.int64]:
             number = (number * 1664525 + 1013904223) & 0xFFFFFFFF
             found[step, sensor] = (number >> 16) % count
     return found
-
-
-def _visits(specification: Mapping[str, Any], rows: NDArray[np.float32], restart: int) -> tuple[int, str]:
-    """Return after how many steps a state machine visits no more rows, and what it has visited by then."""
-    next_states, _ = machine_tables(Subject(specification))
-    thresholds = [np.array(one, np.float32) for one in specification["thresholds"]]
-    cell = np.zeros(len(rows), np.int64)
-    cells = 1
-    for sensor, edges in enumerate(thresholds):
-        cell = cell * (len(edges) + 1) + (edges[None, :] < rows[:, sensor, None]).sum(axis=1)
-        cells *= len(edges) + 1
-    visited = np.zeros(len(next_states), np.bool_)
-    state, last = 0, 0
-    for step, at in enumerate(cell.tolist()):
-        if step % restart == 0:
-            state = 0
-        row = state * cells + at
-        if not visited[row]:
-            visited[row] = True
-            last = step
-        state = int(next_states[row])
-    steps = min(len(rows), max(_STEPS, last + 1))
-    states = int(np.unique(np.flatnonzero(visited) // cells).size)
-    return steps, (
-        f"{steps} pseudo-random steps through {int(visited.sum())} of the {len(next_states)} rows and "
-        f"{states} of the {len(next_states) // cells} states of its tables"
-    )

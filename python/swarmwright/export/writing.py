@@ -9,8 +9,8 @@ from pathlib import Path
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_whole
+from swarmwright.controllers.source.text import MARK, has_seal, is_edited
 from swarmwright.export._base import file_bytes
-from swarmwright.export.text import MARK, has_seal, is_edited
 
 DIGESTS = ".swarmwright-export"
 """Beside exported files: the SHA-256 of each text as it was written, as `sha256sum` has them. While files are

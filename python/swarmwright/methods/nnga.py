@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from swarmwright import _engine
 from swarmwright.common.typing import Fitness, Genome, Genomes
 from swarmwright.controllers import Representation
-from swarmwright.controllers.kinds.network import NodeNetwork
+from swarmwright.controllers.networks import NodeNetwork
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._nnga_steady import SteadyMembers
 from swarmwright.methods.search import KeepsMembers

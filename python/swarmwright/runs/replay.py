@@ -12,7 +12,8 @@ from swarmwright.common.arguments import simulation_seed
 from swarmwright.common.errors import InputError
 from swarmwright.common.flatten import flat
 from swarmwright.common.modules import label_of
-from swarmwright.controllers.controller import Controller, controller_words
+from swarmwright.controllers.controller import Controller
+from swarmwright.controllers.kinds import words_of
 from swarmwright.display import Caption
 from swarmwright.experiment.settings import Setting, parse_settings, refuse_seed
 from swarmwright.runs.choice import Choice, choose
@@ -236,7 +237,7 @@ class Replay(ShownEpisode):
         """
         experiment = self.run.experiment
         facts = [*self._simulated(recording), *self._changed()]
-        facts += [("controller", controller_words(self.controller.specification)), *_origin(experiment)]
+        facts += [("controller", words_of(self.controller.specification)), *_origin(experiment)]
         if self.choice is not None:
             value = f"{self.choice.fitness + 0.0:.6g}"
             episodes = f" ({self.choice.made_of})" if self.choice.made_of else ""

@@ -13,7 +13,8 @@ import pytest
 from swarmwright import Controller, InputError, _engine
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import controller as controllers
-from swarmwright.controllers.controller import ControlledEpisodes, controller_words
+from swarmwright.controllers.controller import ControlledEpisodes
+from swarmwright.controllers.kinds import words_of
 from swarmwright.testing._common import representation
 
 
@@ -195,7 +196,7 @@ def test_files_that_hold_no_controller(text: str, words: str, tmp_path: Path) ->
     ],
 )
 def test_only_networks_have_layers(specification: dict[str, Any], words: str) -> None:
-    assert controller_words(specification) == words
+    assert words_of(specification) == words
 
 
 def test_the_specification_is_read_once_for_all_agents(monkeypatch: pytest.MonkeyPatch) -> None:

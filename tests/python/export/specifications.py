@@ -8,9 +8,9 @@ import numpy as np
 from hypothesis import strategies as st
 
 from swarmwright import _engine
+from swarmwright.controllers.source.text import plain
 from swarmwright.export import Subject
 from swarmwright.export.sequences import Sequences, random_sequences
-from swarmwright.export.text import plain
 
 ACTIVATIONS = {
     "layered": ("tanh", "sigmoid", "relu", "clamp", "linear"),

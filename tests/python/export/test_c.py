@@ -12,12 +12,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from swarmwright.common.errors import InputError, RunError
+from swarmwright.controllers.source.text import c_literal, check_type, plain
 from swarmwright.export import EXPORTERS, Exporter, c_family
+from swarmwright.export._base import render
 from swarmwright.export.c import LANGUAGE, C, loaded_files, loaded_weights
 from swarmwright.export.cpp import Cpp
 from swarmwright.export.programs import run, stepped, steps
 from swarmwright.export.sequences import difference
-from swarmwright.export.text import c_literal, check_type, plain, render
 from swarmwright.export.writing import write
 from tests.python.export.specifications import (
     ALL,

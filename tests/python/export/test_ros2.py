@@ -16,11 +16,11 @@ import yaml
 from catkin_pkg.package import parse_package
 
 from swarmwright import InputError
+from swarmwright.controllers.source.text import c_literal
 from swarmwright.export import EXPORTERS
 from swarmwright.export.ros1 import Ros1
 from swarmwright.export.ros2 import Ros2
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import c_literal
 from swarmwright.export.verification import verify
 from swarmwright.export.writing import write
 from swarmwright.simulations.ros.control import load

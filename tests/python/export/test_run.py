@@ -11,8 +11,8 @@ import pytest
 
 import swarmwright
 from swarmwright import InputError, Run
+from swarmwright.controllers.source.text import identifiers, plain
 from swarmwright.export.subject import Subject, subject_of
-from swarmwright.export.text import identifiers, plain
 from swarmwright.runs.store.database import seal_facts
 from swarmwright.simulations import catalogue
 

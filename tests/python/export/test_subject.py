@@ -6,15 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from swarmwright.controllers.kinds import KINDS
 from swarmwright.export import EXPORTERS, Subject
 from swarmwright.export.c import C
 from swarmwright.export.python import Python
-from swarmwright.export.sequences import RANDOM_SENSOR, Sequences, difference, random_sequences
+from swarmwright.export.sequences import Sequences, difference, random_sequences
 from swarmwright.export.walk import walk_of
 from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, subject
 
 NAMES = ["modules", "modules-tree"]
+
+RANDOM_SENSOR = KINDS["modules"].random_sensor or 0
 
 
 def recorded(name: str, low: float) -> Subject:

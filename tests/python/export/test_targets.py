@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from swarmwright.common.errors import RunError
+from swarmwright.controllers.source.text import literals
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
 from swarmwright.export.programs import run, stepped, steps
 from swarmwright.export.sequences import difference, random_sequences
-from swarmwright.export.text import literals
 from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, few, network, sequences_of, subject
 from tests.python.export.test_c import STRICT, together

@@ -1,1 +1,149 @@
-"""Kinds of controllers, a module or folder each: options, genes and operators."""
+"""The kinds of controllers, a folder each: options and genes, figure, and source code in each language.
+
+What the rest of the library needs of a kind is in its entry of `KINDS`; nothing else knows it by its name.
+The package of a kind has its options and its representation, `code` its source in C and Python, `onnx` its
+graph of ONNX, `figure` its drawing. All of these but the representation are optional.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.common.errors import InputError
+from swarmwright.controllers.drawing import Drawing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of controller; addresses are `module:name` below `swarmwright.controllers`.
+
+    They are imported when they are asked for, see `part`.
+    """
+
+    representation: str = ""
+    """The class; empty for a kind that is made by another one's."""
+    figure: str = ""
+    """Returns the figure of a `Drawing`."""
+    c: str = ""
+    """Returns the `source.in_c.Code` of an `Evolved` controller in a language, C or C++."""
+    python: str = ""
+    """Returns the `source.in_python.PythonCode` of an `Evolved` controller."""
+    onnx: str = ""
+    """Adds an `Evolved` controller to a `source.in_onnx.Graph`."""
+    words: str = "activations:words"
+    """Returns a specification in a few words."""
+    visits: str = ""
+    """Of kinds with tables: returns which rows of these steps of self-tests visit."""
+    swarm: str = ""
+    """Of kinds that the engine does not step: the class that does, in Python."""
+    stateless: bool = False
+    """Whether actuators depend on the sensors of the same step alone."""
+    overflows: bool = False
+    """Whether nodes can become NaN, and then are for ever."""
+    random_sensor: int | None = None
+    """The sensor that is a random number from 0 to 1."""
+
+
+def part(address: str) -> Any:  # noqa: ANN401 - as the field of `Kind` says
+    """Import one of the parts of a kind."""
+    module, _, name = address.partition(":")
+    return getattr(import_module(f"swarmwright.controllers.{module}"), name)
+
+
+KINDS: dict[str, Kind] = {
+    "evostick": Kind(
+        representation="kinds.evostick:Evostick",
+        figure="kinds.evostick.figure:draw",
+        c="kinds.evostick.code:c",
+        python="kinds.evostick.code:python",
+        onnx="kinds.evostick.onnx:add",
+        stateless=True,
+    ),
+    "fully_meshed": Kind(
+        representation="kinds.fully_meshed:FullyMeshed",
+        figure="kinds.fully_meshed.figure:draw",
+        c="kinds.fully_meshed.code:c",
+        python="kinds.fully_meshed.code:python",
+        onnx="kinds.fully_meshed.onnx:add",
+        overflows=True,
+    ),
+    "hebbian": Kind(
+        representation="kinds.hebbian:Hebbian",
+        figure="kinds.hebbian.figure:draw",
+        c="kinds.hebbian.code:c",
+        python="kinds.hebbian.code:python",
+        overflows=True,
+    ),
+    "layered": Kind(
+        representation="kinds.layered:Layered",
+        figure="kinds.layered.figure:draw",
+        c="kinds.layered.code:c",
+        python="kinds.layered.code:python",
+        onnx="kinds.layered.onnx:add",
+        stateless=True,
+    ),
+    "mealy_fsm": Kind(
+        representation="kinds.mealy_fsm:MealyFsm",
+        figure="kinds.mealy_fsm.figure:draw",
+        c="kinds.mealy_fsm.code:c",
+        python="kinds.mealy_fsm.code:python",
+        onnx="kinds.mealy_fsm.onnx:add",
+        words="kinds.mealy_fsm.tables:words",
+        visits="kinds.mealy_fsm.tables:visits",
+    ),
+    "modules": Kind(
+        representation="kinds.modules.representation:Modules",
+        figure="kinds.modules.figure:draw",
+        c="kinds.modules.code:c",
+        python="kinds.modules.code:python",
+        words="kinds.modules.tables:words",
+        random_sensor=8,
+    ),
+    "neat": Kind(
+        representation="kinds.neat:Neat",
+        figure="kinds.neat.figure:draw",
+        c="kinds.neat.code:c",
+        python="kinds.neat.code:python",
+    ),
+    "parameter_set": Kind(
+        representation="kinds.parameter_set:ParameterSet",
+        figure="kinds.parameter_set.figure:draw",
+    ),
+    "python_modules": Kind(
+        figure="kinds.modules.figure:draw",
+        c="kinds.modules.code:c",
+        python="kinds.modules.code:python",
+        words="kinds.modules.tables:words",
+        swarm="modules.machine:Swarm",
+        random_sensor=8,
+    ),
+    "team": Kind(
+        representation="kinds.team:Team",
+        figure="kinds.team.figure:draw",
+        words="kinds.team:words",
+    ),
+}
+"""By the `kind` of a specification, see protocol/schemas/controller.schema.json."""
+
+
+def kind_of(specification: Mapping[str, Any]) -> Kind:
+    """Return the kind of a specification; one without parts for an unknown kind."""
+    return KINDS.get(str(specification.get("kind")), Kind())
+
+
+def words_of(specification: Mapping[str, Any]) -> str:
+    """Return what kind of controller it is: `layered, 4-8-1, tanh`; `modules (behaviour tree)`."""
+    return str(part(kind_of(specification).words)(specification))
+
+
+def drawn(drawing: Drawing) -> "Figure":
+    """Return the figure of a controller. Raises InputError for one that cannot be drawn."""
+    draw = kind_of(drawing.specification).figure
+    if not draw:
+        raise InputError(f"controller: one of the kind {drawing.specification.get('kind')!r} cannot be drawn")
+    figure: Figure = part(draw)(drawing)
+    return figure

@@ -9,7 +9,8 @@ from swarmwright import _engine
 from swarmwright.common.arguments import simulation_seed
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.random_numbers import Stream
-from swarmwright.controllers.controller import Controller, controller_words
+from swarmwright.controllers.controller import Controller
+from swarmwright.controllers.kinds import words_of
 from swarmwright.controllers.modules.played import PlayedEpisode
 from swarmwright.display import Caption, Part, Playable, Recording, record
 from swarmwright.display.files import save
@@ -236,7 +237,7 @@ class ShownEpisode:
 
         recording: of the episode, which says what was simulated and what came out.
         """
-        facts = [*self._simulated(recording), ("controller", controller_words(self.controller.specification))]
+        facts = [*self._simulated(recording), ("controller", words_of(self.controller.specification))]
         if recording is not None:
             facts.append(("fitness of this episode", f"{recording.fitness + 0.0:.6g}"))
         return Caption(self.title, (*facts, ("simulation seed", str(self.seed))))

@@ -6,7 +6,7 @@ from pydantic import ValidationError
 
 from swarmwright import Controller
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.controllers.kinds.evostick.representation import Evostick, EvostickOptions
+from swarmwright.controllers.kinds.evostick import Evostick, EvostickOptions
 from swarmwright.testing import check_representation
 
 

@@ -6,7 +6,7 @@ from pydantic import ValidationError
 
 from swarmwright import Controller
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.controllers.kinds.hebbian.representation import Hebbian, HebbianOptions
+from swarmwright.controllers.kinds.hebbian import Hebbian, HebbianOptions
 from swarmwright.testing import check_representation
 
 

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from swarmwright import Controller, InputError
 from swarmwright.common.random_numbers import Streams
-from swarmwright.controllers.kinds.neat.representation import Neat, NeatOptions
+from swarmwright.controllers.kinds.neat import Neat, NeatOptions
 from swarmwright.testing import check_representation
 
 

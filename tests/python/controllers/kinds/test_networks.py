@@ -14,9 +14,9 @@ from swarmwright import Controller, Experiment, InputError, _engine
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.common.typing import Genome
 from swarmwright.controllers import REPRESENTATIONS
-from swarmwright.controllers.controller import controller_words
+from swarmwright.controllers.kinds import words_of
 from swarmwright.controllers.kinds.layered import Layered, LayeredOptions
-from swarmwright.controllers.kinds.network import NodeNetwork
+from swarmwright.controllers.networks import NodeNetwork
 
 KINDS = ["layered", "fully_meshed"]
 SIZES = st.integers(1, 6)
@@ -160,7 +160,7 @@ def test_an_activation_of_the_outputs() -> None:
     assert found["linear"] == 0.75
     assert found[None] == pytest.approx(np.tanh(0.75))
     assert found["sigmoid"] == pytest.approx(np.tanh(0.75 / 2))
-    assert controller_words(outputs["linear"]) == "layered, 1-1-1, tanh, linear outputs"
+    assert words_of(outputs["linear"]) == "layered, 1-1-1, tanh, linear outputs"
 
 
 @pytest.mark.parametrize("value", [[1, 0], [0.5, 0.5], [0, 1e39], [0]])

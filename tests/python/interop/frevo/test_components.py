@@ -8,10 +8,10 @@ import pytest
 
 from swarmwright import Experiment, InputError, frevo, optimize
 from swarmwright.controllers.kinds.fully_meshed import FullyMeshedOptions
-from swarmwright.controllers.kinds.hebbian.representation import HebbianOptions
+from swarmwright.controllers.kinds.hebbian import HebbianOptions
 from swarmwright.controllers.kinds.layered import LayeredOptions
 from swarmwright.controllers.kinds.mealy_fsm import MealyFsmOptions
-from swarmwright.controllers.kinds.neat.representation import NeatOptions
+from swarmwright.controllers.kinds.neat import NeatOptions
 from swarmwright.methods.pso import PsoOptions
 from swarmwright.methods.random_search import RandomSearchOptions
 

@@ -1,1 +1,107 @@
-"""Networks that grow: NEAT."""
+"""Networks with given connections: those of FREVO's NEAT."""
+
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from swarmwright.common.errors import InputError
+from swarmwright.controllers._base import RepresentationOptions
+from swarmwright.controllers.networks import NodeNetwork
+
+_MOST_WEIGHTS = 1_000_000
+"""Of a network."""
+
+
+class NeatOptions(RepresentationOptions):
+    """A recurrent network with given connections, as NEAT finds them; the weights evolve."""
+
+    kind: Literal["neat"] = "neat"
+    sources: (
+        Annotated[
+            list[
+                Annotated[
+                    list[Annotated[int, Field(ge=0, le=2 * _MOST_WEIGHTS)]], Field(max_length=_MOST_WEIGHTS)
+                ]
+            ],
+            Field(min_length=1, max_length=_MOST_WEIGHTS),
+        ]
+        | None
+    ) = None
+    """For each node that is not a sensor, hidden ones first and those of the actuators last, the nodes from
+    which it has connections: [[0, 3], [0, 1, 2]] is a hidden node and an actuator's. Sensors have the
+    numbers 0, 1, ..., hidden nodes the following ones, actuators the last. Default: no hidden nodes, every
+    actuator is connected with every sensor."""
+    iterations: int = Field(default=3, ge=1, le=1000)
+    """How often all nodes are computed in each step, one after the other."""
+    weight_range: float = Field(default=1.0, gt=0, le=1e6)
+    """Initial weights, and slopes of actuators, are uniform in +-weight_range; a mutation of severity 1 moves
+    one by as much."""
+    bias_range: float = Field(default=1.0, gt=0, le=1e6)
+    """Initial biases are uniform in +-bias_range; a mutation of severity 1 moves a bias by as much."""
+    mutation: Literal["uniform", "proportional"] = "uniform"
+    """How a gene is changed: `uniform` within +-severity * range, `proportional` within a fifth of its
+    size (at least 0.1), whatever the severity."""
+
+
+class Neat(NodeNetwork):
+    """The networks of FREVO's NEAT, whose connections a list names; they do not evolve.
+
+    Genes: node after node (hidden, then outputs): the bias, a weight from each node that it sees, and for an
+    output the slope of its sigmoid. Hidden nodes are the tanh of their sum. All nodes are computed in their
+    order, from what the others are by then, and are kept from step to step. Outputs in 0..1 are mapped to
+    actuators in -1..1.
+
+    Operators are those of the other networks; a slope counts as a weight. In FREVO only connections and nodes
+    are added: its mutations of weights, biases and slopes change copies that are not used.
+    """
+
+    kind: ClassVar[str] = "neat"
+    options_model = NeatOptions
+    options: NeatOptions  # type: ignore[assignment] # what the operators need of the others' options
+
+    def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
+        """Raise InputError when `sources` does not fit these numbers of sensors and actuators."""
+        super().__init__(options, sensors=sensors, actuators=actuators)
+        rows = self.sources
+        if len(rows) < actuators:
+            raise InputError(
+                f"controller.sources: {len(rows)} lists found, but there are {actuators} actuators; give "
+                "one for each hidden node and each actuator"
+            )
+        nodes = sensors + len(rows)
+        for row, seen in enumerate(rows):
+            beyond = [source for source in seen if source >= nodes]
+            if beyond:
+                raise InputError(
+                    f"controller.sources[{row}]: the node {beyond[0]} found, but with {sensors} sensors the "
+                    f"last one is {nodes - 1}"
+                )
+        if self.genome_size > _MOST_WEIGHTS:
+            raise InputError(
+                f"controller.sources: {self.genome_size} weights, at most {_MOST_WEIGHTS} are possible"
+            )
+
+    @property
+    def sources(self) -> list[list[int]]:
+        """What each node sees, hidden ones first."""
+        if self.options.sources is None:
+            return [list(range(self.sensors))] * self.actuators
+        return self.options.sources
+
+    def node_sizes(self) -> Sequence[int]:
+        """Return how many nodes each sees, and one more for an output's slope."""
+        rows = self.sources
+        hidden = len(rows) - self.actuators
+        return [len(row) + (node >= hidden) for node, row in enumerate(rows)]
+
+    def architecture(self) -> dict[str, Any]:
+        """Return the specification of all controllers, without weights."""
+        return {
+            "version": 1,
+            "kind": self.kind,
+            "sensors": self.sensors,
+            "actuators": self.actuators,
+            "sources": self.sources,
+            "iterations": self.options.iterations,
+        }

@@ -1,0 +1,37 @@
+"""Controllers as figures: networks, state machines, sets of parameters."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.common.plain_figures import plain
+from swarmwright.controllers.drawing import Drawing, Names
+from swarmwright.controllers.kinds import drawn
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Names", "figure"]
+
+
+@plain()
+def figure(
+    specification: Mapping[str, Any],
+    *,
+    title: str = "",
+    simulation: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any] | None = None,
+    first_color: int = 0,
+) -> "Figure":
+    """Return a matplotlib figure of a controller.
+
+    Args:
+        specification: the controller as plain values, see protocol/schemas/controller.schema.json.
+        title: above the figure.
+        simulation: its description, for the names of sensors and actuators, which are numbered without.
+        options: the experiment's `controller`, which knows the ranges of parameters.
+        first_color: index of the colour of state 0; each group of a team has colours of its own.
+
+    Raises:
+        InputError: a controller of this kind cannot be drawn.
+    """
+    return drawn(Drawing(specification, title, simulation, options or {}, first_color))

@@ -1,0 +1,86 @@
+"""Source code of state machines."""
+
+from textwrap import indent
+
+import numpy as np
+
+from swarmwright.controllers.kinds.mealy_fsm.tables import machine_tables
+from swarmwright.controllers.source import Evolved, in_c, in_python
+from swarmwright.controllers.source.text import literals, templates, wrapped
+
+render = templates(__file__)
+
+
+def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
+    """Return the code in C or C++."""
+    thresholds = [np.array(of_one, np.float32) for of_one in controller.specification["thresholds"]]
+    counts = [len(of_one) for of_one in thresholds]
+    states, outputs = machine_tables(controller)
+    bits = 16 if max([int(controller.specification["states"]), *counts]) < 1 << 16 else 32
+    tables = [
+        in_c.Table(
+            "next",
+            in_c.TYPES[bits],
+            len(states),
+            wrapped([str(one) for one in states.tolist()]),
+            states.astype(np.uint32),
+        ),
+        in_c.Table(
+            "outputs", "float", outputs.size, wrapped(literals(outputs.reshape(-1))), outputs.reshape(-1)
+        ),
+    ]
+    if any(counts):
+        tables.append(
+            in_c.Table("counts", in_c.TYPES[bits], len(counts), wrapped([str(one) for one in counts]))
+        )
+        lines = [
+            f"    /* sensor {sensor} */\n{wrapped(literals(of_one))}"
+            for sensor, of_one in enumerate(thresholds)
+            if len(of_one)
+        ]
+        tables.append(in_c.Table("thresholds", "float", sum(counts), "\n".join(lines)))
+    part = {**language, "count_type": in_c.TYPES[bits], "bits": str(bits)}
+    step = render(
+        "c_step.txt",
+        {
+            **language,
+            "next_bits": str(bits),
+            "refused": in_c.refused(language, int(controller.specification["states"])),
+            "locals": render("c_row_locals.txt", part).rstrip() if any(counts) else "",
+            "row": render("c_row.txt", part).rstrip() if any(counts) else "",
+        },
+    )
+    return in_c.Code(tuple(tables), "", step, f"    {in_c.TYPES[bits]} state;", "the number of the state")
+
+
+def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonCode:
+    """Return the code in Python."""
+    thresholds = [np.array(of_one, np.float32) for of_one in controller.specification["thresholds"]]
+    states, outputs = machine_tables(controller)
+    lines = ["# Where the intervals of each sensor end.", "_THRESHOLDS = ("]
+    lines += [indent(f"{numbers(of_one) if len(of_one) else '()'},", "    ") for of_one in thresholds]
+    lines += [")", ""]
+    width = outputs.shape[1]
+    next_states = states.astype(np.uint16) if states.max() < 1 << 16 else states.astype(np.uint32)
+    lines += [
+        "# For each state and interval of the sensors: the state of the next step, and the actuators.",
+        f"_NEXT = {numbers(next_states)}",
+        f"_ACTUATORS = {numbers(outputs.reshape(-1))}",
+    ]
+    step = [
+        "row = self._state",
+        "for value, thresholds in zip(values, _THRESHOLDS):",
+        "    row *= len(thresholds) + 1",
+        "    for threshold in thresholds:",
+        "        row += threshold < value",
+        "self._state = _NEXT[row]",
+        f"return list(_ACTUATORS[row * {width} : row * {width} + {width}])",
+    ]
+    return in_python.PythonCode(
+        "\n".join(lines),
+        "",
+        "",
+        in_python.indented(["self._state = 0"]),
+        in_python.indented(step),
+        "the number of the state is kept from step to step",
+    )

@@ -1,0 +1,38 @@
+"""The numbers of machines and trees of modules, as code of any language has them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.common import modules
+from swarmwright.controllers.source import Evolved
+
+
+def machine_weights(controller: Evolved) -> NDArray[np.float32]:
+    """Return the weights of a machine or tree of modules within their limits; those not used are 0."""
+    specification = controller.specification
+    sizes = (int(specification["states"]), int(specification["transitions"]))
+    known = catalogue_of(specification)
+    return np.array(modules.weights_of(modules.states_of(specification), *sizes, known), np.float32)
+
+
+def catalogue_of(specification: Mapping[str, Any]) -> modules.Catalogue:
+    """Return the engine's modules, by whose numbers code knows them, then those of authors in their order."""
+    known = modules.Catalogue.of(specification)
+    return modules.Catalogue(
+        (*modules.BUILT_IN.behaviours, *own_modules(known.behaviours)),
+        (*modules.BUILT_IN.conditions, *own_modules(known.conditions)),
+    )
+
+
+def own_modules(parts: tuple[modules.Module, ...]) -> list[modules.Module]:
+    """Return those that are not the engine's."""
+    return [one for one in parts if not one.built_in]
+
+
+def words(specification: Mapping[str, Any]) -> str:
+    """Return the kind and the form."""
+    form = "behaviour tree" if modules.is_tree(specification) else "state machine"
+    return f"{specification['kind']} ({form})"

@@ -1,0 +1,264 @@
+"""Several kinds of agents in one experiment, each with a controller of its own: one genome for all of them.
+
+A genome is the genomes of the groups, one after another, as in heterogeneous teams with one chromosome
+(Bongard, "The legion system", EuroGP 2000; D6.1, section 8).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, PrivateAttr, ValidationInfo, model_validator
+
+from swarmwright.common.errors import InputError
+from swarmwright.common.groups import DeclaredGroup
+from swarmwright.common.options import Options
+from swarmwright.common.random_numbers import Stream
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.teams import TEAM
+from swarmwright.common.typing import Genome, Genomes, Limits
+from swarmwright.controllers import REPRESENTATIONS
+from swarmwright.controllers._base import Representation, RepresentationOptions
+from swarmwright.controllers.kinds import words_of
+
+_DEFAULT_KIND = "layered"
+_LARGEST_COUNT = 1_000_000
+"""Agents, sensors or actuators of a group, at most."""
+
+
+class GroupOptions(Options):
+    """Agents with the same controller: options of a representation, and what these agents are."""
+
+    model_config = ConfigDict(extra="allow")
+
+    kind: str = _DEFAULT_KIND
+    """The representation of the group's controllers, with the options of that kind beside it."""
+    agents: int | None = Field(default=None, ge=0, le=_LARGEST_COUNT)
+    """Number of agents. Only for simulations that do not declare groups; the last group has all other agents
+    where it is left out."""
+    sensors: int | None = Field(default=None, ge=1, le=_LARGEST_COUNT)
+    """Sensor values of an agent. Only for simulations that do not declare groups; default: what servers
+    announce for all agents."""
+    actuators: int | None = Field(default=None, ge=1, le=_LARGEST_COUNT)
+    """Actuator values of an agent, in the same way."""
+    _options: Any = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _of_its_kind(self, info: ValidationInfo) -> "GroupOptions":
+        if self.kind == Team.kind:
+            raise ValueError("a team within a team is not possible; name all groups in one")
+        try:
+            component = REPRESENTATIONS.get(self.kind)
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        if not component.steers:
+            raise ValueError(f"{self.kind} steers no agents; take a kind of controller such as layered")
+        given = {"kind": self.kind, **(self.model_extra or {})}
+        options = component.options_model.model_validate(given, context=info.context)
+        if getattr(options, "in_python", False):
+            raise ValueError("modules in Python are not possible in a team; take built-in modules")
+        self._options = options  # type: ignore[misc] # a private attribute
+        self.__pydantic_extra__ = options.model_dump(exclude={"kind"}, exclude_none=True)
+        return self
+
+    @property
+    def options(self) -> RepresentationOptions:
+        """The options of the representation."""
+        made: RepresentationOptions = self._options
+        return made
+
+
+class TeamOptions(RepresentationOptions):
+    """Several kinds of agents, each with its own sensors, actuators and controller; one genome for all."""
+
+    kind: Literal["team"] = "team"
+    groups: dict[str, GroupOptions] = Field(min_length=1, max_length=256)
+    """The controller of each group of agents, by the name of the group: {kind: layered, hidden: [8]}, ...
+    Names, numbers of agents, sensors and actuators are those that the simulation declares. For a simulation
+    that declares none, each group has agents, sensors and actuators beside its options; the first group is
+    the agents from 0 on, the next one those after them."""
+
+
+class Team(Representation):
+    """A controller for each group of agents, all of them in one genome.
+
+    Genes: those of the groups, one after another, in the order of the simulation's groups; operators are
+    those of the groups' representations, each on its part.
+
+    Args:
+        options: the groups, with sensors and actuators; see `with_groups`.
+        sensors: the most sensor values of any agent.
+        actuators: the most actuator values of any agent.
+
+    Raises InputError for groups that have more or all of them less than those.
+    """
+
+    kind: ClassVar[str] = "team"
+    options_model = TeamOptions
+    options: TeamOptions
+
+    def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
+        super().__init__(options, sensors=sensors, actuators=actuators)
+        self.parts: dict[str, Representation] = {}
+        """The representation of each group."""
+        for name, group in self.options.groups.items():
+            self.parts[name] = self._part(name, group)
+        for what in ("sensors", "actuators"):
+            most = max(getattr(part, what) for part in self.parts.values())
+            if most != getattr(self, what):
+                raise InputError(
+                    f"controller.groups: have at most {most} {what}, but agents of the simulation have up to "
+                    f"{getattr(self, what)}"
+                )
+        self.continuous = all(part.continuous for part in self.parts.values())  # type: ignore[misc] # differs
+        sizes = [part.genome_size for part in self.parts.values()]
+        self._cuts = np.cumsum(sizes)[:-1].tolist()
+        self._genes = sum(sizes)
+
+    def _part(self, name: str, group: GroupOptions) -> Representation:
+        component = REPRESENTATIONS.get(group.kind)
+        sensors = self.sensors if group.sensors is None else group.sensors
+        actuators = self.actuators if group.actuators is None else group.actuators
+        try:
+            return component(group.options, sensors=sensors, actuators=actuators)
+        except InputError as error:
+            reason = str(error).removeprefix("controller")
+            between = "" if reason.startswith((".", ":")) else ": "
+            raise InputError(f"controller.groups.{name}{between}{reason}") from error
+
+    @property
+    def genome_size(self) -> int:
+        """Number of genes of all groups."""
+        return self._genes
+
+    @property
+    def bounds(self) -> Limits:
+        """Lowest and highest values of the groups' genes."""
+        return self._limits([part.bounds for part in self.parts.values()])
+
+    @property
+    def initial_range(self) -> Limits:
+        """Between which values the groups' genes begin."""
+        return self._limits([part.initial_range for part in self.parts.values()])
+
+    def _limits(self, limits: list[Limits]) -> Limits:
+        return np.concatenate([low for low, _ in limits]), np.concatenate([high for _, high in limits])
+
+    def architecture(self) -> dict[str, Any]:
+        """Return the specification of all controllers, without weights."""
+        return {
+            "version": 1,
+            "kind": self.kind,
+            "groups": [
+                {
+                    "name": name,
+                    "agents": self.options.groups[name].agents,
+                    "controller": part.architecture(),
+                }
+                for name, part in self.parts.items()
+            ],
+        }
+
+    def weights(self, genomes: Genomes) -> NDArray[np.float32]:
+        """Return the weights of the groups' controllers, one group after another."""
+        pairs = zip(self.parts.values(), self._parts_of(genomes), strict=True)
+        parts = [part.weights(np.ascontiguousarray(rows)) for part, rows in pairs]
+        return np.ascontiguousarray(np.concatenate(parts, axis=1), dtype=np.float32)
+
+    def initial(self, stream: Stream) -> Genome:
+        """Return random genomes of the groups."""
+        return np.concatenate([part.initial(stream) for part in self.parts.values()])
+
+    def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
+        """Return a copy in which each group's genes were mutated."""
+        pairs = zip(self.parts.values(), self._parts_of(genome), strict=True)
+        return np.concatenate(
+            [part.mutate(own, stream, severity=severity, probability=probability) for part, own in pairs]
+        )
+
+    def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
+        """Return a child in which each group's genes are of both parents."""
+        both = zip(self.parts.values(), self._parts_of(mother), self._parts_of(father), strict=True)
+        return np.concatenate([part.crossover(one, other, stream) for part, one, other in both])
+
+    def distance(self, one: Genome, other: Genome) -> float:
+        """Return the sum of the groups' distances."""
+        both = zip(self.parts.values(), self._parts_of(one), self._parts_of(other), strict=True)
+        return sum(part.distance(first, second) for part, first, second in both)
+
+    def likeness(self, genomes: Genomes) -> NDArray[np.float64]:
+        """Return numbers by which genomes are compared, one group after another."""
+        pairs = zip(self.parts.values(), self._parts_of(genomes), strict=True)
+        return np.concatenate([part.likeness(np.ascontiguousarray(rows)) for part, rows in pairs], axis=1)
+
+    def _parts_of(self, genomes: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+        return np.split(genomes, self._cuts, axis=-1)
+
+
+def with_groups(options: TeamOptions, declared: Sequence[DeclaredGroup], simulation: str) -> TeamOptions:
+    """Return the options with the agents, sensors and actuators that a simulation declares, in its order.
+
+    What a run stores has all of them; its number of agents follows the parameters when these are changed.
+
+    Args:
+        options: as they are in the experiment.
+        declared: the groups of the simulation.
+        simulation: its title, for messages.
+
+    Raises InputError, `controller.groups[.NAME[.KEY]]: ...`, for groups that there are not, that are missing,
+    and for keys that contradict the simulation.
+    """
+    names = [group.name for group in declared]
+    for name in options.groups:
+        if name not in names:
+            hint = did_you_mean(name, names)
+            there = f"the groups of {simulation} are {', '.join(names)}"
+            raise InputError(f"controller.groups.{name}: there is no such group{hint or f'; {there}'}")
+    missing = [name for name in names if name not in options.groups]
+    if missing:
+        raise InputError(
+            f"controller.groups: {', '.join(missing)} missing; every group of {simulation} needs a "
+            f"controller: {', '.join(names)}"
+        )
+    groups: dict[str, GroupOptions] = {}
+    for one in declared:
+        given = options.groups[one.name]
+        stored = None not in (given.agents, given.sensors, given.actuators)
+        for key in ("sensors", "actuators") if stored else ("agents", "sensors", "actuators"):
+            value, found = getattr(given, key), getattr(one, key)
+            if value is not None and value != found:
+                raise InputError(
+                    f"controller.groups.{one.name}.{key}: {simulation} has {found}, not {value}; leave the "
+                    "key out"
+                )
+        announced = {"agents": one.agents, "sensors": one.sensors, "actuators": one.actuators}
+        groups[one.name] = given.model_copy(update=announced)
+    return options.model_copy(update={"groups": groups})
+
+
+def check_counts(options: TeamOptions) -> None:
+    """Check that every group but the last says how many agents it has, where the simulation does not.
+
+    Raises InputError, `controller.groups.NAME.agents: ...`.
+    """
+    for name in list(options.groups)[:-1]:
+        if options.groups[name].agents is None:
+            raise InputError(
+                f"controller.groups.{name}.agents: is missing: the simulation does not declare groups, and "
+                "only the last group can have all other agents"
+            )
+
+
+def most(options: TeamOptions, what: Literal["sensors", "actuators"]) -> int | None:
+    """Return the most sensors or actuators of any group; None where they are not known."""
+    values = [getattr(group, what) for group in options.groups.values()]
+    return None if None in values else max(values)
+
+
+def words(specification: Mapping[str, Any]) -> str:
+    """Return the controller of each group in words."""
+    if not isinstance(specification.get("groups"), list):
+        return TEAM
+    groups = (f"{one['name']}: {words_of(one['controller'])}" for one in specification["groups"])
+    return f"{TEAM} of {'; '.join(groups)}"
