@@ -615,8 +615,8 @@ $(LEVELS): | $(VENV)/.created
 	@rm -f $(VENV)/.levels-*
 	touch $@
 
-# The engine, compiled into the package, and the package's dependencies.
-$(VENV)/.engine: $(VENV)/.tools $(LEVELS) $(ENGINE) | $(LICENSES)
+# The engine, compiled into the package, and the package's dependencies and entry points.
+$(VENV)/.engine: $(VENV)/.tools $(LEVELS) $(ENGINE) pyproject.toml | $(LICENSES)
 	@mkdir -p build
 	# What maturin would have pip install, faster.
 	$(BIN)/uv pip install --quiet -r pyproject.toml --extra conformance 2> /dev/null || true

@@ -10,7 +10,8 @@ from swarmwright.conformance import Report, check_optimizer
 from swarmwright.conformance.optimizer._stage import Record
 from swarmwright.conformance.optimizer._tool import Tool, ToolSettings
 from swarmwright.conformance.optimizer.discovery import only_those_who_answered
-from swarmwright.conformance.rules import Failure, Profile, Skip
+from swarmwright.conformance.rules import Profile, Skip
+from swarmwright.servers.broker.client import Failure
 from tests.conformance.broken.tools import (
     TOOLS,
     FailsAtOnce,

@@ -1,13 +1,24 @@
-"""The table of commands, imported on demand; a mistyped name is answered with the nearest."""
+"""The table of commands, imported on demand; a mistyped name is answered with the nearest.
 
+Other packages, and our own rooms that nothing imports, add commands in the entry-point group
+`swarmwright.commands`.
+"""
+
+import os
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from importlib import import_module
 from keyword import iskeyword
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from swarmwright.common.errors import InputError, PlugInError, SwarmwrightError
 from swarmwright.common.suggestions import unknown
+from swarmwright.common.untrusted import one_line
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 SECTIONS: dict[str, tuple[str, ...]] = {
     "Start": ("new", "import", "simulate", "schema"),
@@ -18,6 +29,13 @@ SECTIONS: dict[str, tuple[str, ...]] = {
 }
 """Headings of the help -> the commands below them, in the order of the work."""
 COMMANDS = tuple(name for names in SECTIONS.values() for name in names)
+PLUG_INS = "swarmwright.commands"
+"""Group of entry points; each is a `click.Command`."""
+ANNOUNCED = {
+    "score": "Evaluate the candidates of a FREVO result.",
+    "conformance": "Check that a server or a tool follows the protocol.",
+}
+"""Commands of ours that are announced as entry points -> the help's line, for which they are not loaded."""
 
 
 SETTINGS = {
@@ -86,6 +104,8 @@ def _value_of(option: str, given: list[str]) -> str:
 class Group(click.Group):
     """A group of commands that answers a mistyped one with the nearest.
 
+    modules: name -> module that names its command `command`.
+    plug_ins: group of entry points that are further commands.
     sections: heading -> commands that the help lists below it; without sections, one list of all.
     """
 
@@ -94,6 +114,7 @@ class Group(click.Group):
         *args: Any,  # noqa: ANN401 - click's signature
         modules: Mapping[str, str],
         example: str,
+        plug_ins: str | None = None,
         sections: Mapping[str, Sequence[str]] | None = None,
         **kwargs: Any,  # noqa: ANN401 - click's signature
     ) -> None:
@@ -101,18 +122,53 @@ class Group(click.Group):
         self.modules = dict(modules)
         self.example = example
         self.sections = dict(sections or {})
+        self._plug_ins = plug_ins
+
+    @cached_property
+    def _announced(self) -> "dict[str, list[EntryPoint]]":
+        """Entry points of commands by name; nothing is imported."""
+        if self._plug_ins is None:
+            return {}
+        from swarmwright.common.entry_points import announced
+
+        return announced(self._plug_ins)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of the table."""
-        return [*self.modules, *self.commands]
+        """Names in the order of the table, then those that other packages add."""
+        own = list(
+            dict.fromkeys([*(name for names in self.sections.values() for name in names), *self.modules])
+        )
+        return [*own, *self.commands, *sorted(set(self._announced) - set(own))]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import the command's module, which names its command `command`."""
         if cmd_name not in self.modules:
+            if cmd_name in self._announced:
+                return self._plug_in(ctx, cmd_name)
+            if self._plug_ins is not None and cmd_name in ANNOUNCED:
+                raise InputError(
+                    f"command '{cmd_name}': the installed package is older than its code and does not "
+                    "announce it; install Swarmwright again"
+                )
             return super().get_command(ctx, cmd_name)
         command = import_module(self.modules[cmd_name]).command
         assert isinstance(command, click.Command)
         return command
+
+    def _plug_in(self, ctx: click.Context | None, name: str) -> click.Command | None:
+        """Import the command of an entry point; where a shell completes, None for one that does not work."""
+        from swarmwright.common.entry_points import OWN, described, distribution, load, only
+
+        try:
+            point = only("command", self._announced[name])
+            command = load("command", point)
+            if not isinstance(command, click.Command):
+                raise InputError(f"{described('command', point)} is not a click.Command")
+        except SwarmwrightError:
+            if ctx is not None and ctx.resilient_parsing:
+                return None
+            raise
+        return command if distribution(point) == OWN else _reported(command, described("command", point))
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -131,14 +187,45 @@ class Group(click.Group):
         for heading, names in self.sections.items():
             with formatter.section(heading):
                 formatter.write_dl(
-                    [
-                        (name.ljust(widest), command.get_short_help_str(formatter.width))
-                        for name in names
-                        if (command := self.get_command(ctx, name)) is not None
-                    ]
+                    [(name.ljust(widest), self._line(ctx, name, formatter.width)) for name in names]
                 )
+        others = set(self._announced) - {name for names in self.sections.values() for name in names}
+        if others:
+            with formatter.section("Other packages"):
+                formatter.write_dl([(name.ljust(widest), self._origin(name)) for name in sorted(others)])
+
+    def _line(self, ctx: click.Context, name: str, width: int) -> str:
+        if name in ANNOUNCED:
+            return ANNOUNCED[name]
+        command = self.get_command(ctx, name)
+        assert command is not None
+        return command.get_short_help_str(width)
+
+    def _origin(self, name: str) -> str:
+        """Return what the help says of a command of another package, which it does not import."""
+        from swarmwright.common.entry_points import distribution
+
+        return f"Added by the package {', '.join(sorted(set(map(distribution, self._announced[name]))))}."
 
     format_epilog = Command.format_epilog
+
+
+def _reported(command: click.Command, name: str) -> click.Command:
+    """Let errors of another package's command name that package, without a traceback."""
+    invoke = command.invoke
+
+    def reported(ctx: click.Context) -> Any:  # noqa: ANN401 - as click
+        try:
+            return invoke(ctx)
+        except (click.ClickException, click.exceptions.Exit, click.Abort, SwarmwrightError, OSError):
+            raise
+        except Exception as error:
+            if os.environ.get("SWARMWRIGHT_DEBUG"):
+                raise
+            raise PlugInError(f"{name}: {type(error).__name__}: {one_line(str(error))}") from error
+
+    command.invoke = reported  # type: ignore[method-assign]
+    return command
 
 
 def _print_version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
@@ -154,7 +241,12 @@ def _print_version(context: click.Context, _parameter: click.Parameter, wanted: 
 @click.group(
     cls=Group,
     # A module cannot be named like a keyword: `import` is in import_.py.
-    modules={name: f"swarmwright.cli.{name.replace('-', '_')}{'_' * iskeyword(name)}" for name in COMMANDS},
+    modules={
+        name: f"swarmwright.cli.{name.replace('-', '_')}{'_' * iskeyword(name)}"
+        for name in COMMANDS
+        if name not in ANNOUNCED
+    },
+    plug_ins=PLUG_INS,
     sections=SECTIONS,
     context_settings={"help_option_names": HELP_OPTIONS, "max_content_width": 110},
     example="swarmwright new minisim > my.yaml\nswarmwright optimize my.yaml --servers 2",

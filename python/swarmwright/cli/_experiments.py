@@ -1,6 +1,6 @@
-"""Experiments that commands are given: files, or sessions of FREVO as `swarmwright import` reads them."""
+"""Experiments that commands are given: experiment files, and files of other tools that an importer reads."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,33 +8,65 @@ from swarmwright.cli._output import complain
 
 if TYPE_CHECKING:
     from swarmwright import Experiment
+    from swarmwright.experiment.importing import Importer
 
 _IMPORT = "'swarmwright import' has options for the field and for components without a counterpart"
 
 
 def experiment_of(file: Path, settings: Sequence[str]) -> "Experiment":
-    """Read an experiment file or a FREVO session, whatever its name, with settings as `--set` takes them.
+    """Read an experiment file, or an XML file such as a FREVO session that an importer accepts in its place.
 
-    What of a session differs from FREVO is said on standard error. Raises InputError as their readers do.
+    settings: as `--set` takes them. Notes of the importer go to standard error. Raises InputError as the
+    readers do.
     """
     from swarmwright import Experiment, InputError
     from swarmwright.common.files import first_character
 
-    if first_character(file) != "<":  # nor is what reads sessions imported
+    if first_character(file) != "<":  # nor are importers loaded
         return Experiment.load(file, settings)
-    from swarmwright.interop import frevo
+    from swarmwright.experiment.importing import ImportOptions
 
-    if not frevo.is_session(file):
+    importer = next((one for one in importers() if one.is_experiment(file)), None)
+    if importer is None:
         return Experiment.load(file, settings)
     try:
-        imported = frevo.load(file)
+        imported = importer.load([file], ImportOptions())
     except InputError as error:
         raise InputError(f"{error}\n{_IMPORT}") from error
-    not_as_in_frevo(imported.notes)
+    for note in imported.notes:
+        complain(note)
     return imported.experiment.with_settings(settings)
 
 
-def not_as_in_frevo(notes: Sequence[str]) -> None:
-    """Say on standard error what of a session could not be taken over as it was."""
-    for note in notes:
-        complain(f"not as in FREVO: {note}")
+def importer_of(files: Sequence[Path]) -> "Importer":
+    """Return the importer that reads these files. Raises InputError where there is none."""
+    from swarmwright import InputError, PlugInError
+    from swarmwright.common.plug_in_code import reported
+
+    asked = []
+    for importer in importers():
+        asked.append(importer.words)
+        try:
+            with reported():
+                found = importer.recognises(files)
+        except PlugInError as error:
+            complain(str(error))
+            continue
+        if found:
+            return importer
+    named = ", ".join(map(str, files))
+    raise InputError(f"{named}: no importer reads this; there are those of {', '.join(asked) or 'nothing'}")
+
+
+def importers() -> "Iterator[Importer]":
+    """Yield all importers in the order in which they are asked; name one that cannot be loaded."""
+    from swarmwright import InputError
+    from swarmwright.experiment.importing import IMPORTERS
+
+    found = []
+    for name in IMPORTERS.names():
+        try:
+            found.append(IMPORTERS.get(name)())
+        except InputError as error:
+            complain(str(error))
+    yield from sorted(found, key=lambda one: one.last)

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
+from swarmwright.cli._experiments import importer_of
 from swarmwright.cli._options import candidate_options, json_option, trust_option
 from swarmwright.cli._output import Output, show_warnings
 from swarmwright.cli._parameter_types import ExistingPath, OutputFolder, OutputOption
@@ -191,10 +192,8 @@ def _model(
     force: bool,
 ) -> int:
     """Write copies of a model's files with a candidate's values, and say where they are."""
-    from swarmwright.interop import models
-
-    subject, written = models.write_back(
-        run, files, output=output, generation=generation, candidate=candidate, force=force
+    subject, written = importer_of(files).write_back(
+        run, files, output, generation=generation, candidate=candidate, force=force
     )
     facts = dict(subject.facts)
     said.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")

@@ -1,16 +1,15 @@
-"""`swarmwright import`: a FREVO session, or the files of a model, become an experiment."""
+"""`swarmwright import`: files of other tools become an experiment."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._experiments import not_as_in_frevo
+from swarmwright.cli._experiments import importer_of
 from swarmwright.cli._output import Output, complain, document
 from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOption
 
-FIELD_HELP = (
+_FIELD = (
     "Of a FREVO session: the field, as JSON or FREVO's .ser. Default: the one that FILE names, next to FILE."
 )
 
@@ -33,7 +32,7 @@ FIELD_HELP = (
     metavar="FILE.yaml",
     help="Write there, into a new file. Default: print.",
 )
-@click.option("--field", type=ExistingPath(), metavar="FIELD", help=FIELD_HELP)
+@click.option("--field", type=ExistingPath(), metavar="FIELD", help=_FIELD)
 @click.option(
     "--simulation",
     metavar="NAME",
@@ -82,20 +81,15 @@ def command(
     """
     if target is not None and target.exists():
         raise click.UsageError(f"'{target}' exists and is not written over; name another file, or remove it.")
-    from swarmwright.interop import frevo
-
-    replaced = {"simulation": simulation, "method": method, "controller": controller}
-    found = _files_of(files)
-    if len(found) == 1 and frevo.is_session(found[0]):
-        _import_session(found[0], target, field=field, ranking=ranking, **replaced)
-        return
-    for option, value in (("--field", field), ("--ranking", ranking)):
-        if value is not None:
-            raise click.UsageError(f"{option} is for FREVO sessions; a drawn model has none.")
     from swarmwright.common.files import write_text
-    from swarmwright.interop import models
+    from swarmwright.experiment.importing import ImportOptions
 
-    imported = models.load(found, target=target, **replaced)
+    importer = importer_of(files)
+    options = ImportOptions(target, simulation, method, controller, ranking, field)
+    for name in sorted(importer.unused):
+        if getattr(options, name) is not None:
+            raise click.UsageError(f"--{name} does not apply to {importer.words}.")
+    imported = importer.load(files, options)
     for note in imported.notes:
         complain(note)
     for name, text in imported.files.items():
@@ -104,34 +98,8 @@ def command(
             raise click.UsageError(f"'{beside}' exists and is not written over; remove it.")
         write_text(beside, text)
         Output().text(f"The behaviour is in {beside}")
-    _write(imported.yaml, target)
-
-
-def _files_of(files: Sequence[Path]) -> Sequence[Path]:
-    """Return the files, and those of folders: only for these the readers of models are loaded, slowly."""
-    if not any(file.is_dir() for file in files):
-        return files
-    from swarmwright.interop import models
-
-    return models.files_of(files)
-
-
-def _import_session(file: Path, target: Path | None, *, field: Path | None, **replaced: str | None) -> None:
-    """Write the experiment of a FREVO session."""
-    from swarmwright.interop import frevo
-
-    folder = Path() if target is None else target.parent
-    imported = frevo.load(file, field=field, folder=folder, **replaced)
-    not_as_in_frevo(imported.notes)
-    _write(imported.yaml, target)
-
-
-def _write(yaml: str, target: Path | None) -> None:
-    """Write an experiment to a file, or print it."""
-    from swarmwright.common.files import write_text
-
     if target is None:
-        document(yaml)
+        document(imported.yaml)
     else:
-        write_text(target, yaml)
+        write_text(target, imported.yaml)
         Output().text(f"The experiment is in {target}")

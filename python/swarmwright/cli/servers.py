@@ -166,7 +166,7 @@ def _with_answers(
 
     `presence` and `answers` say which of both holds for each.
     """
-    from swarmwright.conformance.answers import answers
+    from swarmwright.servers.broker.client import answers
 
     found = {
         answer["server"]: answer

@@ -1,8 +1,13 @@
-"""JSON text from elsewhere, such as a received folder: nested no deeper than Python can handle."""
+"""JSON from elsewhere: text that is nested no deeper than Python can handle, numbers, hashes of episodes."""
 
 import json
+import math
+import secrets
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeGuard
+
+Json = dict[str, Any]
+"""A JSON object: a message, or a part of one."""
 
 _DEEPEST_NESTING = 100
 """Levels of nesting."""
@@ -37,3 +42,18 @@ def _inside(value: Any) -> Iterable[Any]:  # noqa: ANN401 - any JSON value
 
 def _too_deep() -> ValueError:
     return ValueError(f"it is nested more than {_DEEPEST_NESTING} deep")
+
+
+def is_number(value: object) -> TypeGuard[int | float]:
+    """Whether a JSON value is a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def new_hash() -> str:
+    """Return a hash that no other episode has."""
+    return secrets.token_hex(32)

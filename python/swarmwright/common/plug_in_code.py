@@ -16,6 +16,7 @@ from swarmwright.common.untrusted import one_line
 _PACKAGE = "swarmwright"
 _SORTS = (
     "swarmwright.controllers._base",
+    "swarmwright.experiment.importing",
     "swarmwright.methods",
     "swarmwright.servers.launchers",
 )

@@ -5,11 +5,12 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cached_property
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from typing import Any, Generic, TypeVar
 
 from pydantic import create_model
 
+from swarmwright.common.entry_points import announced, described, load, only
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
 from swarmwright.common.simulation_names import SimulationName
@@ -45,10 +46,7 @@ class Registry(Generic[Component]):
 
     @cached_property
     def _announced(self) -> dict[str, list[EntryPoint]]:
-        found: dict[str, list[EntryPoint]] = {}
-        for point in entry_points(group=self.group):
-            found.setdefault(point.name, []).append(point)
-        return found
+        return announced(self.group)
 
     def names(self) -> list[str]:
         """Return all kinds there are, sorted."""
@@ -114,20 +112,17 @@ class Registry(Generic[Component]):
             # A built-in name cannot be taken over: an experiment file must mean the same everywhere.
             return _resolve(self.built_in[kind])
         point = self._point(kind)
-        try:
-            component = point.load()
-        except Exception as error:  # a plug-in may fail in any way while it is imported
-            raise InputError(f"{self.what} {kind!r} ({point.value}) cannot be imported: {error!r}") from error
+        component = load(self.what, point)
         base: type[Component] = _resolve(self._base)
         if not (isinstance(component, type) and issubclass(component, base)):
             raise InputError(
-                f"{self.what} {kind!r} ({point.value}) is not a subclass of {self._base.replace(':', '.')}"
+                f"{described(self.what, point)} is not a subclass of {self._base.replace(':', '.')}"
             )
         if not _has_options(base):  # modules, which are checked where they are used
             return component
         missing = _missing(component)
         if missing:
-            raise InputError(f"{self.what} {kind!r} ({point.value}): lacks {', '.join(missing)}")
+            raise InputError(f"{described(self.what, point)}: lacks {', '.join(missing)}")
         return component
 
     def _from_file(self, kind: str) -> type[Component]:
@@ -169,13 +164,7 @@ class Registry(Generic[Component]):
         points = self._announced.get(kind)
         if points is None:
             raise InputError(unknown(self.what, kind, self.names()))
-        origins = sorted({point.value for point in points})
-        if len(origins) > 1:
-            raise InputError(
-                f"{self.what} {kind!r} is announced twice, as {' and '.join(origins)}; "
-                "uninstall one of the packages"
-            )
-        return points[0]
+        return only(self.what, points)
 
 
 def _missing(component: type) -> list[str]:

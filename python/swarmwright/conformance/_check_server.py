@@ -7,7 +7,6 @@ from typing import Any
 
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.conformance._broker import OPEN, open_broker
-from swarmwright.conformance._client import PRESENCE, TO_TOOL, Client
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._run import run
 from swarmwright.conformance._server_peer import ServerPeer, found
@@ -15,6 +14,7 @@ from swarmwright.conformance._server_under_test import Settings
 from swarmwright.conformance.results import Report, Result
 from swarmwright.conformance.rules import Profile, Rule
 from swarmwright.conformance.server import RULES
+from swarmwright.servers.broker.client import PRESENCE, TO_TOOL, Client
 
 GUESSES = (2.0, 3.0, 1.0)
 """Dimensions that a server is asked for by default."""

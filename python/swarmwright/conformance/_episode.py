@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import msgpack
 import numpy as np
 
-from swarmwright.conformance._client import Message, shown
-from swarmwright.conformance._json import Json, is_number, new_hash
+from swarmwright.common.json_text import Json, is_number, new_hash
 from swarmwright.conformance._trajectory import Numbers, Policy, Trajectory
-from swarmwright.conformance.rules import Failure, WentOn
+from swarmwright.conformance.rules import WentOn
+from swarmwright.servers.broker.client import Failure, Message, shown
 
 if TYPE_CHECKING:
     from swarmwright.conformance._server_under_test import Server

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
+from swarmwright.common.json_text import Json
 from swarmwright.common.random_numbers import Streams
-from swarmwright.conformance._client import TO_TOOL, Message, shown
-from swarmwright.conformance._json import Json
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Steer
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.controllers import REPRESENTATIONS
+from swarmwright.servers.broker.client import TO_TOOL, Failure, Message, shown
 
 TOOL = "conformance/a"
 OTHER = "conformance/b"

@@ -4,9 +4,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from swarmwright.conformance._client import Overdue
 from swarmwright.conformance.results import BAD, Result
-from swarmwright.conformance.rules import Failure, Note, NotTried, Rule, Skip
+from swarmwright.conformance.rules import Note, NotTried, Rule, Skip
+from swarmwright.servers.broker.client import Failure, Overdue
 
 
 class Peer(Protocol):

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.json_text import Json
 from swarmwright.common.random_numbers import Streams
-from swarmwright.conformance._json import Json
 from swarmwright.conformance._server_under_test import Server
 
 NORMAL = "normal"

@@ -3,11 +3,11 @@
 import time
 from contextlib import suppress
 
-from swarmwright.conformance._client import Client, Message, Overdue
+from swarmwright.common.json_text import Json
 from swarmwright.conformance._episode import Episode
-from swarmwright.conformance._json import Json
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Failure, Rule
+from swarmwright.conformance.rules import Rule
+from swarmwright.servers.broker.client import Client, Failure, Message, Overdue
 
 MOST_EPISODES = 40
 """Episodes that a rule may play at most; their time is added to its deadline."""

@@ -10,13 +10,13 @@ from typing import Any
 
 import msgpack
 
-from swarmwright.conformance._client import TO_SERVER, TO_TOOL, Client, Message, shown
+from swarmwright.common.json_text import Json, new_hash
 from swarmwright.conformance._episode import Episode
-from swarmwright.conformance._json import Json, new_hash
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._proxy import Door
 from swarmwright.conformance._trajectory import Policy, Trajectory, Wander
-from swarmwright.conformance.rules import Failure, NotTried, Skip
+from swarmwright.conformance.rules import NotTried, Skip
+from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Client, Failure, Message, shown
 
 QUIET_S = 0.05
 """Seconds in which a quick server would have sent a message."""

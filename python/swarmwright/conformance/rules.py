@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.suggestions import did_you_mean
+from swarmwright.servers.broker.client import Failure
 
 Side = Literal["server", "optimizer"]
 Profile = Literal["d6.1", "all"]
@@ -47,22 +48,6 @@ Check = Callable[[Any], Note | str | None]
 
 class NotTried(Exception):  # noqa: N818 - it is not an error
     """What the rule needs to know of the peer was not found out; the message says what."""
-
-
-class Failure(Exception):  # noqa: N818 - of the peer, not of this program
-    """The peer broke the rule.
-
-    Args:
-        came: what it did.
-        expected: what it should have done.
-        sent: what it was sent before; empty where that does not matter.
-    """
-
-    def __init__(self, came: str, expected: str, sent: str = "") -> None:
-        super().__init__(f"expected {expected}, but {came}")
-        self.came = came
-        self.expected = expected
-        self.sent = sent
 
 
 class WentOn(Failure):

@@ -144,7 +144,7 @@ def test_plugins_that_do_not_work(code: str, words: str, plugins: Path) -> None:
 def test_two_packages_with_one_name(plugins: Path) -> None:
     install(plugins, "plugin_one", HILL_CLIMBER, "plugin_climb = plugin_one:Climb")
     install(plugins, "plugin_two", HILL_CLIMBER, "plugin_climb = plugin_two:Climb")
-    with pytest.raises(InputError, match="is announced twice, as plugin_one:Climb and plugin_two:Climb"):
+    with pytest.raises(InputError, match="announced twice, as plugin_one:Climb by plugin_one and plugin_two"):
         fresh_registry().get("plugin_climb")
 
 

@@ -7,10 +7,9 @@ import msgpack
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.conformance._client import TO_TOOL, Message
 from swarmwright.conformance._extensions import KINDS, decoded
 from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Json, sensed
-from swarmwright.conformance.rules import Failure
+from swarmwright.servers.broker.client import TO_TOOL, Failure, Message
 
 REPLY = re.compile(f"{re.escape(TO_TOOL)}[A-Za-z0-9_-]{{1,200}}")
 

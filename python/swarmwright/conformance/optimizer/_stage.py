@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from swarmwright.conformance._client import TO_SERVER, Client, Message
-from swarmwright.conformance.rules import Failure
+from swarmwright.servers.broker.client import TO_SERVER, Client, Failure, Message
 
 Json = dict[str, Any]
 AGENTS, STEPS = 2, 3

@@ -7,12 +7,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.conformance._client import TO_SERVER, TOPICS, Client
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._proxy import Door
 from swarmwright.conformance.optimizer._requests import OTHER_MODES
 from swarmwright.conformance.optimizer._stage import TOOL_TOPICS, Actor, Record, Stage
-from swarmwright.conformance.rules import Failure, Rule, Skip
+from swarmwright.conformance.rules import Rule, Skip
+from swarmwright.servers.broker.client import TO_SERVER, TOPICS, Client, Failure
 
 SILENCE_S = 3.0
 """Seconds of silence after which a tool that the kit did not start has ended its run."""

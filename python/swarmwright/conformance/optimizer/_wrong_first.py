@@ -4,8 +4,8 @@ import json
 import time
 from collections import defaultdict, deque
 
-from swarmwright.conformance._client import shown
 from swarmwright.conformance.optimizer._stage import Actor, Json
+from swarmwright.servers.broker.client import shown
 
 PAUSE_S = 0.03
 """Seconds between a wrong message and the next."""

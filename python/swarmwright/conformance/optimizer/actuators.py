@@ -6,11 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from swarmwright.conformance._json import is_number
+from swarmwright.common.json_text import is_number
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Played, sensed
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
+from swarmwright.servers.broker.client import Failure
 
 
 def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:

@@ -3,12 +3,12 @@
 import json
 import time
 
-from swarmwright.conformance._json import is_number
+from swarmwright.common.json_text import is_number
 from swarmwright.conformance.optimizer._requests import Batching, Offloading
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Json
 from swarmwright.conformance.optimizer._tool import Tool
-from swarmwright.conformance.rules import Failure
+from swarmwright.servers.broker.client import Failure
 
 EPISODE = "protocol.md, An episode"
 

@@ -6,7 +6,8 @@ import time
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Record
 from swarmwright.conformance.optimizer._tool import Tool
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
+from swarmwright.servers.broker.client import Failure
 
 TAKEN = "protocol.md, Who is taken, and when"
 

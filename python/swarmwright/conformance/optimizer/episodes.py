@@ -3,10 +3,11 @@
 import json
 from collections import Counter
 
-from swarmwright.conformance._json import is_number
+from swarmwright.common.json_text import is_number
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._tool import Tool
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
+from swarmwright.servers.broker.client import Failure
 
 EPISODE = "protocol.md, An episode"
 

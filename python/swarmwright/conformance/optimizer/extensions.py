@@ -4,7 +4,8 @@ from swarmwright.conformance.optimizer._requests import Offloading
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Json, Record
 from swarmwright.conformance.optimizer._tool import Tool
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
+from swarmwright.servers.broker.client import Failure
 
 NUMBERS = "protocol.md, Messages of numbers"
 

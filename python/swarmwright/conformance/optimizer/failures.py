@@ -5,7 +5,7 @@ import time
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on
-from swarmwright.conformance.rules import Failure
+from swarmwright.servers.broker.client import Failure
 
 
 class TakenByOthers(Actor):

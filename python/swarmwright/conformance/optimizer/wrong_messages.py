@@ -2,12 +2,11 @@
 
 import json
 
-from swarmwright.conformance._client import shown
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Json, sensed
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on
 from swarmwright.conformance.optimizer._wrong_first import WrongFirst, both
-from swarmwright.conformance.rules import Failure
+from swarmwright.servers.broker.client import Failure, shown
 
 READING = "protocol.md, Reading"
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Sequence
 
-from swarmwright.conformance._client import shown
-from swarmwright.conformance._json import new_hash
+from swarmwright.common.json_text import new_hash
 from swarmwright.conformance._server_peer import ServerPeer
-from swarmwright.conformance.rules import Failure, Skip, WentOn
+from swarmwright.conformance.rules import Skip, WentOn
+from swarmwright.servers.broker.client import Failure, shown
 
 Junk = tuple[str, str | bytes]
 """A topic and a payload."""

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from swarmwright.common.json_text import Json, is_number
 from swarmwright.conformance._extensions import (
     OPTIONS,
     ControllerSet,
@@ -11,9 +12,9 @@ from swarmwright.conformance._extensions import (
     controller_set,
     error_of,
 )
-from swarmwright.conformance._json import Json, is_number
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
+from swarmwright.servers.broker.client import Failure
 
 NUMBERS = "protocol.md, Messages of numbers"
 SEEDS = (3, 1)

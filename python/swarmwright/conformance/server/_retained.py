@@ -1,8 +1,8 @@
 """Retained presence, and the servers from which rules expect it."""
 
-from swarmwright.conformance._client import PRESENCE, Client, Message
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Skip
+from swarmwright.servers.broker.client import PRESENCE, Client, Message
 
 MODES = ("batched", "offloaded")
 """Modes whose servers have presence and are reserved for tools that name themselves."""

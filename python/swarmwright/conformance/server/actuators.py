@@ -2,9 +2,10 @@
 
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Always, Policy, Trajectory, Wander
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import until_several
+from swarmwright.servers.broker.client import Failure
 
 
 def effective(server: Server, one: Policy, other: Policy) -> tuple[Trajectory, Trajectory]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.json_text import Json
 from swarmwright.conformance._extensions import (
     OTHER,
     TOOL,
@@ -20,10 +21,9 @@ from swarmwright.conformance._extensions import (
     numbers,
     played,
 )
-from swarmwright.conformance._json import Json
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Steer, Trajectory, same
-from swarmwright.conformance.rules import Failure, Note, Skip
+from swarmwright.conformance.rules import Note, Skip
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.reservation import (
     HOLD_S,
@@ -31,6 +31,7 @@ from swarmwright.conformance.server.reservation import (
     must_be_taken,
     short_patience,
 )
+from swarmwright.servers.broker.client import Failure
 
 BATCHED = "protocol.md, Batched stepwise"
 SILENT = "it gives up a batch without the error failed: is the tool to wait for its own time-out?"

@@ -6,16 +6,16 @@ from contextlib import suppress
 
 import msgpack
 
-from swarmwright.conformance._client import PRESENCE, TO_TOOL, Message, shown
+from swarmwright.common.json_text import Json, new_hash
 from swarmwright.conformance._extensions import TOOL, batch, evaluation
-from swarmwright.conformance._json import Json, new_hash
 from swarmwright.conformance._proxy import Door
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Failure, NotTried, Skip
+from swarmwright.conformance.rules import NotTried, Skip
 from swarmwright.conformance.server._evaluations import announced_controllers
 from swarmwright.conformance.server._retained import kept
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
+from swarmwright.servers.broker.client import PRESENCE, TO_TOOL, Failure, Message, shown
 
 BACK_S = 15.0
 """Seconds in which a server is back when the broker is."""

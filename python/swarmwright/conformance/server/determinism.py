@@ -1,10 +1,11 @@
 """S3: determinism of episodes."""
 
-from swarmwright.conformance._json import Json, is_number
+from swarmwright.common.json_text import Json, is_number
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Trajectory, Wander
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._rules import rule
+from swarmwright.servers.broker.client import Failure
 
 SAME = "decision 002; protocol.md, Presence"
 SEED_UNUSED = (

@@ -3,11 +3,11 @@
 import json
 import time
 
-from swarmwright.conformance._client import Message, shown
-from swarmwright.conformance._json import is_number, new_hash
+from swarmwright.common.json_text import is_number, new_hash
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._rules import rule
+from swarmwright.servers.broker.client import Failure, Message, shown
 
 EPISODE = "protocol.md, An episode, 1"
 

@@ -7,8 +7,9 @@ from contextlib import suppress
 from swarmwright.conformance._episode import Episode
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Always
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._rules import rule
+from swarmwright.servers.broker.client import Failure
 
 
 def begun(server: Server, topic: str = "control") -> Episode:

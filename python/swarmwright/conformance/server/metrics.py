@@ -3,10 +3,10 @@
 import json
 
 from swarmwright.common import metric_names
-from swarmwright.conformance._client import shown
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._rules import rule
+from swarmwright.servers.broker.client import Failure, shown
 
 
 def names(server: Server) -> list[str]:

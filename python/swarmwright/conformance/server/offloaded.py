@@ -7,7 +7,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.conformance._client import shown
+from swarmwright.common.json_text import Json
 from swarmwright.conformance._extensions import (
     OTHER,
     TOOL,
@@ -22,11 +22,10 @@ from swarmwright.conformance._extensions import (
     numbers,
     played,
 )
-from swarmwright.conformance._json import Json
 from swarmwright.conformance._samples import genomes_of, makes_samples, sample_of, wrong_samples
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Trajectory, same
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._evaluations import (
     CANDIDATES,
     NUMBERS,
@@ -41,6 +40,7 @@ from swarmwright.conformance.server._evaluations import (
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
 from swarmwright.conformance.server.reservation import must_be_taken
+from swarmwright.servers.broker.client import Failure, shown
 
 OFFLOADED = "protocol.md, Offloaded evaluation"
 LONG_REQUEST_S = 0.5

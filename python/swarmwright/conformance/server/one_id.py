@@ -5,15 +5,15 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from swarmwright.conformance._client import PRESENCE, Message
-from swarmwright.conformance._json import Json
+from swarmwright.common.json_text import Json
 from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._retained import kept
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.connection import door, must_come_back
 from swarmwright.conformance.server.presence import presence
+from swarmwright.servers.broker.client import PRESENCE, Failure, Message
 
 WHERE = "protocol.md, Two servers with one ID"
 LEAVES_WITHIN_S = 30.0

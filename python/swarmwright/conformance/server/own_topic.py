@@ -2,14 +2,14 @@
 
 import json
 
-from swarmwright.conformance._client import TO_SERVER
-from swarmwright.conformance._json import Json
+from swarmwright.common.json_text import Json
 from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._disturb import Junk, disturb
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
+from swarmwright.servers.broker.client import TO_SERVER, Failure
 
 WHERE = "protocol.md, Presence; decision 023"
 

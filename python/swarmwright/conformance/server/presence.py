@@ -4,13 +4,13 @@ import json
 import re
 import time
 
-from swarmwright.conformance._client import PRESENCE, TOPICS, shown
+from swarmwright.common.json_text import Json, is_number
 from swarmwright.conformance._episode import Episode
-from swarmwright.conformance._json import Json, is_number
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._retained import kept, skip_without_presence
 from swarmwright.conformance.server._rules import rule
+from swarmwright.servers.broker.client import PRESENCE, TOPICS, Failure, shown
 
 WHERE = "protocol.md, Presence"
 STAMP = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from swarmwright.conformance._extensions import ControllerSet, evaluation, free_again, numbers, played
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Trajectory, same
-from swarmwright.conformance.rules import Failure, NotTried
+from swarmwright.conformance.rules import NotTried
 from swarmwright.conformance.server._evaluations import NUMBERS, SEEDS, announced_controllers, evaluated
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.batches import BATCHED, Batch, must_have_batches
 from swarmwright.conformance.server.determinism import BEYOND_32_BITS, LARGEST_SEED
+from swarmwright.servers.broker.client import Failure
 
 _SEEDS = (BEYOND_32_BITS + 1, 2**53 + 1, LARGEST_SEED)
 """Seeds of evaluate and start that are others if bits are lost."""

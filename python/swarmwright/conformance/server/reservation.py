@@ -2,14 +2,14 @@
 
 import time
 
-from swarmwright.conformance._client import TO_TOOL, Message
 from swarmwright.conformance._episode import Episode
 from swarmwright.conformance._extensions import decoded
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._retained import skip_without_presence
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
+from swarmwright.servers.broker.client import TO_TOOL, Failure, Message
 
 LONGEST_REASON = 2000
 TAKEN = "protocol.md, Who is taken, and when"

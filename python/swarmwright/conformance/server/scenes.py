@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.conformance._client import TO_TOOL
+from swarmwright.common.json_text import Json, is_number
 from swarmwright.conformance._extensions import decoded
-from swarmwright.conformance._json import Json, is_number
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Trajectory
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._rules import rule
+from swarmwright.servers.broker.client import TO_TOOL, Failure
 
 SCENES = "protocol.md, Scenes"
 PARTS = ["rays", "links"]

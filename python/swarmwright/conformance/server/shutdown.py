@@ -2,12 +2,12 @@
 
 import signal
 
-from swarmwright.conformance._client import PRESENCE
 from swarmwright.conformance._process import GRACE_S
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._retained import kept
 from swarmwright.conformance.server._rules import rule
+from swarmwright.servers.broker.client import PRESENCE, Failure
 
 
 @rule(

@@ -22,13 +22,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.json_text import Json
 from swarmwright.conformance._extensions import ControllerSet, evaluation, free_again, numbers
-from swarmwright.conformance._json import Json
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Always, same
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._evaluations import evaluated
 from swarmwright.conformance.server._rules import rule
+from swarmwright.servers.broker.client import Failure
 
 Floats = NDArray[np.float32]
 

@@ -2,13 +2,13 @@
 
 import json
 
-from swarmwright.conformance._json import Json, new_hash
+from swarmwright.common.json_text import Json, new_hash
 from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance._server_under_test import Server
-from swarmwright.conformance.rules import Failure
 from swarmwright.conformance.server._disturb import Junk, disturb
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.discovery import compare_agents
+from swarmwright.servers.broker.client import Failure
 
 READING = "protocol.md, Reading"
 

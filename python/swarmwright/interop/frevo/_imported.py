@@ -3,7 +3,6 @@
 import json
 import os
 import re
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.yaml import parse, without_places
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.importing import Imported
 from swarmwright.experiment.validation import check
 from swarmwright.interop.frevo._document import SECTIONS, Section, Session, open_session
 from swarmwright.interop.frevo._field import FieldFile, as_yaml
@@ -22,19 +22,6 @@ from swarmwright.methods import METHODS
 from swarmwright.methods.rankings import RANKINGS
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, relative_name
-
-
-@dataclass(frozen=True)
-class Imported:
-    """An experiment made of a FREVO session.
-
-    yaml: the commented experiment file. experiment: the same, loaded. notes: what could not be taken over as
-    it was, a sentence each.
-    """
-
-    yaml: str
-    experiment: Experiment
-    notes: tuple[str, ...]
 
 
 @checked

@@ -4,7 +4,8 @@ It reads the files of Modelio's CPSwarm modules (https://github.com/Modelio-R-D/
 optimization tool gets from the designer in CPSwarm's D6.1, section 4.
 """
 
-from swarmwright.interop.models._experiment import Imported, load
+from swarmwright.experiment.importing import Imported
+from swarmwright.interop.models._experiment import load
 from swarmwright.interop.models._files import files_of
 from swarmwright.interop.models._write_back import write_back
 

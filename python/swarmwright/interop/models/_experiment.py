@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.yaml import parse, without_places
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.importing import Imported
 from swarmwright.experiment.start_from import entry_of
 from swarmwright.experiment.validation import check
 from swarmwright.interop.models._draft import Draft
@@ -20,20 +20,6 @@ from swarmwright.interop.models._model import Model
 from swarmwright.interop.models._names import title_of
 from swarmwright.methods import METHODS
 from swarmwright.simulations.names import absolute
-
-
-@dataclass(frozen=True)
-class Imported:
-    """An experiment made of a model.
-
-    yaml: the commented experiment file. experiment: the same, loaded. notes: what could not be taken over as
-    it was, a sentence each. files: what is written beside the experiment, text by name.
-    """
-
-    yaml: str
-    experiment: Experiment
-    notes: tuple[str, ...]
-    files: dict[str, str] = field(default_factory=dict)
 
 
 def load(

@@ -202,7 +202,7 @@ def test_the_command_line(program: Any, drawn: list[Path], tmp_path: Path) -> No
     assert program("import", *drawn, "--output", "drawn.yaml").returncode == 2
     wrong = program("import", *drawn, "--ranking", "absolute")
     assert wrong.returncode == 2
-    assert "--ranking is for FREVO sessions" in wrong.stderr
+    assert "--ranking does not apply to a drawn model" in wrong.stderr
     run = program("optimize", "drawn.yaml", "--set", "method.generations=2", "--set", "servers=local")
     assert run.returncode == 0, run.stderr
     (tmp_path / "empty").mkdir()

@@ -1,4 +1,4 @@
-"""The kit's MQTT client: paho without a thread; what comes waits until a rule asks for it."""
+"""A broker seen from outside: an MQTT client (paho without a thread), and who answers a discovery."""
 
 import json
 import os
@@ -6,20 +6,23 @@ import socket
 import ssl
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 from urllib.parse import urlsplit
 
-from paho.mqtt.client import Client as Paho
-from paho.mqtt.client import MQTTMessage, MQTTv5
-from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
-from paho.mqtt.packettypes import PacketTypes
-from paho.mqtt.properties import Properties
-
 from swarmwright import _engine
 from swarmwright.common.errors import InputError, RunError, engine_errors
-from swarmwright.conformance.rules import Failure
+from swarmwright.common.json_text import is_number, new_hash
+
+try:
+    from paho.mqtt.client import Client as Paho
+    from paho.mqtt.client import MQTTMessage, MQTTv5
+    from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
+    from paho.mqtt.packettypes import PacketTypes
+    from paho.mqtt.properties import Properties
+except ImportError:
+    raise InputError("this needs paho-mqtt: pip install 'swarmwright[conformance]'") from None
 
 TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", "fitness")
 PRESENCE = "swarmwright/v1/presence/"
@@ -27,6 +30,22 @@ TO_SERVER = "swarmwright/v1/server/"
 TO_TOOL = "swarmwright/v1/tool/"
 LONGEST = 240
 """Characters of a message that are shown."""
+
+
+class Failure(Exception):  # noqa: N818 - of the peer, not of this program
+    """The peer broke the rule.
+
+    Args:
+        came: what it did.
+        expected: what it should have done.
+        sent: what it was sent before; empty where that does not matter.
+    """
+
+    def __init__(self, came: str, expected: str, sent: str = "") -> None:
+        super().__init__(f"expected {expected}, but {came}")
+        self.came = came
+        self.expected = expected
+        self.sent = sent
 
 
 class Overdue(Exception):  # noqa: N818 - the rule's time is over
@@ -259,3 +278,42 @@ def _secure(paho: Paho) -> None:
         named = ", ".join(f"{name} {os.environ[name]}" for name in variables if os.environ.get(name))
         raise InputError(f"TLS: {named or 'the authorities of the system'}: {error}") from None
     paho.tls_set_context(context)
+
+
+def answers(
+    broker: str, simulation: str, dimensions: Sequence[float], *, prefix: str = "", wait: float = 1.0
+) -> list[dict[str, Any]]:
+    """Send a discovery for each number of dimensions, as D6.1 defines it.
+
+    Returns the answers that come within `wait` seconds, one for each server, sorted by id: `server`,
+    `simulations`, `capabilities`. Servers that are taken or do not fit are silent. Those that answer stay
+    free, because no parameters follow.
+
+    Raises RunError when the broker cannot be reached.
+    """
+    found: dict[int, dict[str, Any]] = {}
+    with Client(broker, prefix, ["server"]) as client:
+        hashes = {new_hash(): {"dimensions": number} for number in dimensions}
+        for hash_, needs in hashes.items():
+            client.send("discovery", simulation=simulation, simulation_hash=hash_, requirements=needs)
+        for message in client.drain(wait):
+            answer = _answer(message, hashes)
+            if answer is not None:
+                found.setdefault(answer["server"], answer)
+    return [found[server] for server in sorted(found)]
+
+
+def _answer(message: Message, hashes: Collection[str]) -> dict[str, Any] | None:
+    """What a server says of itself; None where it says that to another tool, or breaks the schema."""
+    content = message.maybe
+    server, hash_ = content.get("server"), content.get("simulation_hash")
+    if message.retained or not is_number(server) or server != int(server):
+        return None
+    if not isinstance(hash_, str) or hash_ not in hashes:
+        return None
+    simulations, capabilities = content.get("simulations"), content.get("capabilities")
+    return {
+        "server": int(server),
+        "simulations": simulations if isinstance(simulations, list) else [],
+        "capabilities": capabilities if isinstance(capabilities, dict) else {},
+    }

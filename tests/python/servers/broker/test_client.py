@@ -1,4 +1,4 @@
-"""What the kit's client says about credentials that cannot be used."""
+"""What the client says about credentials that cannot be used."""
 
 import subprocess
 from pathlib import Path
@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from swarmwright.common.errors import InputError
-from swarmwright.conformance._client import Client
+from swarmwright.servers.broker.client import Client
+
+pytestmark = pytest.mark.slow
 
 CERTIFICATE, KEY = "SWARMWRIGHT_CERTIFICATE_FILE", "SWARMWRIGHT_KEY_FILE"
 

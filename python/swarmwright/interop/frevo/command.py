@@ -8,7 +8,6 @@ from swarmwright.cli._commands import Command
 from swarmwright.cli._options import json_option
 from swarmwright.cli._output import Output, complain
 from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOption, WholeNumber
-from swarmwright.cli.import_ import FIELD_HELP
 
 
 @click.command(
@@ -19,7 +18,12 @@ from swarmwright.cli.import_ import FIELD_HELP
     "swarmwright score old/result.zre --save best.json",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE.zre")
-@click.option("--field", type=ExistingPath(), metavar="FIELD", help=FIELD_HELP)
+@click.option(
+    "--field",
+    type=ExistingPath(),
+    metavar="FIELD",
+    help="The field, as JSON or FREVO's .ser. Default: the one that FILE names, next to FILE.",
+)
 @click.option(
     "--save",
     "target",

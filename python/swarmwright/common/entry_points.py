@@ -1,0 +1,57 @@
+"""Plug-ins of installed packages, and what is said of those that do not work.
+
+Packages announce them in their metadata, in a group of entry points for each sort; see the table in
+docs/reference/python.md. Swarmwright announces some of its own parts in the same way.
+"""
+
+from collections.abc import Sequence
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from swarmwright.common.errors import InputError, SwarmwrightError
+from swarmwright.common.untrusted import one_line
+
+OWN = "swarmwright"
+"""Name of our own distribution."""
+
+
+def announced(group: str) -> dict[str, list[EntryPoint]]:
+    """Return the entry points of a group by name; nothing is imported."""
+    found: dict[str, list[EntryPoint]] = {}
+    for point in entry_points(group=group):
+        found.setdefault(point.name, []).append(point)
+    return found
+
+
+def distribution(point: EntryPoint) -> str:
+    """Return the name of the package that announces an entry point."""
+    return one_line(point.dist.name) if point.dist is not None else "unknown"
+
+
+def described(what: str, point: EntryPoint) -> str:
+    """Return how messages name a plug-in: method 'climb' (climber:Climb, announced by climber)."""
+    return f"{what} {point.name!r} ({one_line(point.value)}, announced by the package {distribution(point)})"
+
+
+def only(what: str, points: Sequence[EntryPoint]) -> EntryPoint:
+    """Return the entry point of a name; ours where another package announces the same name.
+
+    Raises InputError where two packages announce different ones.
+    """
+    points = [point for point in points if distribution(point) == OWN] or list(points)
+    if len({point.value for point in points}) > 1:
+        origins = " and ".join(sorted(f"{one_line(one.value)} by {distribution(one)}" for one in points))
+        raise InputError(
+            f"{what} {points[0].name!r} is announced twice, as {origins}; uninstall one of the packages"
+        )
+    return points[0]
+
+
+def load(what: str, point: EntryPoint) -> Any:  # noqa: ANN401 - whatever a package announces
+    """Import a plug-in. Raises InputError that names it and its package where that fails."""
+    try:
+        return point.load()
+    except SwarmwrightError:
+        raise
+    except (Exception, SystemExit) as error:  # a plug-in may fail in any way while it is imported
+        raise InputError(f"{described(what, point)} cannot be imported: {one_line(repr(error))}") from error
