@@ -20,24 +20,16 @@ use crate::sample::PySample;
 use crate::supervision::PySupervision;
 use crate::values::{object, read, to_python};
 
-/// An [`Attempt`], its fields in their order.
-pub type AttemptRow = (
-    &'static str,
-    usize,
-    usize,
-    usize,
-    usize,
-    u64,
-    u32,
-    Option<u64>,
-    f64,
-    f64,
-    Option<String>,
-    Option<String>,
-);
+/// An [`Attempt`], its fields by their names.
+pub type AttemptFields<'py> = Bound<'py, PyAny>;
 
 /// Fitness, metrics, attempts, warnings.
-type Evaluated<'py> = (Fitness<'py>, Metrics<'py>, Vec<AttemptRow>, Vec<String>);
+type Evaluated<'py> = (
+    Fitness<'py>,
+    Metrics<'py>,
+    Vec<AttemptFields<'py>>,
+    Vec<String>,
+);
 
 /// Finds servers and runs episodes on them.
 /// What a server declares: its id, determinism and tolerance.
@@ -270,7 +262,7 @@ impl PyPool {
         in_meanwhile.map_or(Ok(()), Err)?;
         in_progress.map_or(Ok(()), Err)?;
         let results = result.map_err(|failed| error(&failed))?;
-        let (attempts, warnings) = (rows(pool.take_journal()), pool.take_warnings());
+        let (attempts, warnings) = (fields(py, &pool.take_journal())?, pool.take_warnings());
         let (fitness, metrics) = arrays(py, results.fitness, results.metrics, shape)?;
         Ok((fitness, metrics, attempts, warnings))
     }
@@ -309,7 +301,8 @@ impl PyPool {
                         let (fitness, metrics) =
                             arrays(py, settled.fitness, settled.metrics, shape)?;
                         let candidates = settled.candidates;
-                        let arguments = (candidates, fitness, metrics, rows(attempts), warnings);
+                        let attempts = fields(py, &attempts)?;
+                        let arguments = (candidates, fitness, metrics, attempts, warnings);
                         let more = feed.call1(py, arguments)?;
                         further(py, &more, columns)
                     });
@@ -362,25 +355,12 @@ fn progress(
     })
 }
 
-/// Attempts as rows.
-pub fn rows(attempts: Vec<Attempt>) -> Vec<AttemptRow> {
-    let row = |attempt: Attempt| {
-        (
-            attempt.mode,
-            attempt.candidate,
-            attempt.candidates,
-            attempt.episode,
-            attempt.episodes,
-            attempt.server,
-            attempt.attempt,
-            attempt.steps,
-            attempt.started,
-            attempt.seconds,
-            attempt.error,
-            attempt.stack,
-        )
-    };
-    attempts.into_iter().map(row).collect()
+/// Attempts as dicts.
+pub fn fields<'py>(py: Python<'py>, attempts: &[Attempt]) -> PyResult<Vec<AttemptFields<'py>>> {
+    attempts
+        .iter()
+        .map(|attempt| to_python(py, attempt))
+        .collect()
 }
 
 /// Further genomes from what `feed` returned; none when it returned None.

@@ -18,7 +18,7 @@ use crate::errors::{engine, input};
 use crate::genomes::architecture;
 use crate::local::{PyEvaluator, REPORT, lock};
 use crate::methods::PySearch;
-use crate::pool::{AttemptRow, PyPool, rows};
+use crate::pool::{AttemptFields, PyPool, fields};
 use crate::remote::Servers;
 use crate::results::{Fitness, Metrics, arrays};
 use crate::sample::PySample;
@@ -82,7 +82,7 @@ type Generation<'py> = (
     (f64, f64, f64, f64, f64),
     (usize, usize),
     PyDigests,
-    Vec<AttemptRow>,
+    Vec<AttemptFields<'py>>,
     Vec<String>,
 );
 
@@ -264,7 +264,7 @@ impl PyProducer {
         );
         let outcome = (produced.outcome.leader, produced.outcome.failed);
         let digests = PyDigests::known(digests);
-        let attempts = rows(produced.attempts);
+        let attempts = fields(py, &produced.attempts)?;
         Ok((
             genomes,
             episodes,

@@ -4,6 +4,29 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+/// How an attempt ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// With results.
+    #[default]
+    Done,
+    /// The evaluation failed, or the server sent what cannot be used of it.
+    Failed,
+    /// The server failed while it was at this: it went down, was silent for too long, or is not used any more.
+    ServerFailed,
+    /// The server had this when it failed at something else, or was ended.
+    Lost,
+    /// The connection to the broker broke.
+    Disconnected,
+    /// The server handed it back: it is for another tool, now or as a rule.
+    HandedBack,
+    /// Another server that had the same work was faster.
+    Overtaken,
+    /// The evaluation was given up meanwhile, so that nothing depended on this any more.
+    Dropped,
+}
+
 /// A line of the journal: one attempt at one episode, or at a block of them.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Attempt {
@@ -22,16 +45,16 @@ pub struct Attempt {
     /// 1 for the first try.
     pub attempt: u32,
     /// Steps that the server took, where it takes them one by one.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub steps: Option<u64>,
     /// Start, seconds since 1970.
     pub started: f64,
     /// Duration in seconds.
     pub seconds: f64,
-    /// Why it failed, if it did.
+    /// How it ended.
+    pub outcome: Outcome,
+    /// Why it brought no results, for people; none where it did.
     pub error: Option<String>,
     /// Where in the simulation's code, if that is known: once for each reason.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub stack: Option<String>,
 }
 

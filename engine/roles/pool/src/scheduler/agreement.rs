@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::scheduler::Scheduler;
 use crate::scheduler::audit::Compared;
-use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::blame::{Blame, Cause};
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::queue::results::Found;
 
@@ -140,7 +140,7 @@ impl Scheduler {
         self.outbox.warn(format!(
             "{reason}{cause}; {reopened} evaluations of it are done again{handed}"
         ));
-        self.fail_jobs(jobs, &reason, Blame::None, now);
+        self.fail_jobs(jobs, Cause::server(&reason, Blame::None), now);
     }
 
     /// What a server did, which is not used any more, is done again. Returns how many evaluations are, and how many

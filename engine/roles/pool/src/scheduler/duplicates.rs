@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use crate::scheduler::Scheduler;
 use crate::scheduler::job::Job;
-use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::blame::{Blame, Cause};
 
 impl Scheduler {
     /// An episode goes on whose server has answered a discovery meanwhile, as none does that is at an episode.
@@ -42,7 +42,7 @@ impl Scheduler {
             self.outbox.warn(text);
         }
         let reason = format!("two servers answer to the id {id}");
-        self.fail_jobs(jobs, &reason, Blame::None, now);
+        self.fail_jobs(jobs, Cause::server(&reason, Blame::None), now);
     }
 
     /// Results are handed out. Of servers that say which start of them answers there is no doubt.

@@ -6,8 +6,9 @@ use swarmwright_protocol::{
     Announcement, Capabilities, EXTENSION_VERSION, Message, SensorReading, ToTool, Topic,
 };
 
+use crate::journal::Outcome;
 use crate::scheduler::Scheduler;
-use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::blame::{Blame, Cause};
 
 /// How long it is not asked again for the next tick, for each server.
 const TICK_QUERY_INTERVAL: Duration = Duration::from_micros(5);
@@ -30,7 +31,8 @@ impl Scheduler {
                 .and_then(|id| id.parse().ok())
                 .unwrap_or(u64::MAX);
             let jobs = self.fleet.left(id);
-            return self.fail_jobs(jobs, &format!("server {id} left"), Blame::None, now);
+            let reason = format!("server {id} left");
+            return self.fail_jobs(jobs, Cause::server(&reason, Blame::None), now);
         }
         if kind == Topic::Sensor {
             match SensorReading::decode(payload) {
@@ -190,7 +192,11 @@ impl Scheduler {
         // What kept servers silent was the connection.
         self.outlook.some_work();
         let jobs = self.in_flight.jobs();
-        let reason = "the connection to the broker broke";
-        self.fail_jobs(jobs, reason, Blame::Broker, now);
+        let cause = Cause {
+            outcome: Outcome::Disconnected,
+            blame: Blame::Broker,
+            reason: "the connection to the broker broke",
+        };
+        self.fail_jobs(jobs, cause, now);
     }
 }

@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
-use crate::journal::Attempt;
+use crate::journal::{Attempt, Outcome};
 use crate::scheduler::Scheduler;
 use crate::scheduler::job::Job;
-use crate::scheduler::queue::blame::{Blame, Failure, How};
+use crate::scheduler::queue::blame::{Blame, Cause, Failure, How};
 use crate::scheduler::queue::piece::{Piece, Purpose};
 
 /// How often a server may be lost with an episode that it had not begun before that counts.
@@ -14,23 +14,18 @@ const FREE_LOSSES: u32 = 3;
 impl Scheduler {
     /// Jobs of a server are over without result; see [`retry`](Self::retry). The blame is the oldest one's: the others
     /// only waited.
-    pub(super) fn fail_jobs(&mut self, jobs: Vec<Job>, reason: &str, blame: Blame, now: Instant) {
-        self.fail_each(jobs, reason, blame, now);
+    pub(super) fn fail_jobs(&mut self, jobs: Vec<Job>, cause: Cause<'_>, now: Instant) {
+        self.fail_each(jobs, cause, now);
         self.dispatch(now);
     }
 
-    pub(super) fn fail_each(&mut self, jobs: Vec<Job>, reason: &str, blame: Blame, now: Instant) {
-        for (index, job) in jobs.into_iter().enumerate() {
-            // A connection is broken for all of them.
-            let blame = if index == 0 || blame == Blame::Broker {
-                blame
-            } else {
-                Blame::None
-            };
+    pub(super) fn fail_each(&mut self, jobs: Vec<Job>, mut cause: Cause<'_>, now: Instant) {
+        for job in jobs {
             match job {
-                Job::Episode(hash) => self.fail_episode(&hash, reason, blame, now),
-                Job::Request(number) => self.fail_request(number, reason, blame, now),
+                Job::Episode(hash) => self.fail_episode(&hash, cause, now),
+                Job::Request(number) => self.fail_request(number, cause, now),
             }
+            cause = cause.of_others();
         }
     }
 
@@ -159,7 +154,12 @@ impl Scheduler {
             let failed = self.ledger.give_up(evaluation, everywhere);
             self.counts.failed += u64::from(failed);
             if failed && everywhere {
-                self.drop_copies(evaluation, "the evaluation is given up", now);
+                self.drop_copies(
+                    evaluation,
+                    Outcome::Dropped,
+                    "the evaluation is given up",
+                    now,
+                );
             }
         }
     }

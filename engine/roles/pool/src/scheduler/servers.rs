@@ -8,7 +8,7 @@ use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::offers::Answer;
 use crate::scheduler::job::Job;
 use crate::scheduler::modes::episode::Episode;
-use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::blame::{Blame, Cause};
 
 impl Scheduler {
     pub(super) fn server(&mut self, message: ServerMessage, now: Instant) {
@@ -83,13 +83,13 @@ impl Scheduler {
             }
             if !ended.jobs.is_empty() {
                 self.fleet.remove(ended.server);
-                let blame = if ended.server_fault {
+                let cause = if ended.server_fault {
                     self.failed(ended.server, &ended.reason, now);
-                    Blame::Lost
+                    Cause::server(&ended.reason, Blame::Lost)
                 } else {
-                    Blame::None
+                    Cause::handed_back(&ended.reason)
                 };
-                self.fail_jobs(ended.jobs, &ended.reason, blame, now);
+                self.fail_jobs(ended.jobs, cause, now);
             }
         }
         if discover {

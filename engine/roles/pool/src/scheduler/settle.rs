@@ -2,9 +2,10 @@
 
 use std::time::Instant;
 
+use crate::journal::Outcome;
 use crate::scheduler::Scheduler;
 use crate::scheduler::modes::in_flight::{Again, Dropped};
-use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::blame::Cause;
 use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::scheduler::queue::results::Found;
 
@@ -61,7 +62,7 @@ impl Scheduler {
         if shared {
             self.doubt_overtaken(evaluation, now);
             let reason = format!("server {} was faster", found.server);
-            self.drop_copies(evaluation, &reason, now);
+            self.drop_copies(evaluation, Outcome::Overtaken, &reason, now);
         }
     }
 
@@ -80,9 +81,16 @@ impl Scheduler {
     }
 
     /// Ends what is under way for an evaluation that has ended, where nothing else depends on it.
-    pub(super) fn drop_copies(&mut self, evaluation: usize, reason: &str, now: Instant) {
+    pub(super) fn drop_copies(
+        &mut self,
+        evaluation: usize,
+        outcome: Outcome,
+        reason: &str,
+        now: Instant,
+    ) {
         self.drop_all(
             |scheduler, piece| scheduler.is_over(piece, evaluation),
+            outcome,
             reason,
             now,
         );
@@ -101,22 +109,33 @@ impl Scheduler {
     /// Ends the probes that are under way: there is nothing more to tell, nor to record.
     pub(super) fn drop_probes(&mut self, now: Instant) {
         let reason = "all work is done";
-        self.drop_all(|_, piece| piece.purpose == Purpose::Probe, reason, now);
+        self.drop_all(
+            |_, piece| piece.purpose == Purpose::Probe,
+            Outcome::Dropped,
+            reason,
+            now,
+        );
     }
 
-    fn drop_all(&mut self, over: impl Fn(&Self, &Piece) -> bool, reason: &str, now: Instant) {
+    fn drop_all(
+        &mut self,
+        over: impl Fn(&Self, &Piece) -> bool,
+        outcome: Outcome,
+        reason: &str,
+        now: Instant,
+    ) {
         for (server, job) in self.in_flight.jobs_of(|piece| over(self, piece)) {
             self.fleet.finished(server, &job);
             match self.in_flight.drop_job(job) {
                 Some(Dropped::Episode(hash, episode)) => {
                     if episode.piece.purpose != Purpose::Probe {
-                        self.record_run(&episode, Some(reason.to_owned()), None, now);
+                        self.record_run(&episode, outcome, Some(reason.to_owned()), None, now);
                     }
                     self.end_run(server, &hash);
                 }
                 Some(Dropped::Request(number, request)) => {
                     if request.piece.purpose != Purpose::Probe {
-                        self.record_request(&request, Some(reason.to_owned()), now);
+                        self.record_request(&request, outcome, Some(reason.to_owned()), now);
                     }
                     if let Some(batch) = &request.batch {
                         // On its own topic: what is said of control, all servers hear.
@@ -127,7 +146,7 @@ impl Scheduler {
                     // There is no way to end one of two requests.
                     let others = self.fleet.take_jobs(server);
                     self.let_go(server);
-                    self.fail_each(others, reason, Blame::None, now);
+                    self.fail_each(others, Cause::lost(reason), now);
                 }
                 None => {}
             }

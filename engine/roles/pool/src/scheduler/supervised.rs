@@ -2,12 +2,12 @@
 
 use std::time::Instant;
 
-use crate::journal::Attempt;
+use crate::journal::{Attempt, Outcome};
 use crate::mode::Mode;
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::processes::{At, Ending};
 use crate::scheduler::job::Job;
-use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::blame::{Blame, Cause};
 use crate::scheduler::queue::piece::Piece;
 
 fn blame_of(ending: &Ending) -> Blame {
@@ -53,16 +53,21 @@ impl Scheduler {
         let blame = blame_of(ending);
         for (index, job) in jobs.into_iter().enumerate() {
             // What waited only is not to blame.
-            let blame = if index == 0 { blame } else { Blame::None };
+            let mut cause = Cause::server(&ending.reason, blame);
+            if index > 0 {
+                cause = cause.of_others();
+            }
             match job {
                 Job::Request(number) => match ending.at.filter(|at| at.request == number) {
                     Some(at) => self.fail_at(number, at, ending, now),
-                    None if self.is_block(number) => {
-                        self.fail_request(number, &ending.reason, Blame::None, now);
+                    None => {
+                        if self.is_block(number) {
+                            cause.blame = Blame::None;
+                        }
+                        self.fail_request(number, cause, now);
                     }
-                    None => self.fail_request(number, &ending.reason, blame, now),
                 },
-                Job::Episode(hash) => self.fail_episode(&hash, &ending.reason, blame, now),
+                Job::Episode(hash) => self.fail_episode(&hash, cause, now),
             }
         }
         self.dispatch(now);
@@ -96,8 +101,7 @@ impl Scheduler {
         }
         let reason = &ending.reason;
         if !parts.is_empty() {
-            let words = format!("not finished: {reason}");
-            self.record_request(&request, Some(words), now);
+            self.record_request(&request, Outcome::Lost, Some(reason.clone()), now);
         }
         for part in parts.into_iter().rev() {
             self.retry(part, ending.server, reason, Blame::None, now);
@@ -109,6 +113,7 @@ impl Scheduler {
         let attempt = Attempt {
             mode: Mode::Offloaded.name(),
             server: ending.server,
+            outcome: Outcome::ServerFailed,
             error: Some(reason.clone()),
             stack: self.outbox.stack_once(reason, ending.stack.clone()),
             ..Attempt::default()

@@ -6,6 +6,7 @@ use swarmwright_protocol::{
     BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, F32s, ToServer, U64s,
 };
 
+use crate::journal::Outcome;
 use crate::scheduler::Scheduler;
 use crate::scheduler::job::Job;
 use crate::scheduler::modes::batch::Batch;
@@ -130,7 +131,7 @@ impl Scheduler {
         if !request.all_failed() {
             self.fleet.did_well(server, count, seconds.as_secs_f64());
         }
-        self.record_request(&request, None, now);
+        self.record_request(&request, Outcome::Done, None, now);
         self.limits.went_through(&request);
     }
 }

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{EXTENSION_VERSION, Evaluate, Evaluated, F32s, ToServer, U64s};
 
+use crate::journal::Outcome;
 use crate::metrics::needed;
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Slot;
@@ -135,7 +136,7 @@ impl Scheduler {
                 }
             }
         }
-        self.record_request(&request, None, now);
+        self.record_request(&request, Outcome::Done, None, now);
         self.limits.went_through(&request);
         // What succeeded shows that the server is sound, so it comes last.
         let columns = self.ledger.extent(&request.piece).1.len();

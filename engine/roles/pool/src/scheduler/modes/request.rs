@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{Missing, PieceKind, Waiting};
 
-use crate::journal::Attempt;
+use crate::journal::{Attempt, Outcome};
 use crate::mode::Mode;
 use crate::scheduler::modes::REPORT_TIMEOUT;
 use crate::scheduler::modes::batch::Batch;
@@ -114,7 +114,7 @@ impl Request {
         rest
     }
 
-    pub fn attempt(&self, error: Option<String>) -> Attempt {
+    pub fn attempt(&self, outcome: Outcome, error: Option<String>) -> Attempt {
         Attempt {
             mode: if self.batch.is_some() {
                 Mode::Batched.name()
@@ -122,6 +122,7 @@ impl Request {
                 Mode::Offloaded.name()
             },
             server: self.server,
+            outcome,
             error,
             ..Attempt::default()
         }

@@ -4,11 +4,11 @@ use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{DecodeError, Refusal, RefusalKind, ToServer, ToTool};
 
-use crate::journal::Attempt;
+use crate::journal::{Attempt, Outcome};
 use crate::scheduler::job::Job;
 use crate::scheduler::modes::batch::Batch;
 use crate::scheduler::modes::request::Request;
-use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::blame::{Blame, Cause};
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::{Action, Scheduler};
 
@@ -33,7 +33,12 @@ impl Scheduler {
 
     /// A request was not sent: a broker that takes so little takes it from no server.
     pub(crate) fn unsent(&mut self, number: u64, reason: &str, now: Instant) {
-        self.fail_request(number, reason, Blame::Evaluation, now);
+        let cause = Cause {
+            outcome: Outcome::Failed,
+            blame: Blame::Evaluation,
+            reason,
+        };
+        self.fail_request(number, cause, now);
         self.dispatch(now);
     }
 
@@ -163,7 +168,7 @@ impl Scheduler {
         let (reason, stack) = self.outbox.episode_failed(request.server, reason, stack);
         let attempt = Attempt {
             stack,
-            ..request.attempt(Some(reason.clone()))
+            ..request.attempt(Outcome::Failed, Some(reason.clone()))
         };
         self.record(attempt, &piece, request.started, now);
         self.retry(piece, request.server, &reason, Blame::Evaluation, now);
@@ -172,7 +177,7 @@ impl Scheduler {
     /// A server does not do what it was asked for.
     pub(super) fn refused(&mut self, number: u64, server: u64, refusal: &Refusal, now: Instant) {
         let reason = &refusal.reason;
-        let jobs = match refusal.kind {
+        let (jobs, cause) = match refusal.kind {
             // It waited in vain for this tool, or cannot do just this: nothing that the simulation said.
             RefusalKind::Failed => {
                 let reason = format!("server {server}: {reason}");
@@ -189,32 +194,33 @@ impl Scheduler {
                     self.outbox.warn(reason.clone());
                     self.failed(server, &reason, now);
                 }
-                self.fleet.remove(server)
+                (self.fleet.remove(server), Cause::handed_back(reason))
             }
             RefusalKind::Invalid => {
                 self.outlook.refused(now);
                 self.outbox
                     .warn(format!("server {server} refuses the work: {reason}"));
-                self.fleet.refuse(server, reason)
+                let jobs = self.fleet.refuse(server, reason);
+                (jobs, Cause::server(reason, Blame::None))
             }
         };
         // Also where the server was given up meanwhile.
-        self.fail_request(number, reason, Blame::None, now);
-        self.fail_jobs(jobs, reason, Blame::None, now);
+        self.fail_request(number, cause, now);
+        self.fail_jobs(jobs, cause.of_others(), now);
     }
 
     /// A request is over without a result; see [`retry`](Self::retry).
-    pub(crate) fn fail_request(&mut self, number: u64, reason: &str, blame: Blame, now: Instant) {
+    pub(crate) fn fail_request(&mut self, number: u64, cause: Cause<'_>, now: Instant) {
         let Some(request) = self.in_flight.take_request(number) else {
             return;
         };
         let server = request.server;
         self.fleet.finished(server, &Job::Request(number));
-        self.record_request(&request, Some(reason.to_owned()), now);
+        self.record_request(&request, cause.outcome, Some(cause.reason.to_owned()), now);
         let alone = request.piece.len() == 1;
         for piece in request.rest() {
             // What is left of several may have had company.
-            let blame = match blame {
+            let blame = match cause.blame {
                 Blame::Answer | Blame::Crash | Blame::Gone | Blame::Lost | Blame::Silent { .. }
                     if piece.len() == 1 && !alone =>
                 {
@@ -223,19 +229,20 @@ impl Scheduler {
                 Blame::Lost => Blame::Gone,
                 blame => blame,
             };
-            self.retry(piece, server, reason, blame, now);
+            self.retry(piece, server, cause.reason, blame, now);
         }
     }
 
     pub(crate) fn record_request(
         &mut self,
         request: &Request,
+        outcome: Outcome,
         error: Option<String>,
         now: Instant,
     ) {
         let attempt = Attempt {
             steps: request.batch.as_ref().map(Batch::steps),
-            ..request.attempt(error)
+            ..request.attempt(outcome, error)
         };
         self.record(attempt, &request.piece, request.started, now);
     }
@@ -279,6 +286,6 @@ impl Scheduler {
             Some(slot) => slot.jobs.clone(),
             None => Vec::new(),
         };
-        self.fail_jobs(jobs, reason, blame, now);
+        self.fail_jobs(jobs, Cause::server(reason, blame), now);
     }
 }

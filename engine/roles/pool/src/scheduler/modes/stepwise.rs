@@ -7,12 +7,12 @@ use swarmwright_protocol::{
     SensorReading, Topic, shortened,
 };
 
-use crate::journal::Attempt;
+use crate::journal::{Attempt, Outcome};
 use crate::metrics::needed;
 use crate::mode::Mode;
 use crate::scheduler::job::Job;
 use crate::scheduler::modes::episode::Episode;
-use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::blame::{Blame, Cause};
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::queue::results::Found;
 use crate::scheduler::{Action, Scheduler};
@@ -155,7 +155,7 @@ impl Scheduler {
         self.outbox
             .warn(format!("server {server} is not used: {reason}"));
         let jobs = self.fleet.refuse(server, reason);
-        self.fail_jobs(jobs, reason, Blame::None, now);
+        self.fail_jobs(jobs, Cause::server(reason, Blame::None), now);
     }
 
     /// `payload`: the message as it came, for the reason why a metric is not in it.
@@ -187,13 +187,13 @@ impl Scheduler {
         });
         match found {
             Ok(metrics) => {
-                self.record_run(&run, None, None, now);
+                self.record_run(&run, Outcome::Done, None, None, now);
                 let evaluation = run.piece.first();
                 let result = Found::new(run.server, message.fitness, metrics);
                 self.settle(&run.piece, evaluation, result, now);
             }
             Err(reason) => {
-                self.record_run(&run, Some(reason.clone()), None, now);
+                self.record_run(&run, Outcome::Failed, Some(reason.clone()), None, now);
                 self.retry(run.piece, run.server, &reason, Blame::Evaluation, now);
             }
         }
@@ -258,17 +258,18 @@ impl Scheduler {
     }
 
     /// An episode is over without fitness; see [`retry`](Self::retry).
-    pub(crate) fn fail_episode(&mut self, hash: &str, reason: &str, blame: Blame, now: Instant) {
+    pub(crate) fn fail_episode(&mut self, hash: &str, cause: Cause<'_>, now: Instant) {
         let Some(run) = self.in_flight.end_episode(hash, false) else {
             return;
         };
         self.fleet
             .finished(run.server, &Job::Episode(hash.to_owned()));
-        let blame = match blame {
+        let blame = match cause.blame {
             Blame::Lost if run.begun() => Blame::Gone,
             blame => blame,
         };
-        self.record_run(&run, Some(reason.to_owned()), None, now);
+        let reason = cause.reason;
+        self.record_run(&run, cause.outcome, Some(reason.to_owned()), None, now);
         self.retry(run.piece, run.server, reason, blame, now);
     }
 
@@ -293,7 +294,7 @@ impl Scheduler {
         let (reason, stack) = self
             .outbox
             .episode_failed(run.server, message.reason, message.stack);
-        self.record_run(&run, Some(reason.clone()), stack, now);
+        self.record_run(&run, Outcome::Failed, Some(reason.clone()), stack, now);
         self.retry(run.piece, run.server, &reason, Blame::Evaluation, now);
     }
 
@@ -323,7 +324,7 @@ impl Scheduler {
         for (hash, server) in self.in_flight.taken_episodes(now) {
             self.fleet.remove(server);
             let reason = format!("server {server} is taken by another optimization tool");
-            self.fail_episode(&hash, &reason, Blame::None, now);
+            self.fail_episode(&hash, Cause::handed_back(&reason), now);
             self.dispatch(now);
         }
     }
@@ -338,13 +339,13 @@ impl Scheduler {
     fn preempted(&mut self, id: u64, hash: &str, now: Instant) {
         let reason = format!("server {id} is free and has not begun the episode");
         let server_fault = self.fleet.was_preempted(id) > MOST_PREEMPTIONS;
-        let blame = if server_fault {
+        let cause = if server_fault {
             self.failed(id, &reason, now);
-            Blame::Lost
+            Cause::server(&reason, Blame::Lost)
         } else {
-            Blame::None
+            Cause::handed_back(&reason)
         };
-        self.fail_episode(hash, &reason, blame, now);
+        self.fail_episode(hash, cause, now);
         self.dispatch(now);
     }
 
@@ -385,13 +386,14 @@ impl Scheduler {
                 Blame::Answer
             };
             self.failed_in_vain(server, &reason, now);
-            self.fail_episode(&hash, &reason, blame, now);
+            self.fail_episode(&hash, Cause::server(&reason, blame), now);
         }
     }
 
     pub(crate) fn record_run(
         &mut self,
         run: &Episode,
+        outcome: Outcome,
         error: Option<String>,
         stack: Option<String>,
         now: Instant,
@@ -400,6 +402,7 @@ impl Scheduler {
             mode: Mode::Stepwise.name(),
             server: run.server,
             steps: Some(run.steps()),
+            outcome,
             error,
             stack,
             ..Attempt::default()

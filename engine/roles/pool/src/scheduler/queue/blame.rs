@@ -7,6 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::{Duration, Instant};
 
+use crate::journal::Outcome;
 use crate::scheduler::queue::piece::Piece;
 use crate::sections::Faults;
 
@@ -43,6 +44,53 @@ pub(crate) enum Blame {
     Lost,
     /// The server said nothing for too long, or is only slow. `others`: whether anyone spoke meanwhile.
     Silent { others: bool },
+}
+
+/// Why what a server had is over without results.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cause<'a> {
+    /// What the journal says of the attempt.
+    pub outcome: Outcome,
+    pub blame: Blame,
+    /// For people.
+    pub reason: &'a str,
+}
+
+impl<'a> Cause<'a> {
+    /// The server failed, or is not used any more.
+    pub fn server(reason: &'a str, blame: Blame) -> Self {
+        Self {
+            outcome: Outcome::ServerFailed,
+            blame,
+            reason,
+        }
+    }
+
+    /// It was ended for the sake of other work.
+    pub fn lost(reason: &'a str) -> Self {
+        Self {
+            outcome: Outcome::Lost,
+            blame: Blame::None,
+            reason,
+        }
+    }
+
+    /// The server is for another tool.
+    pub fn handed_back(reason: &'a str) -> Self {
+        Self {
+            outcome: Outcome::HandedBack,
+            blame: Blame::None,
+            reason,
+        }
+    }
+
+    /// The same for what only waited at the server meanwhile.
+    pub fn of_others(self) -> Self {
+        match self.outcome {
+            Outcome::ServerFailed => Self::lost(self.reason),
+            _ => self,
+        }
+    }
 }
 
 /// How an evaluation failed.
