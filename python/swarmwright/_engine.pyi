@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.engine_types import (
-    AttemptRow,
+    AttemptFields,
     Counts,
     Description,
     Faults,
@@ -738,7 +738,7 @@ class Producer:
             tuple[float, float, float, float, float],
             tuple[int, int],
             Digests,
-            list[AttemptRow],
+            list[AttemptFields],
             list[str],
         ]
         | None
@@ -1103,7 +1103,7 @@ class Pool:
         meanwhile: Callable[[], None] | None = None,
         sample: Sample | None = None,
         only: Sequence[tuple[int, int, int | None]] | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[AttemptRow], list[str]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[AttemptFields], list[str]]:
         """Every controller in an episode of every seed; `architecture` and `genomes` as in the function `evaluate`.
 
         sample: what all genomes were made from; servers that can make them get it instead. Raises InputError if it has
@@ -1147,7 +1147,7 @@ class Pool:
         genomes: NDArray[np.float32],
         seeds: Sequence[int],
         feed: Callable[
-            [list[int], NDArray[np.float64], NDArray[np.float64], list[AttemptRow], list[str]],
+            [list[int], NDArray[np.float64], NDArray[np.float64], list[AttemptFields], list[str]],
             NDArray[np.float32] | None,
         ],
         on_progress: Callable[[int, int, str], None] | None = None,

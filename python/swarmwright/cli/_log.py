@@ -15,7 +15,6 @@ import click
 from swarmwright.cli._output import finite
 from swarmwright.cli._parameter_types import WholeNumber
 from swarmwright.common.errors import InputError
-from swarmwright.servers.attempts import is_overtaken
 
 if TYPE_CHECKING:
     from swarmwright.servers.evaluation.reports import Report
@@ -133,9 +132,9 @@ class Log:
             case "server":
                 state = fields.pop("state")
                 self.write("warning" if state == "lost" else "info", f"server_{state}", **fields)
-            case "attempt" if fields.get("error") is None:
+            case "attempt" if fields["outcome"] == "done":
                 self.write("debug", event, **fields)
-            case "attempt" if is_overtaken(fields["error"]):
+            case "attempt" if fields["outcome"] in {"overtaken", "dropped"}:
                 self.write("debug", "attempt_overtaken", **fields)
             case "attempt":
                 self.write("warning", "attempt_failed", **fields)

@@ -3,7 +3,6 @@
 import re
 import shlex
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
@@ -21,7 +20,6 @@ from swarmwright.common.formatting import counted, duration
 from swarmwright.common.machine_texts import controller_text
 from swarmwright.common.modules import is_modules, label_of
 from swarmwright.common.untrusted import one_line
-from swarmwright.servers.attempts import TURN
 from swarmwright.simulations.user_code.copying import display_name
 
 if TYPE_CHECKING:
@@ -258,8 +256,8 @@ def describe(output: Output, run: "Run") -> None:
     for remark in edited:
         output.block(remark, indent="  ")
     _list_sessions(output, run)
-    _list_servers(output, servers, failures)
-    _list_failures(output, [one for one in failures if not one["reason"].startswith(TURN)])
+    _list_servers(output, servers)
+    _list_failures(output, failures)
     if warnings:
         output.text()
     for event in warnings[:_WARNINGS]:
@@ -284,25 +282,19 @@ def _list_sessions(output: Output, run: "Run") -> None:
         output.text("  " + ", ".join(f"{name} {version}" for name, version in session.versions.items()))
 
 
-def _list_servers(output: Output, servers: list[dict[str, Any]], failures: list[dict[str, Any]]) -> None:
-    turns: Counter[int] = Counter()
-    for one in failures:
-        if one["reason"].startswith(TURN):
-            turns.update(one["servers"])
+def _list_servers(output: Output, servers: list[dict[str, Any]]) -> None:
     if servers:
         output.text()
     for server in servers:
-        handed_back = turns[server["server"]]
         said = f"server {server['server']}: {counted(server['evaluations'], 'episode')}"
-        others = server["failed"] + server["lost"] > handed_back
-        said += " (failed ones included)" * (server["with_failed"] and others)
+        said += " (failed ones included)" * server["with_failed"]
         said += f", busy for {duration(server['seconds'])}"
-        if server["failed"] > handed_back:
-            said += f", {counted(server['failed'] - handed_back, 'attempt')} failed"
+        if server["failed"]:
+            said += f", {counted(server['failed'], 'attempt')} failed"
         if server["lost"]:
             said += f", {server['lost']:,} more lost with it"
-        if handed_back:
-            said += f", {counted(handed_back, 'attempt')} handed back at the turn of another tool"
+        if server["handed_back"]:
+            said += f", {counted(server['handed_back'], 'attempt')} handed back for another tool"
         if server["slower"]:
             said += f", {counted(server['slower'], 'attempt')} ended as another server was faster (backup)"
         output.text(said)

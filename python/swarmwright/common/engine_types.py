@@ -35,14 +35,38 @@ class Requirements(TypedDict):
     max_agents: NotRequired[float]
 
 
-AttemptRow: TypeAlias = tuple[
-    str, int, int, int, int, int, int, int | None, float, float, str | None, str | None
+Outcome: TypeAlias = Literal[
+    "done", "failed", "server_failed", "lost", "disconnected", "handed_back", "overtaken", "dropped"
 ]
-"""One attempt at a block of evaluations.
+"""How an attempt ended.
 
-Mode, first candidate, number of candidates, first episode, number of episodes, server, attempt (from 1),
-steps (None when offloaded), start (seconds since 1970), duration (seconds), error, traceback.
+done: with results.
+failed: the evaluation failed.
+server_failed: the server failed while it was at this.
+lost: the server had this when it failed at something else.
+disconnected: the connection to the broker broke.
+handed_back: the server is for another tool, now or as a rule.
+overtaken: another server that had the same work was faster.
+dropped: the evaluation was given up meanwhile.
 """
+
+
+class AttemptFields(TypedDict):
+    """One attempt at a block of evaluations; see `swarmwright.servers.rows.AttemptEntry`."""
+
+    mode: str
+    candidate: int
+    candidates: int
+    episode: int
+    episodes: int
+    server: int
+    attempt: int
+    steps: int | None
+    started: float
+    seconds: float
+    outcome: Outcome
+    error: str | None
+    stack: str | None
 
 
 class Counts(TypedDict):
@@ -93,22 +117,10 @@ class ServerReport(TypedDict):
     state: Literal["ready", "busy", "lost", "left"]
 
 
-class AttemptReport(TypedDict):
-    """An attempt has ended; the fields of `AttemptRow` by name."""
+class AttemptReport(AttemptFields):
+    """An attempt has ended."""
 
     event: Literal["attempt"]
-    mode: str
-    candidate: int
-    candidates: int
-    episode: int
-    episodes: int
-    server: int
-    attempt: int
-    steps: NotRequired[int]
-    started: float
-    seconds: float
-    error: str | None
-    stack: NotRequired[str]
 
 
 class BenchedReport(TypedDict):

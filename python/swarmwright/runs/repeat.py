@@ -16,10 +16,10 @@ from swarmwright.methods.rankings.race import Race
 from swarmwright.runs.code import used_for
 from swarmwright.runs.instances import instances
 from swarmwright.runs.store import Evaluation
-from swarmwright.servers.attempts import is_overtaken
 from swarmwright.servers.evaluation.base import Controllers, Servers
 from swarmwright.servers.evaluation.evaluate import tell_failures
 from swarmwright.servers.evaluation.opening import open_backend
+from swarmwright.servers.rows import NO_RESULT
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -134,7 +134,7 @@ def _recorded_errors(run: "Run", parts: Sequence[Evaluation]) -> list[str]:
         one.error
         for one in run.attempts()
         if one.error is not None
-        and not is_overtaken(one.error)
+        and one.outcome in NO_RESULT
         and any((one.generation, one.candidate + index) in of for index in range(one.candidates))
     ]
     return list(dict.fromkeys(errors))

@@ -3,16 +3,15 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from types import UnionType
-from typing import Any, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.common.engine_types import AttemptRow
+from swarmwright.common.engine_types import AttemptFields, Outcome
 from swarmwright.common.statistics import Summary
 from swarmwright.common.typing import Fitness, Genomes
-from swarmwright.servers.attempts import is_overtaken
 
 
 class Evaluated(NamedTuple):
@@ -44,6 +43,10 @@ class Evaluated(NamedTuple):
 
 IN_PROCESS = -1
 """The server of attempts in the tool's own process."""
+FAILED: Final = frozenset[Outcome]({"failed", "server_failed", "disconnected"})
+"""Outcomes of attempts that failed."""
+NO_RESULT: Final = FAILED | frozenset[Outcome]({"lost", "handed_back"})
+"""Outcomes of attempts after which others had to try."""
 NOTHING_LEFT = "nothing was left to evaluate"
 """The place of a session that only brought a run to its end."""
 
@@ -97,8 +100,10 @@ class Attempt:
     """Seconds since 1970."""
     seconds: float
     """Duration; of a first attempt in the tool's own process, that of all evaluations of the generation."""
+    outcome: Outcome
+    """How it ended."""
     error: str | None
-    """Why it failed, if it did."""
+    """Why it brought no results, for people; None where it did."""
     stack: str | None = None
     """Where in the simulation's code, where that is known: the first attempt with this error has it."""
 
@@ -110,7 +115,7 @@ class ServerShare(NamedTuple):
     evaluations: int
     """Episodes of all attempts that it answered."""
     failed: int
-    """Attempts that failed, but for those that another server was faster with, and for lost ones."""
+    """Attempts that failed: the evaluation, the server at it, or its connection."""
     seconds: float
     """During which an attempt was under way; several at the same time count once."""
     slower: int
@@ -119,6 +124,8 @@ class ServerShare(NamedTuple):
     """Whether episodes that failed are among `evaluations`: a server answers many episodes at once."""
     lost: int
     """Attempts at other evaluations that the server had when it failed at one; they were repeated."""
+    handed_back: int
+    """Attempts that the server handed back, since another tool has it or waits for it."""
 
 
 class FailureReason(NamedTuple):
@@ -146,6 +153,7 @@ class AttemptEntry(NamedTuple):
     steps: int | None
     started: float
     seconds: float
+    outcome: Outcome
     error: str | None
     stack: str | None
 
@@ -189,18 +197,18 @@ class Journal:
     warnings: list[WarningEntry] = field(default_factory=list)
 
     @classmethod
-    def of(cls, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Self:
+    def of(cls, attempts: Iterable[AttemptFields], warnings: Iterable[str]) -> Self:
         """Return the journal of what a pool returned."""
-        return cls([AttemptEntry(*row) for row in attempts], [WarningEntry(text) for text in warnings])
+        return cls([AttemptEntry(**row) for row in attempts], [WarningEntry(text) for text in warnings])
 
     @property
     def errors(self) -> list[str]:
         """Why evaluations failed, in order; failures that are not ones of an attempt come last.
 
-        Attempts that ended since another server was faster are not among them.
+        Attempts that were not needed any more are not among them.
         """
-        errors = [entry.error for entry in self.attempts] + [entry.error for entry in self.warnings]
-        return [error for error in errors if error and not is_overtaken(error)]
+        errors = [entry.error for entry in self.attempts if entry.outcome in NO_RESULT]
+        return [error for error in errors + [entry.error for entry in self.warnings] if error]
 
     def with_warnings(self, warnings: Iterable[WarningEntry]) -> Self:
         """Return a journal with more warnings."""

@@ -60,8 +60,8 @@ def test_a_run_is_logged_from_its_beginning_to_its_end(program: Any, tmp_path: P
 
 def test_attempts_that_another_server_overtook_are_no_failures(tmp_path: Path) -> None:
     with Log(tmp_path / "log", "debug") as log:
-        for error in ("server 10 was faster", "server 1 was lost", None):
-            log.report({"event": "attempt", "server": 1, "error": error})
+        for outcome in ("overtaken", "server_failed", "done"):
+            log.report({"event": "attempt", "server": 1, "outcome": outcome})
     found = [(line["level"], line["event"]) for line in lines(tmp_path / "log")]
     assert found == [("debug", "attempt_overtaken"), ("warning", "attempt_failed"), ("debug", "attempt")]
 

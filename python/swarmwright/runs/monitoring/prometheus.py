@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.errors import InputError
-from swarmwright.servers.attempts import is_overtaken
 
 if TYPE_CHECKING:
     from prometheus_client.core import Metric
@@ -105,7 +104,7 @@ class ToolFigures(_Figures):
                 case "server":
                     self._servers[report["server"]] = report["state"]
                 case "attempt":
-                    self._attempts[report["mode"], _outcome(report.get("error"))] += 1
+                    self._attempts[report["mode"], report["outcome"]] += 1
                 case "benched":
                     self._benched += 1
                 case "broker_lost":
@@ -197,13 +196,6 @@ class ServeFigures(_Figures):
             {(state,): states[state] for state in ("ready", "busy", "lost", "ended")},
         )
         yield _labelled_counter("server_events", "What happened to servers.", ("event",), self._events)
-
-
-def _outcome(error: str | None) -> str:
-    """Return the outcome of an attempt; of several at the same work one is done."""
-    if error is None:
-        return "done"
-    return "overtaken" if is_overtaken(error) else "failed"
 
 
 def _silent(status: Mapping[str, Any]) -> dict[int, float]:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import logging
-import math
 import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,9 +12,8 @@ import numpy as np
 
 from swarmwright.common.formatting import counted
 from swarmwright.common.untrusted import one_line
-from swarmwright.servers.attempts import NOT_FINISHED, SAME_END_S, is_overtaken, is_server_end
 from swarmwright.servers.evaluation.base import Results
-from swarmwright.servers.rows import AttemptEntry, Journal, WarningEntry
+from swarmwright.servers.rows import FAILED, AttemptEntry, Journal, WarningEntry
 
 _log = logging.getLogger("swarmwright")
 _UNATTRIBUTED = "an evaluation failed after "
@@ -47,7 +45,7 @@ class Failure(NamedTuple):
     @property
     def reason(self) -> str:
         """Why the last attempt failed, as the pool's warnings have it."""
-        return (self.last.error or "").removeprefix(NOT_FINISHED)
+        return self.last.error or ""
 
     def text(self, seeds: Sequence[int]) -> str:
         """Say which episode failed, and how often it was tried."""
@@ -139,7 +137,9 @@ def failures_of(results: Results, rows: Mapping[int, int] | None) -> Iterator[Fa
     if not failed.any():
         return
     found: dict[tuple[int, int], list[AttemptEntry]] = {}
-    for entry in _without_lost(results.journal.attempts):
+    for entry in results.journal.attempts:
+        if entry.outcome not in FAILED:
+            continue
         for candidate in range(entry.candidate, entry.candidate + entry.candidates):
             row = candidate if rows is None else rows.get(candidate, -1)
             for episode in range(entry.episode, entry.episode + entry.episodes):
@@ -172,43 +172,3 @@ def _without_quarantine(warnings: Sequence[WarningEntry], failures: list[Failure
         index = same[0] if at is None else min(same, key=lambda index: abs(failures[index].time - at))
         failures[index] = failures[index]._replace(quarantine=found[1])
     return others
-
-
-def _without_lost(entries: Sequence[AttemptEntry]) -> Iterator[AttemptEntry]:
-    """Yield attempts that failed, without those that a server lost since it failed at another one."""
-    groups: dict[tuple[int, str], list[tuple[float, int]]] = {}
-    for number, entry in enumerate(entries):
-        error = entry.error or ""
-        reason = error.removeprefix(NOT_FINISHED)
-        if is_server_end(reason) and not is_overtaken(error):
-            groups.setdefault((entry.server, reason), []).append((entry.started + entry.seconds, number))
-    lost: set[int] = set()
-    for group in groups.values():
-        together: list[int] = []
-        before = -math.inf
-        for end, number in sorted(group):
-            if end - before > SAME_END_S:
-                lost.update(_lost(entries, together))
-                together = []
-            together.append(number)
-            before = end
-        lost.update(_lost(entries, together))
-    for number, entry in enumerate(entries):
-        if entry.error and not is_overtaken(entry.error) and number not in lost:
-            yield entry
-
-
-def _lost(entries: Sequence[AttemptEntry], together: Sequence[int]) -> list[int]:
-    """Return which of the attempts that ended together with a server are not the one at which it failed."""
-
-    def is_cause(number: int) -> tuple[bool, bool, int, int]:
-        entry = entries[number]
-        size = entry.candidates * entry.episodes
-        # The pool gives it a stack, at first, and writes it behind the batch that it was part of. Later it is
-        # sent alone, with a higher number than others that wait at the server.
-        whole = number > 0 and (entries[number - 1].error or "").startswith(NOT_FINISHED)
-        return entry.stack is not None, whole, entry.attempt, -size
-
-    ended = [number for number in together if not (entries[number].error or "").startswith(NOT_FINISHED)]
-    cause = max(ended, key=is_cause, default=None)
-    return [number for number in together if number != cause]

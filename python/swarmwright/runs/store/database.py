@@ -57,8 +57,8 @@ CREATE TABLE session (
 CREATE TABLE attempt (
     session INTEGER NOT NULL, generation INTEGER NOT NULL, mode TEXT NOT NULL, candidate INTEGER NOT NULL,
     candidates INTEGER NOT NULL, episode INTEGER NOT NULL, episodes INTEGER NOT NULL, server INTEGER NOT NULL,
-    attempt INTEGER NOT NULL, steps INTEGER, started REAL NOT NULL, seconds REAL NOT NULL, error TEXT,
-    stack TEXT);
+    attempt INTEGER NOT NULL, steps INTEGER, started REAL NOT NULL, seconds REAL NOT NULL,
+    outcome TEXT NOT NULL, error TEXT, stack TEXT);
 CREATE TABLE event (
     session INTEGER NOT NULL, generation INTEGER, time TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL);
 """

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.common.engine_types import AttemptRow
+from swarmwright.common.engine_types import AttemptFields
 from swarmwright.common.errors import InputError, PlugInError, SimulationError
 from swarmwright.common.plug_in_code import is_plug_in, numbers, place
 from swarmwright.common.typing import Genomes
@@ -181,7 +181,7 @@ class Backend(Protocol):
     def count_failed(self, results: Results) -> None:
         """Count failed episodes of what the engine has evaluated by itself."""
 
-    def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
+    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[str]) -> Journal:
         """Return the journal of what the engine has evaluated by itself."""
 
     def failure_of(self, reason: str, /) -> SimulationError | None:

@@ -123,7 +123,9 @@ class Repetition:
                 WarningEntry(f"an episode failed: {failed.reason}", time=started + seconds)
             )
         entry = _entry(failed.candidate, failed.episode, attempt, started, seconds)
-        journal.attempts.append(entry._replace(error=failed.reason, stack=failed.stack if new else None))
+        journal.attempts.append(
+            entry._replace(outcome="failed", error=failed.reason, stack=failed.stack if new else None)
+        )
 
 
 def _entry(candidate: int, episode: int, attempt: int, started: float, seconds: float) -> AttemptEntry:
@@ -138,6 +140,7 @@ def _entry(candidate: int, episode: int, attempt: int, started: float, seconds: 
         steps=None,
         started=started,
         seconds=seconds,
+        outcome="done",
         error=None,
         stack=None,
     )

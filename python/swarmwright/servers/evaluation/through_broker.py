@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.common import hash_seed
-from swarmwright.common.engine_types import AttemptRow, Report
+from swarmwright.common.engine_types import AttemptFields, Report
 from swarmwright.common.errors import RunError, SimulationError, engine_errors
 from swarmwright.common.simulation_names import is_command
 from swarmwright.common.suggestions import did_you_mean
@@ -118,7 +118,7 @@ class BrokerBackend:
 
         self._pool.listen(tell, warnings_only=on_status is None and reports.only_warnings())
 
-    def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
+    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[str]) -> Journal:
         """Return the journal of what a pool has evaluated, with the times at which it warned."""
         journal = self._times.journal(attempts, warnings)
         self._code_failures.note(journal)
@@ -258,7 +258,9 @@ class BrokerBackend:
                 only=only,
             )
         self.check()
-        servers = {(row[1], row[3]): row[5] for row in attempts if row[10] is None}
+        servers = {
+            (one["candidate"], one["episode"]): one["server"] for one in attempts if one["outcome"] == "done"
+        }
         rows, episodes = (list(part) for part in zip(*places, strict=True))
         found = Results(
             fitness[rows, episodes][:, np.newaxis], metrics[rows, episodes][:, np.newaxis], Journal()
@@ -292,7 +294,7 @@ class BrokerBackend:
             candidates: list[int],
             fitness: NDArray[np.float64],
             metrics: NDArray[np.float64],
-            attempts: list[AttemptRow],
+            attempts: list[AttemptFields],
             warnings: list[str],
         ) -> NDArray[np.float32] | None:
             self.check()

@@ -4,7 +4,7 @@ import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
 
-from swarmwright.common.engine_types import AttemptRow
+from swarmwright.common.engine_types import AttemptFields
 from swarmwright.servers.evaluation.reports import WARNINGS, Report
 from swarmwright.servers.rows import Journal, WarningEntry
 
@@ -24,7 +24,7 @@ class WarningTimes:
         if report["event"] in WARNINGS:
             self._times[_text(report)].append(self._clock())
 
-    def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
+    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[str]) -> Journal:
         """Return the journal of what a pool returned, with the times at which it warned."""
         journal = Journal.of(attempts, ())
         journal.warnings = [WarningEntry(text, time=self._taken(text)) for text in warnings]

@@ -116,8 +116,8 @@ def test_incidents_are_counted() -> None:
         {"event": "server", "server": 1, "state": "busy"},
         {"event": "server", "server": 2, "state": "ready"},
         {"event": "server", "server": 2, "state": "left"},
-        {"event": "attempt", "mode": "batched", "error": "it was lost"},
-        {"event": "attempt", "mode": "batched", "error": "server 2 was faster"},
+        {"event": "attempt", "mode": "batched", "outcome": "server_failed"},
+        {"event": "attempt", "mode": "batched", "outcome": "overtaken"},
         {"event": "benched", "server": 1},
         {"event": "broker_lost", "reason": "gone"},
         {**status(1, 2), "counts": {"late": 3, "unknown": 1}},
@@ -126,7 +126,7 @@ def test_incidents_are_counted() -> None:
     found = {(s.name, *s.labels.values()): s.value for family in figures.collect() for s in family.samples}
     assert found["swarmwright_servers", "busy"] == 1
     assert found["swarmwright_servers", "ready"] == 0
-    assert found["swarmwright_attempts_total", "batched", "failed"] == 1
+    assert found["swarmwright_attempts_total", "batched", "server_failed"] == 1
     assert found["swarmwright_attempts_total", "batched", "overtaken"] == 1
     assert found["swarmwright_pool_benched_total",] == found["swarmwright_pool_broker_losses_total",] == 1
     assert found["swarmwright_pool_late_total",] == 3

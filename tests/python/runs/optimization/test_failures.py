@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, RunError, optimize, resume
+from swarmwright.common.engine_types import Outcome
 from swarmwright.runs.optimization.failures import Failures
 from swarmwright.servers.evaluation.base import Results
 from swarmwright.servers.evaluation.evaluate import tell_failures
@@ -40,10 +41,16 @@ class Fragile(Simulation):
 
 
 def attempt(
-    candidate: int, episode: int, number: int, error: str | None, candidates: int = 1
+    candidate: int,
+    episode: int,
+    number: int,
+    error: str | None,
+    candidates: int = 1,
+    outcome: Outcome | None = None,
 ) -> AttemptEntry:
+    ended = outcome or ("done" if error is None else "failed")
     return AttemptEntry(
-        "offloaded", candidate, candidates, episode, 1, 1, number, None, 0.0, 1.0, error, None
+        "offloaded", candidate, candidates, episode, 1, 1, number, None, 0.0, 1.0, ended, error, None
     )
 
 
@@ -57,7 +64,7 @@ def results(fitness: list[list[float]], *attempts: AttemptEntry) -> Results:
 
 
 def test_attempts_that_were_cancelled_did_not_fail(caplog: pytest.LogCaptureFixture) -> None:
-    tried = [attempt(0, 0, 1, "server 2 was faster"), attempt(0, 0, 2, None)]
+    tried = [attempt(0, 0, 1, "server 2 was faster", outcome="overtaken"), attempt(0, 0, 2, None)]
     journal = Journal([*tried, attempt(1, 0, 1, "no licence")], [])
     assert journal.errors == ["no licence"]
     backend: Any = None  # of no kind that tells by itself
@@ -88,13 +95,16 @@ def test_candidate_episode_and_seed_are_named(caplog: pytest.LogCaptureFixture) 
 def test_attempts_at_a_candidate_are_counted_with_their_copies_and_without_those_lost_at_others() -> None:
     """Copies on two servers have one number; what waited at a server that failed is no attempt."""
     crash = "a simulation server was killed by SIGSEGV in step (own.py:14)"
-    whole = attempt(0, 0, 1, f"not finished: {crash}", candidates=2)
-    first = attempt(0, 0, 1, crash)._replace(stack="line 14 in step")
-    waited = attempt(1, 0, 1, crash)
+    whole = attempt(0, 0, 1, crash, candidates=2, outcome="lost")
+    first = attempt(0, 0, 1, crash, outcome="server_failed")._replace(stack="line 14 in step")
+    waited = attempt(1, 0, 1, crash, outcome="lost")
     copied = [one._replace(server=2, stack=None) for one in (whole, first, waited)]
-    overtaken = attempt(0, 0, 2, "server 2 was faster")
-    again = [attempt(0, 0, 2, crash)._replace(server=3), attempt(1, 0, 1, crash)._replace(server=3)]
-    later = attempt(1, 0, 1, crash)._replace(started=50.0)
+    overtaken = attempt(0, 0, 2, "server 2 was faster", outcome="overtaken")
+    again = [
+        attempt(0, 0, 2, crash, outcome="server_failed")._replace(server=3),
+        attempt(1, 0, 1, crash, outcome="lost")._replace(server=3),
+    ]
+    later = attempt(1, 0, 1, crash, outcome="server_failed")._replace(started=50.0)
     tried = [whole, first, waited, *copied, *again, later, overtaken]
     found = Failures(Path("run")).named(results([[np.nan], [np.nan]], *tried), [17])
     assert [one.text for one in found.journal.warnings[1:]] == [

@@ -42,7 +42,7 @@ class Broken(Simulation):
 def failures(count: int, reason: str = "no licence for {}") -> Results:
     """Return results of candidates that all fail, for reasons that differ in numbers alone."""
     attempts = [
-        AttemptEntry("offloaded", index, 1, 0, 1, 1, 3, None, 0.0, 1.0, reason.format(index), None)
+        AttemptEntry("offloaded", index, 1, 0, 1, 1, 3, None, 0.0, 1.0, "failed", reason.format(index), None)
         for index in range(count)
     ]
     return Results(np.full((count, 1), np.nan), np.empty((count, 1, 0)), Journal(attempts, []))

@@ -369,21 +369,21 @@ def test_metrics_are_kept_for_each_episode(tmp_path: Path) -> None:
 
 
 def test_the_time_of_a_server_counts_once_and_a_slower_backup_is_no_failure(copy: Path) -> None:
-    row = "(1, 0, '{mode}', 0, {count}, 0, 1, 1, 1, NULL, {started}, {seconds}, {error}, NULL)"
+    row = "(1, 0, '{mode}', 0, {count}, 0, 1, 1, 1, NULL, {started}, {seconds}, {ended}, NULL)"
     attempts = [
-        ("offloaded", 10, 100.0, 4.0, "NULL"),
-        ("offloaded", 5, 102.0, 3.0, "NULL"),  # beside the one before
-        ("offloaded", 1, 100.0, 4.0, "'it crashed'"),  # of the first ten
-        ("offloaded", 5, 101.0, 1.0, "'server 2 was faster'"),
-        ("stepwise", 2, 110.0, 1.5, "NULL"),
+        ("offloaded", 10, 100.0, 4.0, "'done', NULL"),
+        ("offloaded", 5, 102.0, 3.0, "'done', NULL"),  # beside the one before
+        ("offloaded", 1, 100.0, 4.0, "'failed', 'it crashed'"),  # of the first ten
+        ("offloaded", 5, 101.0, 1.0, "'overtaken', 'server 2 was faster'"),
+        ("stepwise", 2, 110.0, 1.5, "'done', NULL"),
     ]
     rows = [
-        row.format(mode=mode, count=count, started=started, seconds=seconds, error=error)
-        for mode, count, started, seconds, error in attempts
+        row.format(mode=mode, count=count, started=started, seconds=seconds, ended=ended)
+        for mode, count, started, seconds, ended in attempts
     ]
     change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
     (share,) = StoreReader(copy).servers()
-    assert share == (1, 17, 1, 6.5, 1, True, 0)
+    assert share == (1, 17, 1, 6.5, 1, True, 0, 0)
     said = CliRunner().invoke(program, ["runs", "show", str(copy)]).output
     assert (
         "server 1: 17 episodes (failed ones included), busy for 6.5 s, 1 attempt failed, 1 attempt ended as "
@@ -395,17 +395,18 @@ def test_incidents_name_the_servers_whose_work_was_copied(copy: Path) -> None:
     with StoreWriter.resume(copy) as store:
         store.begin("by servers")
         session = StoreReader(copy).sessions()[-1].session
-        row = "({session}, 0, 'offloaded', 0, 1, 0, 1, {server}, 1, NULL, 0, 1, {error}, NULL)"
+        row = "({session}, 0, 'offloaded', 0, 1, 0, 1, {server}, 1, NULL, 0, 1, {ended}, NULL)"
         attempts = [
-            (session, server, f"'server {server + 1} was faster'") for server in (3, 4, 3, 5, 3, 4, 6)
+            (session, server, f"'overtaken', 'server {server + 1} was faster'")
+            for server in (3, 4, 3, 5, 3, 4, 6)
         ]
         attempts += [
-            (session - 1, 7, "'server 1 was faster'"),
-            (session, 8, "'it crashed'"),
-            (session, 8, "NULL"),
+            (session - 1, 7, "'overtaken', 'server 1 was faster'"),
+            (session, 8, "'failed', 'it crashed'"),
+            (session, 8, "'done', NULL"),
         ]
         rows = [
-            row.format(session=session, server=server, error=error) for session, server, error in attempts
+            row.format(session=session, server=server, ended=ended) for session, server, ended in attempts
         ]
         change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
         store.incidents({"retries": 1, "backups": 9, "audits_left_out": 2})
@@ -418,11 +419,11 @@ def test_incidents_name_the_servers_whose_work_was_copied(copy: Path) -> None:
 
 def test_attempts_that_failed_are_counted_by_reason_and_server(copy: Path) -> None:
     """Reasons that differ in numbers or paths alone are one; where another server was faster is none."""
-    row = "(1, 0, 'stepwise', 0, 1, 0, 1, {server}, 1, NULL, 0, 1, '{error}', NULL)"
+    row = "(1, 0, 'stepwise', 0, 1, 0, 1, {server}, 1, NULL, 0, 1, '{outcome}', '{error}', NULL)"
     aborted = "sim: was ended by SIGABRT; its files: /tmp/instance-{}/failed-1"
-    errors = [(server, aborted.format(server)) for server in (1, 2, 1, 1)]
-    errors += [(2, "sim: ended with exit status 3"), (2, "server 1 was faster")]
-    rows = [row.format(server=server, error=error) for server, error in errors]
+    errors = [(server, "failed", aborted.format(server)) for server in (1, 2, 1, 1)]
+    errors += [(2, "failed", "sim: ended with exit status 3"), (2, "overtaken", "server 1 was faster")]
+    rows = [row.format(server=server, outcome=outcome, error=error) for server, outcome, error in errors]
     change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
     reasons = StoreReader(copy).failures()
     assert [tuple(reason) for reason in reasons] == [
@@ -435,39 +436,42 @@ def test_attempts_that_failed_are_counted_by_reason_and_server(copy: Path) -> No
 
 
 def test_attempts_that_servers_hand_back_to_share_them_did_not_fail(copy: Path) -> None:
-    row = "(1, 0, 'offloaded', 0, 9, 0, 1, {server}, 1, NULL, 0, 1, '{error}', NULL)"
+    row = "(1, 0, 'offloaded', 0, 9, 0, 1, {server}, 1, NULL, 0, 1, '{outcome}', '{error}', NULL)"
     turn = "it is the turn of swarmwright@lab/{}/ab"
-    errors = [(7, turn.format(1)), (7, turn.format(2)), (7, "no licence"), (8, turn.format(1))]
-    rows = [row.format(server=server, error=error) for server, error in errors]
+    back = [(server, "handed_back", turn.format(tool)) for server, tool in ((7, 1), (7, 2), (8, 1))]
+    ended = [*back, (7, "failed", "no licence")]
+    rows = [row.format(server=server, outcome=outcome, error=error) for server, outcome, error in ended]
     change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
     said = CliRunner().invoke(program, ["runs", "show", str(copy)]).output
     assert (
         "server 7: 0 episodes (failed ones included), busy for 1.0 s, 1 attempt failed, 2 attempts " in said
     )
-    assert "server 8: 0 episodes, busy for 1.0 s, 1 attempt handed back at the turn of another tool\n" in said
+    assert "server 8: 0 episodes, busy for 1.0 s, 1 attempt handed back for another tool\n" in said
     assert "failed attempts by reason:\n  1 attempt (server 7: 1): no licence\n" in said
     assert "it is the turn" not in said
 
 
 def test_attempts_that_are_lost_with_a_server_are_listed_apart(copy: Path) -> None:
     """A server that ends takes all its attempts with it; one of them counts as failed."""
-    row = "(1, 0, 'offloaded', {first}, {count}, 0, 1, {server}, 1, NULL, {at}, {took}, '{error}', NULL)"
+    row = "(1, 0, 'offloaded', {first}, {count}, 0, 1, {server}, 1, NULL, {at}, {took}, {ended}, NULL)"
     crash = "a simulation server was killed by SIGSEGV in step (own.py:14)"
+    failed, lost = f"'server_failed', '{crash}'", f"'lost', '{crash}'"
     attempts = [
-        (0, 25, 1, 1_700_000_000.0, 1.5, f"not finished: {crash}"),
-        (12, 1, 1, 1_700_000_000.0, 1.5, crash),
-        (38, 6, 1, 1_700_000_000.5, 1.0000001, crash),  # waited for the batch before
-        (12, 1, 2, 1_700_000_003.0, 0.5, crash),
-        (38, 6, 2, 1_700_000_003.0, 0.5, crash),
-        (12, 1, 1, 1_700_000_004.0, 0.5, crash),  # the same server, at another time
-        (50, 2, 3, 1_700_000_005.0, 1.0, "server 3 left"),
-        (52, 2, 3, 1_700_000_005.0, 1.0, "server 3 left"),
-        (60, 1, 1, 1_700_000_006.0, 1.0, "no licence"),  # of one answer: both failed
-        (61, 1, 1, 1_700_000_006.0, 1.0, "no licence"),
+        (0, 25, 1, 1_700_000_000.0, 1.5, lost),  # of which the next is a part
+        (12, 1, 1, 1_700_000_000.0, 1.5, failed),
+        (38, 6, 1, 1_700_000_000.5, 1.0, lost),  # waited for the batch before
+        (12, 1, 2, 1_700_000_003.0, 0.5, failed),
+        (38, 6, 2, 1_700_000_003.0, 0.5, lost),
+        (12, 1, 1, 1_700_000_004.0, 0.5, failed),  # the same server, at another time
+        (50, 2, 3, 1_700_000_005.0, 1.0, "'server_failed', 'server 3 left'"),
+        (52, 2, 3, 1_700_000_005.0, 1.0, "'lost', 'server 3 left'"),
+        (60, 1, 1, 1_700_000_006.0, 1.0, "'failed', 'no licence'"),  # of one answer: both failed
+        (61, 1, 1, 1_700_000_006.0, 1.0, "'failed', 'no licence'"),
+        (62, 1, 4, 1_700_000_007.0, 1.0, "'lost', 'server 1 was faster'"),  # with another that was ended
     ]
     rows = [
-        row.format(first=first, count=count, server=server, at=at, took=took, error=error)
-        for first, count, server, at, took, error in attempts
+        row.format(first=first, count=count, server=server, at=at, took=took, ended=ended)
+        for first, count, server, at, took, ended in attempts
     ]
     change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
     store = StoreReader(copy)
@@ -480,6 +484,7 @@ def test_attempts_that_are_lost_with_a_server_are_listed_apart(copy: Path) -> No
         (1, 4, 2),
         (2, 1, 1),
         (3, 1, 1),
+        (4, 0, 1),
     ]
     said = CliRunner().invoke(program, ["runs", "show", str(copy)]).output
     assert (

@@ -119,7 +119,7 @@ def test_episodes_that_are_stepped_raise_it(broken: Experiment) -> None:
 
 
 def attempt(error: str, stack: str | None = None, server: int = 1) -> AttemptEntry:
-    return AttemptEntry("batched", 0, 1, 0, 1, server, 1, None, 0.0, 1.0, error, stack)
+    return AttemptEntry("batched", 0, 1, 0, 1, server, 1, None, 0.0, 1.0, "failed", error, stack)
 
 
 def test_only_reasons_of_the_code_are_its_failures() -> None:

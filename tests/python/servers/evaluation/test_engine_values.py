@@ -73,10 +73,10 @@ def test_reports_counts_and_attempts_have_their_types(embedded_broker: str) -> N
                 assert fits(pool.counts(), engine_types.Counts)
             finally:
                 pool.close()
-        assert fits(attempts, list[engine_types.AttemptRow])
-        assert {row[5] for row in attempts} == {2**31 - 2}
-        assert {row[0] for row in attempts} == {mode}
-        assert all((row[7] is not None) == (mode == "stepwise") for row in attempts)
+        assert fits(attempts, list[engine_types.AttemptFields])
+        assert {row["server"] for row in attempts} == {2**31 - 2}
+        assert {row["mode"] for row in attempts} == {mode}
+        assert all((row["steps"] is not None) == (mode == "stepwise") for row in attempts)
         assert warnings == []
     assert {report["event"] for report in told} >= {"server", "attempt", "status"}
     assert [report for report in told if not fits(report, engine_types.Report)] == []
@@ -86,7 +86,7 @@ def test_an_attempt_has_the_columns_of_the_store() -> None:
     columns = [name for name in Attempt.__dataclass_fields__ if name not in {"session", "generation"}]
     assert list(AttemptEntry._fields) == columns
     hints = get_type_hints(AttemptEntry)
-    assert tuple(hints[name] for name in columns) == get_args(engine_types.AttemptRow)
+    assert hints == get_type_hints(engine_types.AttemptFields)
 
 
 @pytest.mark.slow
