@@ -5,7 +5,7 @@ use crate::common;
 use std::time::Duration;
 
 use common::{Line, Net, Party, server, tool_in_mode, work};
-use swarmwright_pool::Mode;
+use swarmwright_pool::{Mode, Outcome};
 use swarmwright_protocol::{MAX_SENSOR, MOST_STACK, Topics};
 use swarmwright_worlds::{Description, Failure, ParameterError, Parameters, Simulation, fail};
 use swarmwright_wrapper::{Identity, Machine};
@@ -117,6 +117,12 @@ fn what_fails_on_one_server_is_done_by_another() {
             failed
                 .iter()
                 .all(|one| one.server == 1 && one.error.as_deref() == Some(REASON))
+        );
+        assert!(
+            journal
+                .iter()
+                .all(|one| (one.outcome == Outcome::Failed) == one.error.is_some()),
+            "{mode}: {journal:?}"
         );
         let stacks: Vec<_> = failed.iter().filter_map(|one| one.stack.as_ref()).collect();
         assert_eq!(stacks.len(), 1, "{mode}");

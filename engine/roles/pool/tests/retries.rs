@@ -10,7 +10,7 @@ use common::{
     CANDIDATES, Extended, Net, Party, SEEDS, Wrong, batched, begin, begin_without_copies,
     offloaded, party, refusal, undisturbed, work,
 };
-use swarmwright_pool::Mode;
+use swarmwright_pool::{Mode, Outcome};
 use swarmwright_protocol::RefusalKind;
 
 #[test]
@@ -45,6 +45,12 @@ fn an_answer_that_comes_after_its_lease_is_not_heard() {
     assert!(net.tool(index).counts().time_outs > 0);
 }
 
+/// Attempts on a server that were not lost.
+fn ended_by(journal: &[swarmwright_pool::Attempt], server: u64) -> usize {
+    let of = journal.iter().filter(|one| one.server == server);
+    of.filter(|one| one.outcome != Outcome::Lost).count()
+}
+
 #[test]
 fn a_silent_server_is_not_waited_for_when_another_can_have_its_work() {
     let mut net = Net::new(7);
@@ -65,6 +71,18 @@ fn a_silent_server_is_not_waited_for_when_another_can_have_its_work() {
     let counts = *net.tool(index).counts();
     // What was to follow on the silent server is not given to it again.
     assert_eq!((counts.backups, counts.time_outs), (1, 0), "{counts:?}");
+    let journal = net.journal(index);
+    let ended = |server, outcome| {
+        let same = journal
+            .iter()
+            .filter(|one| (one.server, one.outcome) == (server, outcome));
+        same.count()
+    };
+    assert_eq!(ended(1, Outcome::Overtaken), 1, "{journal:?}");
+    assert_eq!(
+        ended(1, Outcome::Done) + ended(1, Outcome::Overtaken),
+        ended_by(&journal, 1)
+    );
 }
 
 #[test]
