@@ -191,7 +191,7 @@ def test_a_package_that_cannot_be_imported_any_more(run: Run, monkeypatch: pytes
     opened = Run.open(run.path)
     assert opened.experiment == run.experiment
     with pytest.raises(
-        InputError, match=r"method 'draw' \(drawing:Draw\) cannot be imported: ModuleNotFound"
+        InputError, match=r"method 'draw' \(drawing:Draw, .*\) cannot be imported: ModuleNotFound"
     ):
         resume(opened)
 
