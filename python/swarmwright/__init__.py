@@ -82,8 +82,7 @@ if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.export import environments
     from swarmwright.export.bundle import Bundle, export_bundle
-    from swarmwright.export.bundle_report import BundleVerification
-    from swarmwright.export.bundle_verification import verify_bundle
+    from swarmwright.export.bundle_verification import BundleVerification, verify_bundle
     from swarmwright.export.exporting import Exported, export_controller
     from swarmwright.interop import frevo
     from swarmwright.methods import rankings
@@ -172,7 +171,7 @@ __all__ = [
 _LAZY = {
     "BatchSimulation": "simulations.batches",
     "Bundle": "export.bundle",
-    "BundleVerification": "export.bundle_report",
+    "BundleVerification": "export.bundle_verification",
     "CommandSimulation": "simulations.command.simulation",
     "Comparison": "analysis.comparison",
     "Controller": "controllers.controller",

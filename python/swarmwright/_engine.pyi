@@ -23,7 +23,7 @@ from swarmwright.common.engine_types import (
     Timeouts,
 )
 from swarmwright.servers.evaluation.served_modules import ServedModules
-from swarmwright.simulations.hosts import AnyHost
+from swarmwright.simulations.physics_host import AnyHost
 
 __all__ = [
     "FAULTS",

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from swarmwright.export.c import C
-from swarmwright.export.ros1 import Ros1
+from swarmwright.export.ros import Ros1
 from swarmwright.export.subject import Subject
 from tests.python.cli.processes import children
 from tests.python.export.specifications import Specification, network

@@ -10,9 +10,9 @@ import pytest
 from swarmwright import Experiment
 from swarmwright.export.proxy_model import Address, proxy_model
 from swarmwright.export.simulation_fmu import LIBRARY, model_fmu
-from swarmwright.simulations.fmu.coupled import Coupled
 from swarmwright.simulations.fmu.coupling import coupled
 from swarmwright.simulations.fmu.instances import FmuError
+from swarmwright.simulations.fmu.program import Coupled
 from swarmwright.simulations.fmu.ssp import described, system_of
 from tests.conftest import ROOT
 from tests.data.coupled_parts import Battery, Vehicle

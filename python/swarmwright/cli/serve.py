@@ -218,7 +218,7 @@ def _title(simulation: str) -> str:
     if is_python(simulation):
         return catalogue.title(simulation)
     if simulation.endswith(".py"):
-        from swarmwright.simulations.file_names import class_missing
+        from swarmwright.simulations.near_names import class_missing
 
         raise click.UsageError(class_missing(simulation))
     if simulation not in catalogue.titles():

@@ -92,7 +92,7 @@ class Controller:
         if file.is_dir():
             file /= "best.json"
         if file.suffix in {".yaml", ".yml"}:
-            from swarmwright.controllers.machine_files import specification_of
+            from swarmwright.controllers.kinds.modules.representation import specification_of
 
             return cls(specification_of(file))
         values = _read(file)

@@ -26,8 +26,7 @@ from swarmwright.simulations.command.definition import CommandOptions, Definitio
 from swarmwright.simulations.command.fmu_definition import FmuOptions
 from swarmwright.simulations.command.placeholders import IN_A_COMMAND, Template, Values, is_choice, names_in
 from swarmwright.simulations.command.ros_definition import OF_AN_INSTANCE, RosOptions
-from swarmwright.simulations.expression import ExpressionError
-from swarmwright.simulations.fitness import OWN, FitnessExpression
+from swarmwright.simulations.fitness import OWN, ExpressionError, FitnessExpression
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment

@@ -1,20 +1,30 @@
-"""Checking a bundle that somebody hands over: its files, its formats, and the fitness that it states."""
+"""Checking a bundle that somebody hands over: its files, its formats, and the fitness that it states.
+
+Checking the fitness that a bundle states: by its episodes, and by evaluating them again.
+
+Reading the files of a bundle that somebody hands over, before anything in them is believed.
+"""
 
 import hashlib
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import replace
+import stat
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from swarmwright.common import archives
 from swarmwright.common.arguments import checked
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.json_text import loads
 from swarmwright.common.modules import PYTHON_KIND
 from swarmwright.common.untrusted import one_line
 from swarmwright.controllers.source.text import check_prefix
+from swarmwright.experiment.experiment import recorded_experiment
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, NotInstalledError, file_bytes
 from swarmwright.export.bundle import (
@@ -27,12 +37,254 @@ from swarmwright.export.bundle import (
     MAPPING,
     episodes_of,
 )
-from swarmwright.export.bundle_fitness import check_episodes, check_fitness
-from swarmwright.export.bundle_reading import read_files
-from swarmwright.export.bundle_report import BundleVerification
 from swarmwright.export.sequences import Sequences, difference
-from swarmwright.export.subject import Subject
-from swarmwright.export.verification import verify
+from swarmwright.export.subject import Subject, fitness_words
+from swarmwright.export.verification import Verification, verify
+
+
+@dataclass(repr=False)
+class BundleVerification:
+    """What the check of a bundle found."""
+
+    file: Path
+    digest: str
+    """SHA-256 of the manifest, in hexadecimal. Compare it with that of the sender."""
+    facts: list[tuple[str, str]]
+    """Where the controller comes from, in lines of a name and a text."""
+    files: int
+    """Files that are as the manifest says."""
+    forms: dict[str, Verification] = field(default_factory=dict)
+    """By export format, how it compares with the engine's controller."""
+    unverified: dict[str, str] = field(default_factory=dict)
+    """By export format, why it was not run; `fitness`: why it could not be compared with its episodes."""
+    formats_not_checked: dict[str, str] = field(default_factory=dict)
+    """By export format, in short, why not even its files could be checked, such as "written by Swarmwright
+    9.9". Others in `unverified` have the files that this version exports."""
+    episodes: int = 0
+    """Episodes in which the controller was evaluated again, with the fitness that is stated."""
+    not_evaluated: str = ""
+    """Why it was not evaluated again, such as a simulation that is not built in; empty where it was."""
+    problems: list[str] = field(default_factory=list)
+    """What is not as stated."""
+
+    def __repr__(self) -> str:
+        """Say what was found."""
+        return f"<BundleVerification of {self.file}: {self}>"
+
+    def __str__(self) -> str:
+        """Say in a line whether the bundle is as stated, the largest difference, and what was not checked."""
+        return _in_words(self)
+
+    @property
+    def ok(self) -> bool:
+        """Whether all that was checked is as stated."""
+        return not self.problems
+
+    @property
+    def fitness_not_checked(self) -> str:
+        """Why the stated fitness was not checked; empty where it was."""
+        return self.not_evaluated or self.unverified.get("fitness", "")
+
+    @property
+    def largest_difference(self) -> float:
+        """Between actuators of all formats that were run, absolute."""
+        return max((one.largest_difference for one in self.forms.values()), default=0.0)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the report as plain values."""
+        return {
+            "ok": self.ok,
+            "fitness_checked": not self.fitness_not_checked,
+            "digest": self.digest,
+            "files": self.files,
+            "forms": {name: one.to_mapping() for name, one in self.forms.items()},
+            "unverified": self.unverified,
+            "formats_not_checked": self.formats_not_checked,
+            "largest_difference": self.largest_difference,
+            "episodes": self.episodes,
+            "not_evaluated": self.not_evaluated,
+            "problems": self.problems,
+        }
+
+
+def _in_words(report: BundleVerification) -> str:
+    """Return one line: whether the bundle is as stated, the largest difference, and what was not checked."""
+    if not report.ok:
+        many = len(report.problems)
+        return f"FAILED: {many} problem{'s' if many > 1 else ''}"
+    unchecked = report.fitness_not_checked
+    if report.formats_not_checked:
+        return _in_words_in_part(report, unchecked)
+    if not report.forms:
+        if unchecked:
+            return f"Not verified: no exported code was run, and the fitness was not checked: {unchecked}"
+        return "Fitness verified; no exported code was run"
+    found = f"largest difference {report.largest_difference:.3g} ({', '.join(report.forms)})"
+    if unchecked:
+        return f"Controller code verified: {found}; its fitness was not checked: {unchecked}"
+    return f"Verified: {found}"
+
+
+def _in_words_in_part(report: BundleVerification, fitness: str) -> str:
+    """Return the line where files of formats were not checked; fitness: why that was not, or empty."""
+    by_reason: dict[str, list[str]] = {}
+    for form, reason in report.formats_not_checked.items():
+        by_reason.setdefault(reason, []).append(form)
+    if fitness:
+        by_reason.setdefault(fitness, []).append("the fitness")
+    rest = "not checked: " + ", ".join(f"{', '.join(what)} ({why})" for why, what in by_reason.items())
+    if report.forms:
+        return f"Controller code verified in part: {', '.join(report.forms)}; {rest}"
+    begin = "Not verified" if fitness else "Fitness verified"
+    return f"{begin}; no exported code was run; {rest}"
+
+
+_LARGEST_BUNDLE_BYTES = 1 << 28
+"""Bytes of all files of a bundle."""
+
+
+def read_files(path: Path) -> dict[str, bytes]:
+    """Return the files of a bundle by name, of the archive or of the folder that it was unpacked to.
+
+    Raises InputError when it cannot be read, has no manifest, or has files that no bundle has: a name outside
+    its folder, a link or a device, one name twice, or too many bytes.
+    """
+    if path.is_dir():
+        return _read_folder(path)
+    with archives.opened(path, "a bundle") as archive:
+        for info in archive.infolist():
+            if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
+                raise InputError(_not_plain(path, info.filename))
+        infos = [info for info in archive.infolist() if not info.is_dir()]  # other programs add folders
+        _check_size(path, sum(info.file_size for info in infos))
+        names = [info.filename for info in infos]
+        if len(set(names)) < len(names):
+            raise InputError(f"{path}: has a file twice: {one_line(_twice(names))}")
+        _check_manifest(path, names)
+        return {name: archives.content(archive, path, name, _LARGEST_BUNDLE_BYTES) for name in names}
+
+
+def _read_folder(folder: Path) -> dict[str, bytes]:
+    """Return the files of an unpacked bundle by name; links are not followed."""
+    try:
+        files = {
+            file.relative_to(folder).as_posix(): file
+            for file in sorted(folder.rglob("*"))
+            if file.is_symlink() or not file.is_dir()
+        }
+        _check_manifest(folder, files)
+        for name, file in files.items():
+            _check_name(folder, name)
+            if file.is_symlink() or not file.is_file():
+                raise InputError(_not_plain(folder, name))
+        _check_size(folder, sum(file.stat().st_size for file in files.values()))
+        return {name: file.read_bytes() for name, file in files.items()}
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read: {error.strerror or error}") from error
+
+
+def _not_plain(path: Path, name: str) -> str:
+    return f"{path}: {one_line(name)}: is not a plain file; no bundle has others"
+
+
+def _check_name(path: Path, name: str) -> None:
+    """Raise InputError for a name that some programs unpack to a place outside the bundle's folder."""
+    if archives.is_outside(name):
+        raise InputError(
+            f"{path}: {one_line(name)}: is not a name inside a folder (absolute, with .., a backslash or a "
+            "drive letter); no bundle has such names"
+        )
+
+
+def _check_size(path: Path, size: int) -> None:
+    if size > _LARGEST_BUNDLE_BYTES:
+        raise InputError(
+            f"{path}: has more than {_LARGEST_BUNDLE_BYTES >> 20} MiB of files; no bundle is so large"
+        )
+
+
+def _check_manifest(path: Path, names: Collection[str]) -> None:
+    if MANIFEST not in names:
+        raise InputError(
+            f"{path}: is not a bundle: it has no {MANIFEST}; "
+            "`swarmwright export RUN --bundle FILE.zip` makes one"
+        )
+
+
+def _twice(names: list[str]) -> str:
+    return next(name for name in names if names.count(name) > 1)
+
+
+def check_fitness(
+    evaluation: Mapping[str, Any], facts: Mapping[str, str], report: BundleVerification
+) -> None:
+    """Compare the stated fitness with what the stated results make, and with what the formats say."""
+    from swarmwright.runs.instances import fitness_of, meaning  # noqa: PLC0415 - loads the engine
+
+    stated = float(evaluation["fitness"])
+    parts = [one["episodes"] for one in [*evaluation.get("earlier", []), evaluation]]
+    try:
+        experiment = recorded_experiment(evaluation["experiment"])
+    except SwarmwrightError as error:  # a plug-in is not here
+        report.unverified["fitness"] = str(error)
+        return
+    made = None
+    if all(result is not None for part in parts for result in part):
+        made = fitness_of(experiment, parts)
+    if made is None:
+        report.unverified["fitness"] = "its ranking makes it of more than these episodes"
+    elif not math.isclose(made, stated, rel_tol=1e-12, abs_tol=0.0):
+        report.problems.append(f"{EVALUATION}: the fitness is {stated!r}, but its episodes make {made!r}")
+    said = fitness_words(stated, meaning(experiment, len(parts)))
+    if "Fitness" in facts and facts["Fitness"] not in (said, repr(stated + 0.0)):
+        report.problems.append(
+            f"{MANIFEST}: says of the fitness {one_line(facts['Fitness'])!r}, but {EVALUATION} {said!r}"
+        )
+
+
+def check_episodes(evaluation: Mapping[str, Any], subject: Subject, report: BundleVerification) -> None:
+    """Evaluate the controller in the episodes of the run and those with held-out seeds."""
+    from swarmwright.simulations import catalogue  # noqa: PLC0415 - loads the engine
+
+    simulation = evaluation["experiment"].get("simulation")
+    if simulation not in catalogue.titles():
+        report.not_evaluated = f"the simulation {one_line(str(simulation))} is not a built-in one"
+        return
+    earlier = [(one["seeds"], one["episodes"]) for one in evaluation.get("earlier", [])]
+    stated = [*earlier, (evaluation["seeds"], evaluation["episodes"])]
+    if evaluation["held_out"] is not None:
+        stated.append((evaluation["held_out"]["seeds"], evaluation["held_out"]["episodes"]))
+    for seeds, episodes in stated:
+        try:
+            found = _episode_fitness(evaluation["experiment"], subject, [int(seed) for seed in seeds])
+        except SwarmwrightError as error:
+            report.not_evaluated = str(error)
+            return
+        report.episodes += len(seeds)
+        for seed, value, is_now in zip(seeds, episodes, found, strict=True):
+            if not _same(value, is_now):
+                report.problems.append(
+                    f"{EVALUATION}: the fitness in the episode with seed {seed} is {is_now!r}, not {value}"
+                )
+
+
+def _same(stated: float | None, found: float) -> bool:
+    return math.isnan(found) if stated is None else stated == found
+
+
+def _episode_fitness(values: Mapping[str, Any], subject: Subject, seeds: list[int]) -> list[float]:
+    from swarmwright.experiment.experiment import Experiment  # noqa: PLC0415 - loads the engine
+    from swarmwright.servers.evaluation.base import Controllers  # noqa: PLC0415 - loads the engine
+    from swarmwright.servers.evaluation.opening import open_backend  # noqa: PLC0415 - loads the engine
+
+    experiment = Experiment.from_mapping(dict(values))
+    architecture = {**subject.specification, "weights": []}
+    weights = np.array(subject.specification["weights"], dtype=np.float32)[np.newaxis]
+    with open_backend(experiment, servers="in-process") as backend:
+        results = backend.evaluate(Controllers(architecture, weights), seeds, lambda *_: None)
+    found: list[float] = results.fitness[0].tolist()
+    return found
+
 
 _KNOWN = frozenset({MANIFEST, CONTROLLER, EVALUATION, EPISODES, LICENSE, MAPPING})
 """Files beside those in the folders of formats."""

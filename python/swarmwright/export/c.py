@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swarmwright.controllers.source.in_c import Table
 from swarmwright.controllers.source.text import check_global_name, check_header, check_type, sealed
-from swarmwright.export import c_family, c_parameters
+from swarmwright.export import c_family
 from swarmwright.export._base import Exporter, Files, facts, render
 from swarmwright.export.c_family import Language, code
 from swarmwright.export.sequences import Sequences
@@ -33,7 +33,7 @@ class C(Exporter):
         cmake = render("CMakeLists.txt", {})
         if not subject.steers:
             check_global_name(prefix)  # which the constant has
-            return {**c_parameters.files(subject, prefix), "CMakeLists.txt": cmake}
+            return {**c_family.files(subject, prefix), "CMakeLists.txt": cmake}
         values = _values(subject, prefix)
         header, source = _header(subject, values), _source(subject, values)
         sketch = f"{prefix}_arduino"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swarmwright.controllers.source.in_c import Code
 from swarmwright.controllers.source.text import check_global_name, check_header
-from swarmwright.export import c_family, c_parameters
+from swarmwright.export import c_family
 from swarmwright.export._base import Exporter, Files, facts, render
 from swarmwright.export.c_family import Language, code
 from swarmwright.export.sequences import Sequences
@@ -36,7 +36,7 @@ class Cpp(Exporter):
         check_global_name(prefix)  # which the namespace has
         cmake = render("CMakeLists.txt", {})
         if not subject.steers:
-            return {**c_parameters.files(subject, prefix, cpp=True), "CMakeLists.txt": cmake}
+            return {**c_family.files(subject, prefix, cpp=True), "CMakeLists.txt": cmake}
         values = _values(subject, prefix)
         sizes = (len(subject.sensors), len(subject.actuators))
         test = c_family.tests(subject, {**values, **c_family.harness_values(prefix, sizes, "C++")})

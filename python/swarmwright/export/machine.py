@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from swarmwright.common import machine_mappings, machine_texts, modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.yaml import read
-from swarmwright.controllers.automode import text_of
+from swarmwright.controllers.kinds.modules.automode import text_of
 from swarmwright.controllers.modules.registered import module
 from swarmwright.export._base import Exporter, Files, facts
 from swarmwright.export.sequences import Sequences

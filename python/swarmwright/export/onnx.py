@@ -3,21 +3,21 @@
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.export._base import Exporter, Files, NotInstalledError, facts, render
+from swarmwright.controllers.source.in_onnx import Graph
+from swarmwright.export._base import Exporter, Files, NotInstalledError, facts, part_of, render
 from swarmwright.export.programs import run
-from swarmwright.export.python_arrays import golden_text
+from swarmwright.export.python_family import golden_text
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
-if TYPE_CHECKING:
-    from swarmwright.controllers.source.in_onnx import Graph
-
+_OPSET = 17
+_IR_VERSION = 8  # which belongs to that opset
 _MOST_ELEMENTS = 20_000_000
 """Of the largest intermediate tensor of a batch."""
 
@@ -42,10 +42,8 @@ class Onnx(Exporter):
                 "c, cpp, python or micropython"
             )
         _need("onnx")
-        from swarmwright.export.onnx_model import graph_of, model  # noqa: PLC0415 - needs onnx
-
-        graph = graph_of(subject)
-        data = model(subject, graph, prefix, facts(subject, ""))
+        graph = _graph_of(subject)
+        data = _model(subject, graph, prefix, facts(subject, ""))
         return {f"{prefix}.onnx": data, f"{prefix}_onnx_test.py": _test(subject, graph, prefix)}
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
@@ -68,6 +66,56 @@ class Onnx(Exporter):
         if not said.startswith(b"ok"):
             raise RunError(f"verification: the self-test {name} said {said!r}, expected ok")
         return name
+
+
+def _graph_of(subject: Subject) -> Graph:
+    """Return the graph of a controller that steers agents. Raises InputError for an unknown kind."""
+    add = part_of(subject, "onnx", "ONNX")
+    graph = Graph()
+    add(subject, graph)
+    return graph
+
+
+def _model(subject: Subject, graph: Graph, name: str, words: str) -> bytes:
+    """Return a model as bytes, the same ones for the same graph. `words`: where it comes from."""
+    from onnx import ModelProto, TensorProto, checker, helper, numpy_helper  # noqa: PLC0415 - optional
+
+    sensors, actuators = len(subject.sensors), len(subject.actuators)
+    inputs = [helper.make_tensor_value_info("sensors", TensorProto.FLOAT, ["agents", sensors])]
+    outputs = [helper.make_tensor_value_info("actuators", TensorProto.FLOAT, ["agents", actuators])]
+    if graph.state is not None:
+        kind, shape = helper.np_dtype_to_tensor_dtype(np.dtype(graph.state[0])), graph.state[1]
+        inputs.append(helper.make_tensor_value_info("state", kind, shape))
+        outputs.append(helper.make_tensor_value_info("next_state", kind, shape))
+    nodes = [
+        helper.make_node(
+            one.operator, list(one.inputs), [one.result], name=f"{one.result}_node", **one.attributes
+        )
+        for one in graph.nodes
+    ]
+    tensors = [numpy_helper.from_array(value, key) for key, value in graph.constants.items()]
+    made = helper.make_graph(nodes, name, inputs, outputs, tensors)
+    opset = [helper.make_opsetid("", _OPSET)]
+    whole: ModelProto = helper.make_model(
+        made, opset_imports=opset, ir_version=_IR_VERSION, producer_name="Swarmwright", doc_string=words
+    )
+    properties = {
+        **dict(subject.facts),
+        "sensors": ", ".join(_channel(one) for one in subject.sensors),
+        "actuators": ", ".join(_channel(one) for one in subject.actuators),
+        **({"conversion": " ".join(subject.conversion)} if subject.conversion else {}),
+        **({"step_seconds": repr(subject.step_size)} if subject.step_size else {}),
+        "largest_tensor_elements": str(graph.largest_tensor_elements),
+    }
+    helper.set_model_props(whole, properties)
+    checker.check_model(whole, full_check=True)
+    data: bytes = whole.SerializeToString(deterministic=True)
+    return data
+
+
+def _channel(channel: Any) -> str:  # noqa: ANN401 - a Channel
+    unit = f" in {channel.unit}" if channel.unit else ""
+    return f"{channel.name}{unit} ({channel.limits})"
 
 
 def _need(*modules: str) -> None:
@@ -118,7 +166,7 @@ def _step_all(
             values[active] = outputs[1]
 
 
-def _test(subject: Subject, graph: "Graph", prefix: str) -> str:
+def _test(subject: Subject, graph: Graph, prefix: str) -> str:
     return render(
         "onnx_test.txt",
         {

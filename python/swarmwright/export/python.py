@@ -13,8 +13,7 @@ from swarmwright.common.errors import RunError
 from swarmwright.controllers.source.text import check_module
 from swarmwright.export._base import Exporter, Files, render
 from swarmwright.export.programs import run, stepped, steps
-from swarmwright.export.python_arrays import as_decimals
-from swarmwright.export.python_family import module_text, modules
+from swarmwright.export.python_family import as_decimals, module_text, modules
 from swarmwright.export.python_modules import OwnPython, has_own, own_python
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject

@@ -1,7 +1,15 @@
-"""Simulations and simulation servers as FMUs for co-simulation: `swarmwright export-fmu`."""
+"""Simulations and simulation servers as FMUs for co-simulation: `swarmwright export-fmu`.
+
+The library that FMUs of simulations hold: part of the wheel, in a checkout compiled when first needed.
+
+Few users export such FMUs, and compiling it takes a good part of the time that the engine takes.
+"""
 
 import json
+import logging
+import os
 import platform
+import subprocess
 import sys
 from collections.abc import Mapping
 from html import escape
@@ -9,14 +17,65 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from swarmwright.common.errors import InputError
+from swarmwright.common.errors import InputError, RunError
+from swarmwright.common.untrusted import one_line
 from swarmwright.controllers.source.text import MARK, check_prefix
-from swarmwright.export import fmi_library
 from swarmwright.export._base import Files, render
 from swarmwright.export.fmu_parts import add_range, add_units, token, unit_name, xml, zipped
 from swarmwright.export.simulation_model import Model, Variable
 
-LIBRARY = fmi_library.FILE
+FILE = Path(__file__).parents[1] / "simulations" / "fmu" / "libswarmwright_fmi.so"
+"""The library; its source is the crate engine/bindings/fmi."""
+_CHECKOUT = Path(__file__).parents[3]
+_LINES = 5
+"""Of the output of a failed build, the last ones, which name the cause."""
+_progress = logging.getLogger("swarmwright.progress")
+
+
+def read() -> bytes:
+    """Return the library, after compiling it where that has not been done.
+
+    Raises InputError where it is missing and there is no source, and RunError where it cannot be compiled.
+    """
+    try:
+        return FILE.read_bytes()
+    except FileNotFoundError:
+        _build()
+    return FILE.read_bytes()
+
+
+def _build() -> None:
+    """Compile the library, as `make` does it. Raises InputError and RunError."""
+    if not (_CHECKOUT / "engine" / "bindings" / "fmi" / "Cargo.toml").is_file():
+        raise InputError(
+            f"{FILE}: is missing, the library that an FMU of a simulation holds; installing Swarmwright "
+            "again brings it back"
+        )
+    _progress.info("compiling the library that FMUs of simulations hold, once: this may take a minute")
+    # Of a `make` that started this process.
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("MAKE", "MFLAGS"))}
+    try:
+        done = subprocess.run(
+            ["make", "--no-print-directory", "fmi"],
+            cwd=_CHECKOUT,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            check=False,
+        )
+    except FileNotFoundError as error:
+        raise RunError(
+            f"{FILE}: cannot be compiled: there is no program `make`; install it, or Swarmwright from a wheel"
+        ) from error
+    if done.returncode or not FILE.exists():
+        said = "; ".join(one_line(line) for line in done.stdout.splitlines()[-_LINES:] if line.strip())
+        raise RunError(f"{FILE}: cannot be compiled: `make fmi` failed: {said or 'it printed nothing'}")
+
+
+LIBRARY = FILE
 """The library that an FMU of a simulation holds."""
 LICENSES = Path(__file__).parents[1] / "third-party-licenses.txt"
 """Of the crates that the library is compiled from; made with it."""
@@ -53,7 +112,7 @@ def simulation_fmu(title: str, parameters: Mapping[str, Any], *, fmi: str, name:
 def model_fmu(model: Model, *, fmi: str, name: str) -> bytes:
     """Return an FMU of a model, see `simulation_fmu`. Raises InputError where the library is not built."""
     check_prefix(name)
-    binary = fmi_library.read()
+    binary = read()
     content = json.dumps(model.content(""), sort_keys=True)
     made = token(fmi, name, content, binary)
     inside: Files = {

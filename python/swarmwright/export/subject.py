@@ -1,4 +1,7 @@
-"""What is exported: a candidate of a run, the names of what it senses and does, recorded episodes."""
+"""What is exported: a candidate of a run, the names of what it senses and does, recorded episodes.
+
+One controller of a team, to be exported by itself.
+"""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -12,12 +15,13 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError, engine_errors
 from swarmwright.common.ranges import CONVERSION, Range, ranges_of, shortest_decimal
 from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.teams import is_team, parts_of
 from swarmwright.common.warn_once import warn_once
 from swarmwright.controllers.kinds import kind_of, words_of
 from swarmwright.controllers.source import Evolved
 from swarmwright.controllers.source.text import plain
 from swarmwright.export.arena_words import actuator_meaning, robot_in, sensor_meaning
-from swarmwright.export.groups import Member, member_of
 from swarmwright.export.sequences import Sequences, possible_overflows, random_sequences
 from swarmwright.runs.choice import choose
 from swarmwright.simulations import catalogue
@@ -26,6 +30,55 @@ from swarmwright.simulations.command.ros_definition import RosOptions
 if TYPE_CHECKING:
     from swarmwright.runs.choice import Choice
     from swarmwright.runs.run import Run
+
+
+@dataclass(frozen=True)
+class Member:
+    """The controller of a group of agents."""
+
+    name: str
+    """Of the group."""
+    specification: Mapping[str, Any]
+    """With its weights."""
+    first: int
+    """The first agent that has it."""
+    last: float
+    """The agent after the last one; infinite where all other agents have it."""
+
+
+def member_of(specification: Mapping[str, Any], group: str | None, where: str) -> Member | None:
+    """Return the controller of a group; None where agents do not differ.
+
+    Args:
+        specification: the whole controller.
+        group: its name, None where none was given.
+        where: what has the controller, for messages.
+
+    Raises InputError for a group that there is not, or none for a team.
+    """
+    if not is_team(specification):
+        if group is not None:
+            raise InputError(
+                f"group: {where} has one controller for all agents; leave the group {group!r} out"
+            )
+        return None
+    names = [str(one["name"]) for one in specification["groups"]]
+    if group is None:
+        raise InputError(
+            f"group: {where} has a controller for each group of agents; name one of {', '.join(names)} "
+            "(--group NAME)"
+        )
+    if group not in names:
+        hint = did_you_mean(group, names) or f"; there are {', '.join(names)}"
+        raise InputError(f"group: {where} has no group {group!r}{hint}")
+    first = 0
+    for one in specification["groups"]:
+        last = float("inf") if one["agents"] is None else first + int(one["agents"])
+        if one["name"] == group:
+            return Member(group, parts_of(specification)[group], first, last)
+        first = int(last)
+    raise AssertionError(group)
+
 
 _EPISODES = 5
 _STEPS = 20_000
@@ -189,7 +242,7 @@ class Subject(Evolved):
 
         Whole ones, but in a network that overflows the steps before; none where it does so in each first one.
         """
-        from swarmwright.export.overflow import before_overflow  # noqa: PLC0415 - exports a subject
+        from swarmwright.export.walk import before_overflow  # noqa: PLC0415 - exports a subject
 
         return self._tried.part(before_overflow(self.specification, self._tried))
 

@@ -21,10 +21,19 @@ from swarmwright.experiment.launcher_entries import files_of
 from swarmwright.runs import edits
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, environment_held, environment_in, name_of
-from swarmwright.simulations.user_code import data_files, notices
+from swarmwright.simulations.user_code import changes
 from swarmwright.simulations.user_code.changes import choose, difference, near, present, summary
 from swarmwright.simulations.user_code.copying import FOLDER, Copy, Kept, digest_of, with_files
-from swarmwright.simulations.user_code.parts import SECTIONS, Part, is_plug_in, of_plug_ins, of_simulation
+from swarmwright.simulations.user_code.parts import (
+    SECTIONS,
+    Part,
+    home_of,
+    is_plug_in,
+    named_files,
+    of_plug_ins,
+    of_simulation,
+    with_data,
+)
 from swarmwright.simulations.user_code.permission import remember, require_copy, require_named
 from swarmwright.simulations.user_code.sessions import is_other
 from swarmwright.simulations.user_code.trust import trusting
@@ -58,8 +67,8 @@ def parts_of(experiment: Experiment, patterns: Sequence[str] | None = None) -> l
         return parts
     if patterns is None:
         patterns = _patterns(experiment)
-        data_files.named(data_files.home_of(part), patterns)
-    return [data_files.with_data(part, patterns), *parts]
+        named_files(home_of(part), patterns)
+    return [with_data(part, patterns), *parts]
 
 
 def _patterns(experiment: Experiment) -> list[str]:
@@ -347,7 +356,7 @@ def _trust_accepted(copy: Copy, changed: Mapping[str, Part]) -> None:
 
 
 def _with_data_of(part: Part | None, kept: Kept) -> Part | None:
-    return None if part is None else data_files.with_data(part, kept.patterns)
+    return None if part is None else with_data(part, kept.patterns)
 
 
 def _without_copy(
@@ -438,16 +447,16 @@ def _warn_if_changed(copy: Copy, kept: Kept) -> None:
     if now is None:
         return
     if kept.in_file and is_plug_in(kept.name):
-        notices.copy_is_used(copy, kept, now)
+        changes.copy_is_used(copy, kept, now)
     elif _is_environment_copied(kept):
-        notices.copy_is_used(copy, kept, now, f"; --simulation {kept.component} takes it as it is now")
+        changes.copy_is_used(copy, kept, now, f"; --simulation {kept.component} takes it as it is now")
     elif is_plug_in(kept.name) or is_environment(kept.component):
         warn_once(
             f"{near(copy.run)}: {_component_label(kept)}: {summary(kept, now)} since; the current version is "
             "used"
         )
     else:
-        notices.copy_is_used(copy, kept, now, _OTHER_SIMULATION_HINT)
+        changes.copy_is_used(copy, kept, now, _OTHER_SIMULATION_HINT)
 
 
 def _differing(copy: Copy, kept: Kept) -> Part | None:

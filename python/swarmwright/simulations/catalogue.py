@@ -96,7 +96,7 @@ def unmeasured(simulation: str) -> str | None:
     """
     if not is_python(simulation) or is_command(simulation) or has_missions(simulation):
         return None
-    from swarmwright.simulations.visualization import defines
+    from swarmwright.simulations.host import defines
 
     kind, metrics = _load(simulation), _python_description(simulation).metrics
     if not metrics or defines(kind, "measure"):
@@ -135,7 +135,7 @@ def playable(simulation: str) -> Any:  # noqa: ANN401 - as the engine takes it
     """
     if not is_python(simulation):
         return simulation
-    from swarmwright.simulations.hosts import hosted
+    from swarmwright.simulations.physics_host import hosted
 
     return hosted(_load(simulation))
 
@@ -147,15 +147,14 @@ def shown_as(simulation: str) -> Literal["scene", "picture"]:
     """
     if not is_python(simulation) or has_missions(simulation):
         return "scene"
-    from swarmwright.simulations.visualization import shown_as
+    from swarmwright.simulations.host import shown_as
 
     return shown_as(_load(simulation))
 
 
 def drawing(simulation: str) -> "Host":
     """Return a host of a class that draws pictures. Raises InputError when it cannot."""
-    from swarmwright.simulations.host import Host
-    from swarmwright.simulations.visualization import drawing
+    from swarmwright.simulations.host import Host, drawing
 
     return Host(drawing(_load(simulation)))
 

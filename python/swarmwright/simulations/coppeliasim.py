@@ -13,10 +13,15 @@ from contextlib import suppress
 from typing import Any
 
 from swarmwright.common.errors import InputError
-from swarmwright.simulations.attachment import episodes as _attached
-from swarmwright.simulations.attachment.definition import Attachment
-from swarmwright.simulations.attachment.episodes import AttachmentError, Simulator, Started, kind_of
-from swarmwright.simulations.command.ros_sections import Pose
+from swarmwright.simulations import attachment as _attached
+from swarmwright.simulations.attachment import (
+    Attachment,
+    AttachmentError,
+    Simulator,
+    Started,
+    kind_of,
+)
+from swarmwright.simulations.command.ros_definition import Pose
 
 PORT = 23000
 """Of a CoppeliaSim that was started without an option for it."""

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.common.errors import InputError
 from swarmwright.display import Body, Scene
-from swarmwright.simulations.attachment.placing import free_place
+from swarmwright.simulations.attachment import free_place
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.parameters import Parameter
 from swarmwright.simulations.physics import Physics, PushedObject, World

@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import InputError, SimulationError, explained
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.environments._environment import (
+    Actions,
     Environment,
+    actuators,
     check_step,
     environment_seed,
     expected_of_step,
     one_number,
     single,
+    with_mask,
 )
-from swarmwright.simulations.environments._restoring import Actions
-from swarmwright.simulations.environments._spaces import actuators, with_mask
 from swarmwright.simulations.isolation import Apart
 
 _OLD = "Gym before 0.26"
@@ -38,7 +39,7 @@ class Gymnasium(Environment):
         class Pole(Gymnasium):
             environment = "CartPole-v1"
 
-    Sensors and actuators are made of its spaces, see `swarmwright.simulations.environments._spaces`.
+    Sensors and actuators are made of its spaces, see `swarmwright.simulations.environments._environment`.
     """
 
     metrics = {  # noqa: RUF012 - as in the base class

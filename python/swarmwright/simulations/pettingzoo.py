@@ -19,15 +19,18 @@ from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.tracebacks import located
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.environments._environment import (
+    Actions,
+    Actuators,
+    Allowed,
     Environment,
+    Sensors,
+    actuators,
     check_step,
     environment_seed,
     mean_reward,
     single,
+    with_mask,
 )
-from swarmwright.simulations.environments._masks import Allowed
-from swarmwright.simulations.environments._restoring import Actions
-from swarmwright.simulations.environments._spaces import Actuators, Sensors, actuators, with_mask
 from swarmwright.simulations.groups import Group
 
 _BY_AGENT = ("observations", "rewards", "terminations", "truncations")

@@ -1,15 +1,18 @@
 """Runs the code of a user's simulator that moves the robots of missions: checks what it returns."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import MISSIONS
+from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.calls import Calls, check_methods, short
 from swarmwright.simulations.description import check_determinism
+from swarmwright.simulations.host import Host
 from swarmwright.simulations.physics import (
     Light,
     Patch,
@@ -134,3 +137,17 @@ def _world(plain: Mapping[str, Any]) -> World:
         robots=plain["robots"],
         objects=[PushedObject(**one) for one in plain["objects"]],
     )
+
+
+Kind: TypeAlias = type[Simulation] | type[BatchSimulation] | type[Physics]
+AnyHost: TypeAlias = Host | PhysicsHost
+
+
+def hosted(kind: Kind, report: Callable[[str, str], None] | None = None) -> AnyHost:
+    """Return a host of a class; report: as they take it.
+
+    Raises InputError when the class does not describe itself properly.
+    """
+    if issubclass(kind, Physics):
+        return PhysicsHost(kind, report)
+    return Host(kind, report)

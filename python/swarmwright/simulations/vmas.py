@@ -17,8 +17,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.ranges import common
 from swarmwright.common.tracebacks import located
 from swarmwright.simulations.batches import BatchSimulation
-from swarmwright.simulations.environments._environment import check_paths, environment_seed
-from swarmwright.simulations.environments._spaces import ranges
+from swarmwright.simulations.environments._environment import check_paths, environment_seed, ranges
 
 
 class Vmas(BatchSimulation):

@@ -18,11 +18,16 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from swarmwright.simulations import attachment as _attached
 from swarmwright.simulations._webots_robot import ACTUATORS, SENSORS
-from swarmwright.simulations.attachment import episodes as _attached
-from swarmwright.simulations.attachment.definition import Attachment
-from swarmwright.simulations.attachment.episodes import AttachmentError, Simulator, Started, kind_of
-from swarmwright.simulations.command.ros_sections import Pose
+from swarmwright.simulations.attachment import (
+    Attachment,
+    AttachmentError,
+    Simulator,
+    Started,
+    kind_of,
+)
+from swarmwright.simulations.command.ros_definition import Pose
 
 PORT = 1234
 """Of a Webots that was started without an option for it."""

@@ -12,7 +12,7 @@ from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
-from swarmwright.simulations.trial import Outcome, Trial, difference
+from swarmwright.simulations.other_process import Outcome, Trial, difference
 
 MOST_STEPS = 1000
 

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from swarmwright.common import machine_mappings, machine_texts, modules
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.controllers.automode import machine_of, text_of, tree_of
+from swarmwright.controllers.kinds.modules.automode import machine_of, text_of, tree_of
 from swarmwright.controllers.kinds.modules.representation import ModulesOptions
 from tests.python.controllers.machines import AUTOMODE, machines
 

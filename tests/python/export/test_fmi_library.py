@@ -7,7 +7,7 @@ import pytest
 
 from swarmwright import InputError
 from swarmwright.common.errors import RunError
-from swarmwright.export import fmi_library
+from swarmwright.export import simulation_fmu
 
 
 @pytest.fixture
@@ -15,8 +15,8 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the source, where the library has not been compiled."""
     (tmp_path / "engine" / "bindings" / "fmi").mkdir(parents=True)
     (tmp_path / "engine" / "bindings" / "fmi" / "Cargo.toml").touch()
-    monkeypatch.setattr(fmi_library, "_CHECKOUT", tmp_path)
-    monkeypatch.setattr(fmi_library, "FILE", tmp_path / "fmi.so")
+    monkeypatch.setattr(simulation_fmu, "_CHECKOUT", tmp_path)
+    monkeypatch.setattr(simulation_fmu, "FILE", tmp_path / "fmi.so")
     return tmp_path
 
 
@@ -24,7 +24,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_it_is_compiled_once_and_announced(checkout: Path, caplog: pytest.LogCaptureFixture) -> None:
     (checkout / "Makefile").write_text("fmi:\n\t@echo $(MAKELEVEL) >> times; echo library > fmi.so\n")
     with caplog.at_level(logging.INFO, "swarmwright.progress"):
-        assert [fmi_library.read() for _ in range(2)] == [b"library\n"] * 2
+        assert [simulation_fmu.read() for _ in range(2)] == [b"library\n"] * 2
     assert (checkout / "times").read_text() == "0\n"
     (said,) = (record.getMessage() for record in caplog.records)
     assert said.startswith("compiling the library that FMUs of simulations hold, once")
@@ -38,7 +38,7 @@ def test_it_is_compiled_once_and_announced(checkout: Path, caplog: pytest.LogCap
 def test_what_fails_is_said(checkout: Path, recipe: str, words: str) -> None:
     (checkout / "Makefile").write_text(f"fmi:\n\t@{recipe}\n")
     with pytest.raises(RunError, match="cannot be compiled: `make fmi` failed: ") as failed:
-        fmi_library.read()
+        simulation_fmu.read()
     assert words in str(failed.value)
 
 
@@ -46,10 +46,10 @@ def test_what_fails_is_said(checkout: Path, recipe: str, words: str) -> None:
 def test_without_make(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(checkout))
     with pytest.raises(RunError, match="there is no program `make`"):
-        fmi_library.read()
+        simulation_fmu.read()
 
 
 def test_without_the_source(checkout: Path) -> None:
     (checkout / "engine" / "bindings" / "fmi" / "Cargo.toml").unlink()
     with pytest.raises(InputError, match="again brings it back"):
-        fmi_library.read()
+        simulation_fmu.read()

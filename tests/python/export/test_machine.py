@@ -7,7 +7,7 @@ import pytest
 from swarmwright import InputError
 from swarmwright.common import machine_mappings, modules
 from swarmwright.common.yaml import read
-from swarmwright.controllers.automode import tree_of
+from swarmwright.controllers.kinds.modules.automode import tree_of
 from swarmwright.export.machine import Machine
 from swarmwright.export.sequences import difference
 from swarmwright.export.writing import write

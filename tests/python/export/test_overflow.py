@@ -9,10 +9,9 @@ import pytest
 from swarmwright.export import Exporter
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
-from swarmwright.export.overflow import before_overflow
 from swarmwright.export.python import Python
 from swarmwright.export.sequences import Sequences
-from swarmwright.export.walk import walk_of
+from swarmwright.export.walk import before_overflow, walk_of
 from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, Specification, network, subject
 

@@ -20,8 +20,7 @@ from swarmwright.export.micropython import MicroPython
 from swarmwright.export.onnx import Onnx
 from swarmwright.export.programs import run
 from swarmwright.export.python import Python
-from swarmwright.export.ros1 import Ros1
-from swarmwright.export.ros2 import Ros2
+from swarmwright.export.ros import Ros1, Ros2
 from swarmwright.export.sequences import difference, random_sequences
 from swarmwright.export.writing import write
 from tests.python.export.specifications import subject

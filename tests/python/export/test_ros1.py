@@ -11,7 +11,7 @@ import yaml
 from swarmwright import InputError
 from swarmwright.export import EXPORTERS
 from swarmwright.export import subject as subject_module
-from swarmwright.export.ros1 import Ros1
+from swarmwright.export.ros import Ros1
 from swarmwright.export.subject import Subject
 from swarmwright.export.verification import verify
 from swarmwright.export.writing import write

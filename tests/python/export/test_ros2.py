@@ -18,8 +18,7 @@ from catkin_pkg.package import parse_package
 from swarmwright import InputError
 from swarmwright.controllers.source.text import c_literal
 from swarmwright.export import EXPORTERS
-from swarmwright.export.ros1 import Ros1
-from swarmwright.export.ros2 import Ros2
+from swarmwright.export.ros import Ros1, Ros2
 from swarmwright.export.subject import Subject
 from swarmwright.export.verification import verify
 from swarmwright.export.writing import write

@@ -23,8 +23,8 @@ from swarmwright.export.fmu_parts import named
 from swarmwright.export.simulation_fmu import LIBRARY, simulation_fmu
 from swarmwright.export.simulation_model import Model
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.fmu.coupled import Coupled
 from swarmwright.simulations.fmu.coupling import coupled
+from swarmwright.simulations.fmu.program import Coupled
 from swarmwright.simulations.fmu.ssp import described, system_of
 from tests.fmus import Driven, driving
 

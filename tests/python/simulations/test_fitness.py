@@ -18,8 +18,7 @@ from swarmwright.cli._commands import program
 from swarmwright.common.random_numbers import Stream
 from swarmwright.servers.evaluation.base import Controllers
 from swarmwright.servers.evaluation.opening import open_backend
-from swarmwright.simulations.expression import ExpressionError
-from swarmwright.simulations.fitness import FitnessExpression
+from swarmwright.simulations.fitness import ExpressionError, FitnessExpression
 
 MINISIM = Experiment.from_mapping(
     {

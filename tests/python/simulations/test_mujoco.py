@@ -15,7 +15,7 @@ from swarmwright import Experiment, InputError, optimize, simulate
 from swarmwright.runs import mujoco_film as film
 from swarmwright.simulations.description import describe
 from swarmwright.simulations.mujoco import Quadrotors, Rovers
-from swarmwright.simulations.mujoco._arena import Arena
+from swarmwright.simulations.mujoco._robots import Arena
 from tests.python.records import same_record
 
 QUARTER = np.pi / 2

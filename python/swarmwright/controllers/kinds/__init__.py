@@ -1,8 +1,8 @@
 """The kinds of controllers, a folder each: options and genes, figure, and source code in each language.
 
 What the rest of the library needs of a kind is in its entry of `KINDS`; nothing else knows it by its name.
-The package of a kind has its options and its representation, `code` its source in C and Python, `onnx` its
-graph of ONNX, `figure` its drawing. All of these but the representation are optional.
+The package of a kind has its options and its representation, `code` its source in C and Python and its graph
+of ONNX, `figure` its drawing. All of these but the representation are optional.
 """
 
 from collections.abc import Mapping
@@ -60,7 +60,7 @@ KINDS: dict[str, Kind] = {
         figure="kinds.evostick.figure:draw",
         c="kinds.evostick.code:c",
         python="kinds.evostick.code:python",
-        onnx="kinds.evostick.onnx:add",
+        onnx="kinds.evostick.code:onnx",
         stateless=True,
     ),
     "fully_meshed": Kind(
@@ -68,7 +68,7 @@ KINDS: dict[str, Kind] = {
         figure="kinds.fully_meshed.figure:draw",
         c="kinds.fully_meshed.code:c",
         python="kinds.fully_meshed.code:python",
-        onnx="kinds.fully_meshed.onnx:add",
+        onnx="kinds.fully_meshed.code:onnx",
         overflows=True,
     ),
     "hebbian": Kind(
@@ -83,7 +83,7 @@ KINDS: dict[str, Kind] = {
         figure="kinds.layered.figure:draw",
         c="kinds.layered.code:c",
         python="kinds.layered.code:python",
-        onnx="kinds.layered.onnx:add",
+        onnx="kinds.layered.code:onnx",
         stateless=True,
     ),
     "mealy_fsm": Kind(
@@ -91,7 +91,7 @@ KINDS: dict[str, Kind] = {
         figure="kinds.mealy_fsm.figure:draw",
         c="kinds.mealy_fsm.code:c",
         python="kinds.mealy_fsm.code:python",
-        onnx="kinds.mealy_fsm.onnx:add",
+        onnx="kinds.mealy_fsm.code:onnx",
         words="kinds.mealy_fsm.tables:words",
         visits="kinds.mealy_fsm.tables:visits",
     ),

@@ -2,11 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from onnx import NodeProto, helper
 
 from swarmwright.controllers.activations import STEEP, STEEPNESS
 from swarmwright.controllers.source import Evolved
@@ -15,13 +14,22 @@ _TANH_P = (4.2581547e-8, 7.970824e-5, 0.015736774, 0.5)
 _TANH_Q = (2.7218455e-6, 0.0013933508, 0.11480684, 1.0)
 
 
+class Node(NamedTuple):
+    """An operation."""
+
+    operator: str
+    inputs: tuple[str, ...]
+    result: str
+    attributes: dict[str, Any]
+
+
 @dataclass
 class Graph:
     """A graph that is being made: each operation adds a node and returns the name of its result."""
 
-    nodes: list[NodeProto] = field(default_factory=list)
+    nodes: list[Node] = field(default_factory=list)
     constants: dict[str, NDArray[Any]] = field(default_factory=dict)
-    state: tuple[int, list[str | int]] | None = None
+    state: tuple[type[np.generic], list[str | int]] | None = None
     """Type and shape of the state; None for what remembers nothing."""
     initial_state: str = ""
     """For one agent, as an expression of NumPy."""
@@ -31,7 +39,7 @@ class Graph:
     def add(self, operator: str, *inputs: str, result: str = "", **attributes: Any) -> str:  # noqa: ANN401 - as ONNX
         """Add a node; return the name of its result."""
         name = result or f"{operator.lower()}_{len(self.nodes)}"
-        self.nodes.append(helper.make_node(operator, list(inputs), [name], name=f"{name}_node", **attributes))
+        self.nodes.append(Node(operator, inputs, name, attributes))
         return name
 
     def constant(self, value: NDArray[Any], name: str = "") -> str:

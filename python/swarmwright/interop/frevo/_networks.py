@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmwright.common.arrays import shortest
 from swarmwright.common.xml import Element
-from swarmwright.interop.frevo._components import (
+from swarmwright.interop.frevo._document import (
     COMPLETE,
     HEBBIAN,
     LAYERS,
@@ -16,8 +16,6 @@ from swarmwright.interop.frevo._components import (
     MESHED,
     NEAT,
     THREE_LAYERS,
-)
-from swarmwright.interop.frevo._document import (
     Section,
     Session,
     attribute_count,
@@ -26,8 +24,13 @@ from swarmwright.interop.frevo._document import (
     java_number,
     members,
 )
-from swarmwright.interop.frevo._neat import TAG, neat_network
-from swarmwright.interop.frevo._representations import check_deterministic, take_activation, take_passes
+from swarmwright.interop.frevo._representations import (
+    TAG,
+    check_deterministic,
+    neat_network,
+    take_activation,
+    take_passes,
+)
 
 _TAGS = {
     MESHED: "FullyMeshedNet",

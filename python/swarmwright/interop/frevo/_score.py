@@ -13,10 +13,17 @@ from swarmwright import _engine
 from swarmwright.common.arguments import checked
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.files import first_character
-from swarmwright.interop.frevo._components import LAYERS, NEAT, THREE_LAYERS, all_of, check
-from swarmwright.interop.frevo._document import Section, open_session
+from swarmwright.interop.frevo._document import (
+    LAYERS,
+    NEAT,
+    THREE_LAYERS,
+    Section,
+    all_of,
+    check,
+    open_session,
+)
+from swarmwright.interop.frevo._mapping import problem_parameters
 from swarmwright.interop.frevo._networks import Network, networks
-from swarmwright.interop.frevo._problem import problem_parameters
 from swarmwright.interop.frevo._representations import RELU, SIGMOID
 
 _MOST_EPISODES = 100_000

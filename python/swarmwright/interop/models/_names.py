@@ -1,10 +1,15 @@
-"""Names of a model and names of a simulation: the same one, written differently."""
+"""Names of a model and names of a simulation: the same one, written differently.
 
+Numbers in files of modelling tools, which are text there.
+"""
+
+import math
 from collections.abc import Iterable
 from typing import Any
 
 from swarmwright.common.alike import alike, folded
 from swarmwright.common.suggestions import did_you_mean
+from swarmwright.interop.models._parts import Place, Problems
 from swarmwright.simulations import catalogue
 
 _ALIASES = {"swarmmembers": ("numAgents", "robots"), "steps": ("maxSteps", "steps")}
@@ -67,3 +72,28 @@ class Known:
             which = " or ".join(map(repr, self._like(name)))
             return f"{name!r} may be the parameter {which} of {self.simulation}; write one of these names"
         return f"{self.simulation} has no parameter {name!r}{did_you_mean(name, self.parameters or ())}"
+
+
+def whole_of(text: str, place: Place, problems: Problems) -> int | None:
+    """Return a whole number; None after noting that a text is none."""
+    try:
+        value = int(text) if "_" not in text else None
+    except ValueError:
+        value = None
+    if value is None or abs(value) >= 2**63:
+        problems.add(place, f"{text[:80]!r} found, expected a whole number")
+        return None
+    return value
+
+
+def number_of(text: str, place: Place, problems: Problems) -> float | None:
+    """Return a finite number, Java's `0.15f` as 0.15; None after noting that a text is none."""
+    digits = text[:-1] if text[-1:] in {"f", "F", "d", "D"} else text
+    try:
+        value = float(digits) if "_" not in digits else math.nan
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        problems.add(place, f"{text[:80]!r} found, expected a number such as 0.15")
+        return None
+    return value

@@ -6,7 +6,7 @@ Modelio's CPSwarm modules write one for the problem of a model; FREVO has one be
 from pathlib import Path
 
 from swarmwright.common.xml import Element, read
-from swarmwright.interop.models._numbers import number_of, whole_of
+from swarmwright.interop.models._names import number_of, whole_of
 from swarmwright.interop.models._parts import Part, Place, Problems, Property
 
 ROOTS = ("icomponent",)

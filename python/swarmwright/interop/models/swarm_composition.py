@@ -7,7 +7,7 @@ writes it and the launcher of the CPSwarm workbench reads it.
 from pathlib import Path
 
 from swarmwright.common.xml import read
-from swarmwright.interop.models._numbers import whole_of
+from swarmwright.interop.models._names import whole_of
 from swarmwright.interop.models._parts import Member, Part, Place, Problems
 
 ROOTS = ("swarm", "SwarmComposition", "Swarm")

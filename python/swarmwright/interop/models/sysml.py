@@ -2,19 +2,389 @@
 
 It reads packages, part definitions and usages with multiplicity, attributes with values, ports and directed
 features, and the metadata `@Optimize { min = ..; max = ..; scale = ..; }` of attributes and parts.
+
+Statements of SysML v2 as definitions and usages: name, types, multiplicity, value.
+
+Which definition or usage of a model in SysML v2 a name means: by packages, imports and aliases.
 """
 
 import math
 import re
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from swarmwright.common.errors import InputError
+from swarmwright.common.suggestions import did_you_mean
 from swarmwright.interop.models._parts import Member, Optimised, Part, Place, Problems, Property
-from swarmwright.interop.models._sysml_features import KEYWORDS, SILENT, Feature, feature_of, literal
-from swarmwright.interop.models._sysml_names import Names, TooManyNamesError, Unknown
-from swarmwright.interop.models._sysml_text import KERML, read_text, statements
+from swarmwright.interop.models._sysml_text import (
+    DIRECTIONS,
+    KERML,
+    PREFIXES,
+    Statement,
+    Word,
+    read_text,
+    statements,
+    unescaped,
+)
+
+KEYWORDS = frozenset({"attribute", "item", "metadata", "package", "part", "port"})
+EXPRESSION = "expression"
+"""The keyword of the expression at the end of a body, which has none."""
+SILENT = frozenset({"import", "doc", "comment", "alias", "language", "locale", "rep"})
+"""Statements without meaning for an experiment."""
+LONGEST_NUMBER = 1000
+"""Characters: Python does not write integers of more than 4300 digits."""
+_RELATIONS = frozenset({"crosses", "defined", "redefines", "references", "specializes", "subsets", "typed"})
+"""Words of a usage without a keyword, in the place of signs."""
+_EQUALS = frozenset({"=", ":="})
+_MODIFIERS = _RELATIONS | {"by", "default", "nonunique", "ordered"}
+_TYPED, _SPECIAL = frozenset({":"}), frozenset({":>", "specializes", "subsets"})
+_REDEFINED = frozenset({":>>", "redefines"})
+
+
+@dataclass
+class Feature:
+    """A definition or a usage."""
+
+    statement: Statement
+    keyword: str
+    """Of KEYWORDS; empty for a usage without one; `@` for metadata; else a word that is not supported."""
+    scope: tuple[str, ...] = ()
+    """Path of what it is in the body of."""
+    is_definition: bool = False
+    """Whether it is a definition, else a usage."""
+    direction: str = ""
+    """in, out or inout; empty without one."""
+    name: str = ""
+    """Empty for one without a name."""
+    reserved: str = ""
+    """A reserved word in the place of the name."""
+    short_name: str = ""
+    """In angle brackets in front of the name."""
+    types: list[list[str]] = field(default_factory=list)
+    """Qualified names of its types, and of what it specializes, word by word."""
+    conjugated: bool = False
+    """Whether the type of a port is conjugated, `~Type`."""
+    multiplicity: list[Word] | None = None
+    """What is between the brackets; None without them."""
+    value: list[Word] | None = None
+    """The expression behind `=`; None without one."""
+    about: list[str] = field(default_factory=list)
+    """Of metadata: the names of what it is about, where it is not in its body."""
+    prefixes: list[str] = field(default_factory=list)
+    """Metadata that is written in front, #Optimize."""
+
+    @property
+    def line(self) -> int:
+        """Where it begins."""
+        return self.statement.line
+
+    @property
+    def path(self) -> tuple[str, ...]:
+        """The names around it, and its own; where it has none, another word that nothing else has."""
+        return (*self.scope, self.name or f"#{self.statement.end}")
+
+    @cached_property
+    def inside(self) -> list["Feature"]:
+        """What is in its body."""
+        return [feature_of(one, self.path) for one in self.statement.body or []]
+
+
+def feature_of(statement: Statement, scope: tuple[str, ...] = ()) -> Feature:
+    """Return what a statement defines or uses; scope: the path of what it is in the body of."""
+    feature = Feature(statement, "", scope)
+    if statement.is_result:
+        feature.keyword = EXPRESSION
+        return feature
+    words = deque(statement.words)
+    while words and (words[0].text in PREFIXES | DIRECTIONS or words[0].text == "#"):
+        word = words.popleft()
+        if word.text == "#" and words:
+            names = _qualified(words, feature)
+            feature.prefixes += names[-1:]
+        elif word.text in DIRECTIONS:
+            feature.direction = word.text
+    first, second = ([one.text for one, _ in zip(words, range(2), strict=False)] + ["", ""])[:2]
+    if first == "@" or (first == "metadata" and second != "def"):
+        words.popleft()
+        feature.keyword = "@"
+    elif words and words[0].kind == "keyword" and first not in _RELATIONS:
+        feature.keyword = words.popleft().text
+    if words and words[0].text == "def":
+        words.popleft()
+        feature.is_definition = True
+    _declaration(feature, words)
+    return feature
+
+
+def _declaration(feature: Feature, words: deque[Word]) -> None:
+    """Take name, types, multiplicity and value from the words of a feature."""
+    while words and feature.value is None:
+        word = words.popleft()
+        if word.text in _EQUALS or (word.text == "default" and words and words[0].text not in _EQUALS):
+            feature.value = list(words)
+        elif word.text == "[":
+            feature.multiplicity = _up_to_bracket(words)
+        elif word.text in _REDEFINED:
+            names = _qualified(words, feature)
+            feature.name = feature.name or (names[-1] if names else "")
+        elif word.text in _TYPED | _SPECIAL or (word.text == "by" and words):
+            feature.types += _list(words, feature)
+        elif word.text == "<" and len(words) > 1 and words[1].text == ">":
+            feature.short_name = words.popleft().name
+            words.popleft()
+        elif word.text == "about":
+            feature.about += [names[-1] for names in _list(words, feature)]
+        elif word.kind == "name" and not feature.name:
+            feature.name = word.name
+            while len(words) > 1 and words[0].text == "::":  # of metadata: its qualified name
+                words.popleft()
+                feature.name = words.popleft().name
+        elif word.kind == "keyword" and word.text not in _MODIFIERS:
+            feature.reserved = feature.reserved or word.text
+
+
+def _up_to_bracket(words: deque[Word]) -> list[Word]:
+    inner: list[Word] = []
+    while words and words[0].text != "]":
+        inner.append(words.popleft())
+    if words:
+        words.popleft()
+    return inner
+
+
+def _list(words: deque[Word], feature: Feature) -> list[list[str]]:
+    found = [_qualified(words, feature)]
+    while words and words[0].text == ",":
+        words.popleft()
+        found.append(_qualified(words, feature))
+    return [names for names in found if names]
+
+
+def _qualified(words: deque[Word], feature: Feature) -> list[str]:
+    if words and words[0].text == "~":
+        words.popleft()
+        feature.conjugated = True
+    names: list[str] = []
+    while words and words[0].kind == "name":
+        names.append(words.popleft().name)
+        if not words or words[0].text not in {"::", "."}:
+            break
+        words.popleft()
+    return names
+
+
+def literal(tokens: list[Word] | None) -> Any:  # noqa: ANN401 - a number, text or truth value
+    """Return the value of a literal, a unit behind it left out.
+
+    None for any other expression, and for numbers that are not finite or have more than `LONGEST_NUMBER`
+    characters.
+    """
+    words = list(tokens or [])
+    if "[" in [word.text for word in words]:
+        words = words[: [word.text for word in words].index("[")]
+    sign = 1
+    if words and words[0].text in {"+", "-"}:
+        sign = -1 if words.pop(0).text == "-" else 1
+    if len(words) != 1:
+        return None
+    word = words[0]
+    if word.kind == "number":
+        if len(word.text) > LONGEST_NUMBER:
+            return None
+        number = int(word.text) if word.text.isdigit() else float(word.text)
+        return sign * number if isinstance(number, int) or math.isfinite(number) else None
+    if word.kind == "text":
+        return unescaped(word.text[1:-1])
+    return {"true": True, "false": False}.get(word.text)
+
+
+_LIBRARY = frozenset(
+    {"Actions", "Attributes", "Base", "Collections", "Connections", "Flows", "ISQ", "Interfaces", "Items"}
+    | {"KerML", "Links", "Metaobjects", "Objects", "Occurrences", "Parts", "Ports", "Quantities", "SI"}
+    | {"ScalarValues", "ShapeItems", "SpatialItems", "SysML", "Time", "USCustomaryUnits", "VectorValues"}
+)
+"""Packages of the standard's libraries, in which nothing senses or acts."""
+_OF_LIBRARY = frozenset(
+    {"Anything", "Item", "Object", "Occurrence", "Part", "Port", "items", "objects", "parts", "ports"}
+    | {"subitems", "subparts", "subports"}
+)
+"""What is often used of them without the package's name."""
+_WITH_MEMBERS = frozenset({"item", "package", "part", "port"})
+_MOST_STEPS = 50
+"""Steps over types, imports and aliases to where a member is defined."""
+
+_MOST_STEPS_OF_ALL = 500_000
+"""Steps for all names of a file: about a second."""
+
+Scope = tuple[str, ...]
+
+
+class TooManyNamesError(Exception):
+    """The imports and names of a file are too many to be looked up."""
+
+
+class Unknown(NamedTuple):
+    """A name that is not found."""
+
+    reason: str
+
+
+class _Import(NamedTuple):
+    names: list[str]
+    wildcards: int
+    """0: what has this name; else all in it, from 2 on also all in that."""
+
+
+class Names:
+    """What has a name in a model.
+
+    Args:
+        roots: everything outside of all packages.
+    """
+
+    def __init__(self, roots: Sequence[Feature]) -> None:
+        self._members: dict[Scope, Feature] = {}
+        self._imports: dict[Scope, list[_Import]] = {}
+        self._aliases: dict[Scope, list[str]] = {}
+        self._by_name: dict[str, list[tuple[Scope, Feature]]] = {}
+        """Members of all bodies, by name."""
+        self._steps = 0
+        self._known: dict[tuple[Scope, str], Feature | None] = {}
+        """Members that were looked for; None also while one is looked for, as types may form a circle."""
+        self.duplicates: list[tuple[Feature, Feature]] = []
+        """Definitions with a name that another one has in the same package, and this other one."""
+        for feature in roots:
+            self._add(feature)
+        for path, feature in self._members.items():
+            self._by_name.setdefault(path[-1], []).append((path, feature))
+
+    def _add(self, feature: Feature) -> None:
+        if feature.keyword == "import":
+            words = _before_filter(feature.statement.words)
+            names = [word.name for word in words if word.kind == "name"]
+            wildcards = sum(word.text.count("*") for word in words if word.kind == "sign")
+            self._imports.setdefault(feature.scope, []).append(_Import(names, wildcards))
+        elif feature.keyword == "alias" and feature.name:
+            texts = [word.text for word in feature.statement.words]
+            behind = feature.statement.words[texts.index("for") + 1 :] if "for" in texts else []
+            self._aliases[*feature.scope, feature.name] = [one.name for one in behind if one.kind == "name"]
+        elif feature.keyword in KEYWORDS or feature.is_definition or feature.direction:
+            for name in filter(None, (feature.name, feature.short_name)):
+                before = self._members.setdefault((*feature.scope, name), feature)
+                if before is not feature and feature.is_definition and before.is_definition:
+                    self.duplicates.append((feature, before))
+                elif feature.is_definition:  # a usage with the same name does not hide it
+                    self._members[*feature.scope, name] = feature
+        if feature.keyword in _WITH_MEMBERS:
+            for one in feature.inside:
+                self._add(one)
+
+    def types_of(self, feature: Feature) -> Iterator[Feature | Unknown]:
+        """Yield what a feature is typed by or specializes, without what is in the standard's libraries."""
+        for names in feature.types:
+            found = self._found(names, feature)
+            if found is not None:
+                yield found
+            elif not _is_of_library(names):
+                yield Unknown(self._missing(names))
+
+    def _found(self, names: Sequence[str], feature: Feature, depth: int = 0) -> Feature | Unknown | None:
+        """Return what a name in a feature means; None for nothing."""
+        for length in range(len(feature.scope), -1, -1):
+            found = self._member(feature.scope[:length], names[0], depth)
+            if found is not None and found.path != feature.path:
+                return self._below(found, names[1:], depth)
+        # In a package that is not imported, where no other has this name.
+        named = self._by_name.get(names[-1], [])
+        self._step(len(named))
+        ends = [one for path, one in named if [*path[-len(names) :]] == [*names]]
+        ends = [one for one in ends if one.path != feature.path]
+        ends = [one for one in ends if one.is_definition] or ends
+        if len(ends) > 1:
+            shown = ", ".join(f"{'::'.join(one.path)} (line {one.line})" for one in ends[:5])
+            return Unknown(f"{'::'.join(names)} may be {shown}; write its qualified name")
+        return ends[0] if ends else None
+
+    def _below(self, feature: Feature, names: Sequence[str], depth: int) -> Feature | None:
+        found: Feature | None = feature
+        for name in names:
+            found = None if found is None else self._member(found.path, name, depth)
+        return found
+
+    def _member(self, scope: Scope, name: str, depth: int) -> Feature | None:
+        """Return what has a name in a body: its own, by an alias, imported or inherited; None for nothing."""
+        key = (scope, name)
+        if key not in self._known and depth < _MOST_STEPS:
+            self._known[key] = None
+            self._known[key] = self._looked_up(scope, name, depth + 1)
+        return self._known.get(key)
+
+    def _looked_up(self, scope: Scope, name: str, depth: int) -> Feature | None:
+        own = self._members.get((*scope, name))
+        if own is not None:
+            return own
+        if (*scope, name) in self._aliases:
+            return self._named_from(scope, self._aliases[*scope, name], depth)
+        for one in self._imports.get(scope, []):
+            self._step()
+            target = self._named_from(scope, one.names, depth)
+            found = None
+            if target is not None and not one.wildcards:
+                found = target if one.names[-1] == name else None
+            elif target is not None:
+                found = self._member(target.path, name, depth)
+                if found is None and one.wildcards > 1:
+                    found = self._anywhere_in(target.path, name)
+            if found is not None:
+                return found
+        body = self._members.get(scope)
+        for names in [] if body is None else body.types:
+            base = self._found(names, body, depth) if body is not None else None
+            found = self._member(base.path, name, depth) if isinstance(base, Feature) else None
+            if found is not None:
+                return found
+        return None
+
+    def _named_from(self, scope: Scope, names: Sequence[str], depth: int) -> Feature | None:
+        """Return what an import or an alias in a body names; None for nothing."""
+        for length in range(len(scope), -1, -1):
+            found = self._members.get((*scope[:length], names[0])) if names else None
+            if found is not None:
+                return self._below(found, names[1:], depth)
+        return None
+
+    def _anywhere_in(self, package: Scope, name: str) -> Feature | None:
+        named = self._by_name.get(name, [])
+        self._step(len(named))
+        return next((one for path, one in named if path[: len(package)] == package), None)
+
+    def _step(self, number: int = 1) -> None:
+        """Count what is looked at. Raises TooManyNamesError when it is more than any sensible model needs."""
+        self._steps += number
+        if self._steps > _MOST_STEPS_OF_ALL:
+            raise TooManyNamesError
+
+    def _missing(self, names: Sequence[str]) -> str:
+        known = {name for name, ones in self._by_name.items() if any(one.is_definition for _, one in ones)}
+        hint = did_you_mean(names[-1], sorted(known)) or "; add its definition"
+        shown = "::".join(names if len(names) <= 10 else [*names[:10], ".."])
+        return f"{shown} is not defined in this file{hint}"
+
+
+def _before_filter(words: Sequence[Word]) -> list[Word]:
+    """Return the words of an import without a filter in brackets."""
+    texts = [word.text for word in words]
+    return list(words[: texts.index("[")] if "[" in texts else words)
+
+
+def _is_of_library(names: Sequence[str]) -> bool:
+    return names[0] in _LIBRARY or names[0].startswith("ISQ") or (len(names) == 1 and names[0] in _OF_LIBRARY)
+
 
 WORDS = "a model in SysML v2's textual notation (part def ..)"
 OPTIMIZE = frozenset({"optimize", "optimise"})

@@ -13,8 +13,7 @@ from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
-from swarmwright.simulations.other_process import NotRunError, outcomes
-from swarmwright.simulations.trial import Trial, difference
+from swarmwright.simulations.other_process import NotRunError, Trial, difference, outcomes
 from swarmwright.simulations.user_code.parts import of_simulation
 
 _SEEDS = ("1", "2")

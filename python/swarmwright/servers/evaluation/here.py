@@ -55,7 +55,7 @@ def require_here(experiment: Experiment) -> None:
         where = place_of(experiment, "simulation")
         folder = None if experiment.path is None else experiment.path.parent
         if simulation.endswith(".py"):
-            from swarmwright.simulations.file_names import class_missing  # noqa: PLC0415 - only for this message
+            from swarmwright.simulations.near_names import class_missing  # noqa: PLC0415 - only for this message
 
             raise InputError(f"{where}{class_missing(simulation, folder)}")
         from swarmwright.simulations.near_names import unknown_simulation  # noqa: PLC0415 - as above

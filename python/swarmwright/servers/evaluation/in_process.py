@@ -35,8 +35,8 @@ from swarmwright.servers.evaluation.repetition import Failed, Repetition, Value
 from swarmwright.servers.rows import Journal
 from swarmwright.servers.server_use import ServerUses
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.hosts import hosted
 from swarmwright.simulations.loading import load
+from swarmwright.simulations.physics_host import hosted
 
 _log = logging.getLogger("swarmwright")
 

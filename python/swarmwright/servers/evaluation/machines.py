@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.common.errors import RunError, engine_errors
 from swarmwright.common.processes import use_threads
-from swarmwright.controllers.modules.stepping import Robots
+from swarmwright.controllers.modules.played import Robots
 
 LANES = 256
 """Episodes that are stepped side by side; of a simulation in Python one."""

@@ -1,13 +1,206 @@
-"""Logs of ROS and MCAP: every message is a row, with columns such as `/robot_1/pose.position.x`."""
+"""Logs of ROS and MCAP: every message is a row, with columns such as `/robot_1/pose.position.x`.
 
+Limits on what logs of ROS and MCAP unpack to, checked before their libraries read them whole.
+
+A chunk of some kilobytes can unpack to gigabytes, whatever size it says. Here it is unpacked piece by piece,
+and only counted.
+"""
+
+import bz2
 import importlib.util
 import json
-from collections.abc import Collection, Iterator
+import sqlite3
+import struct
+import tempfile
+from collections.abc import Callable, Collection, Iterator
+from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from swarmwright.simulations.command import bag_limits
-from swarmwright.simulations.command.failure import CommandFailure
+from swarmwright.simulations.command.process import CommandFailure
+
+LARGEST_CHUNK_BYTES = 1 << 26
+"""Unpacked, of a chunk or a message: messages of a chunk take several times as much in memory."""
+_UNPACKED_BYTES = 1 << 28
+"""That any log may unpack to."""
+_UNPACKED_TIMES = 100
+"""Of its own size, that a larger one may: text in JSON shrinks much more than other data."""
+_PIECE_BYTES = 1 << 20
+_MCAP, _ROS1, _SQLITE, _ZSTD = b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n", b"SQLite format 3\0", b"\x28\xb5\x2f\xfd"
+_DAMAGED = "its index names a place where no record begins"
+_MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX, _FOOTER = 0x05, 0x06, 0x07, 0x08, 0x02
+"""Records of MCAP."""
+_HEADER, _ROS1_CHUNK, _CHUNK_INFO = 3, 5, 6
+"""Records of ROS 1."""
+
+Block = tuple[str, bytes]
+"""Compression and content."""
+
+
+def check(name: str, log: Path) -> None:
+    """Raise CommandFailure where a log, a file or a folder with a bag, unpacks to more than the limits.
+
+    name: of the log, for messages.
+    """
+    files = [log] if not log.is_dir() else sorted(one for one in log.rglob("*") if one.is_file())
+    for file in files:
+        with file.open("rb") as stream:
+            _check(name, stream, file)
+
+
+def _check(name: str, stream: IO[bytes], file: Path) -> None:
+    start, size = stream.read(16), stream.seek(0, 2)
+    limit, total = max(_UNPACKED_BYTES, _UNPACKED_TIMES * size), 0
+    if start.startswith(_ZSTD):  # a whole file, which is unpacked to the disk
+        with tempfile.TemporaryFile() as whole:
+            stream.seek(0)
+            for piece in _zstd(stream):
+                total += whole.write(piece)
+                _limit(name, total, limit)
+            whole.seek(0)
+            if whole.read(8) == _MCAP:
+                whole.seek(0)
+                _check(name, whole, file)
+        return
+    for compression, block in _blocks(start, stream, size, file):
+        inner = 0
+        for piece in _UNPACKERS.get(compression, _none)(block):
+            inner += len(piece)
+            if inner > LARGEST_CHUNK_BYTES:
+                raise CommandFailure(
+                    f"{name}: has a chunk or message that unpacks to more than "
+                    f"{LARGEST_CHUNK_BYTES >> 20} MiB; record it without compression, or with smaller chunks"
+                )
+        total += inner
+        _limit(name, total, limit)
+
+
+def _limit(name: str, total: int, limit: int) -> None:
+    if total > limit:
+        raise CommandFailure(
+            f"{name}: unpacks to more than {limit >> 20:,} MiB; the limit is {_UNPACKED_BYTES >> 20} MiB or "
+            f"{_UNPACKED_TIMES} times its size; record it without compression"
+        )
+
+
+def _blocks(start: bytes, stream: IO[bytes], size: int, file: Path) -> Iterator[Block]:
+    """Yield the blocks of a log that are unpacked as wholes; none where its format is another one."""
+    if start.startswith(_MCAP):
+        yield from _mcap(stream, size)
+    elif start.startswith(_ROS1):
+        yield from _ros1(stream, size)
+    elif start.startswith(_SQLITE):
+        yield from _messages(file)
+
+
+def _mcap(stream: IO[bytes], size: int) -> Iterator[Block]:
+    """Yield the chunks of a file of MCAP. Raises ValueError unless its index is one of those."""
+    chunks, sections, named, summary = set(), {0}, set(), 0
+    at = stream.seek(len(_MCAP))
+    while size - at >= 9 + len(_MCAP):
+        kind, length = struct.unpack("<BQ", stream.read(9))
+        if kind == _CHUNK:
+            chunks.add(at)
+            head = stream.read(32)  # times, unpacked size, checksum, and how long the compression's name is
+            compression = stream.read(struct.unpack("<I", head[28:])[0])
+            stored = struct.unpack("<Q", stream.read(8))[0]
+            yield compression.decode(errors="replace"), stream.read(min(stored, size))
+        elif kind == _CHUNK_INDEX:
+            named.add(struct.unpack("<Q", stream.read(24)[16:])[0])
+        elif kind == _FOOTER:
+            summary = struct.unpack("<Q", stream.read(8))[0]
+            if at != size - 29 - len(_MCAP):
+                raise ValueError("it has more than one footer")
+        if kind not in (_MESSAGE, _CHUNK, _MESSAGE_INDEX):
+            sections.add(at)
+        at = stream.seek(at + 9 + length)
+    if not named <= chunks or summary not in sections:
+        raise ValueError(_DAMAGED)
+
+
+def _ros1(stream: IO[bytes], size: int) -> Iterator[Block]:
+    """Yield the chunks of a bag of ROS 1. Raises ValueError unless its index is one of those."""
+    chunks, records, named, index = set(), {0, size}, set(), 0
+    at = stream.seek(len(_ROS1))
+    while size - at >= 8:
+        records.add(at)
+        header = stream.read(struct.unpack("<I", stream.read(4))[0])
+        fields = dict(_header_fields(header))
+        length = struct.unpack("<I", stream.read(4))[0]
+        end = stream.tell() + length
+        kind = fields.get(b"op", b"\0")[0]
+        if kind == _ROS1_CHUNK:
+            chunks.add(at)
+            yield fields.get(b"compression", b"").decode(errors="replace"), stream.read(min(length, size))
+        elif kind == _CHUNK_INFO:
+            named.add(int.from_bytes(fields.get(b"chunk_pos", b""), "little"))
+        elif kind == _HEADER:
+            index = int.from_bytes(fields.get(b"index_pos", b""), "little")
+        at = stream.seek(end)
+    if not named <= chunks or index not in records:
+        raise ValueError(_DAMAGED)
+
+
+def _header_fields(header: bytes) -> Iterator[tuple[bytes, bytes]]:
+    at = 0
+    while at < len(header):
+        length = struct.unpack("<I", header[at : at + 4])[0]
+        name, _, value = header[at + 4 : at + 4 + length].partition(b"=")
+        yield name, value
+        at += 4 + length
+
+
+def _messages(file: Path) -> Iterator[Block]:
+    """Yield the messages of a bag of ROS 2 that may be compressed, each for itself."""
+    with closing(sqlite3.connect(f"file:{file.as_posix()}?mode=ro", uri=True)) as database:
+        kinds = dict(database.execute("SELECT name, type FROM sqlite_master"))
+        for name in ("messages", "topics"):  # a view could go on without end
+            if kinds.get(name, "table") != "table":
+                raise ValueError(f"{name} is no table")
+        if "messages" in kinds:
+            for (data,) in database.execute("SELECT data FROM messages WHERE typeof(data) = 'blob'"):
+                if data.startswith(_ZSTD):
+                    yield "zstd", data
+
+
+def _zstd(data: Any) -> Iterator[bytes]:  # noqa: ANN401 - bytes or a stream
+    import zstandard  # noqa: PLC0415 - may not be installed
+
+    with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True, closefd=False) as reader:
+        while piece := reader.read(_PIECE_BYTES):
+            yield piece
+
+
+def _pieces(make: Callable[[], Any], data: bytes) -> Iterator[bytes]:
+    """Yield what a decompressor of the standard library's kind makes of data; of all streams in it."""
+    while data:
+        decompressor = make()
+        piece = decompressor.decompress(data, max_length=_PIECE_BYTES)
+        while piece or not (decompressor.eof or decompressor.needs_input):
+            yield piece
+            if decompressor.eof:
+                break
+            piece = decompressor.decompress(b"", max_length=_PIECE_BYTES)
+        data = decompressor.unused_data or b""
+
+
+def _lz4(data: bytes) -> Iterator[bytes]:
+    from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 - may not be installed
+
+    yield from _pieces(LZ4FrameDecompressor, data)
+
+
+def _bz2(data: bytes) -> Iterator[bytes]:
+    yield from _pieces(bz2.BZ2Decompressor, data)
+
+
+def _none(_data: bytes) -> Iterator[bytes]:
+    """Yield nothing: it is read as it is."""
+    yield from ()
+
+
+_UNPACKERS: dict[str, Callable[[bytes], Iterator[bytes]]] = {"zstd": _zstd, "lz4": _lz4, "bz2": _bz2}
+
 
 _ITEMS = 64
 """Items of an array that are columns, `ranges.0`, `ranges.1`, .."""
@@ -32,7 +225,7 @@ def rosbag(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[R
     if isinstance(file, bytes):
         raise CommandFailure(f"{name}: a bag must be a file")
     try:
-        bag_limits.check(name, file)
+        check(name, file)
         yield from _rosbag(name, file, wanted)
     except CommandFailure:
         raise
@@ -67,7 +260,7 @@ def mcap(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[Row
         raise CommandFailure(f"{name}: a log of MCAP must be a file")
     seen: set[str] = set()
     try:
-        bag_limits.check(name, file)
+        check(name, file)
         with file.open("rb") as stream:
             summary = make_reader(stream).get_summary()
             encodings = {one.message_encoding for one in summary.channels.values()} if summary else set()

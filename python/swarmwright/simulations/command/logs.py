@@ -1,4 +1,7 @@
-"""Reads the logs of a command: columns of numbers from tables and JSON."""
+"""Reads the logs of a command: columns of numbers from tables and JSON.
+
+Rows of a log that hold the units of its columns.
+"""
 
 import csv
 import io
@@ -13,9 +16,31 @@ from typing import Any, NamedTuple
 
 from swarmwright.common.formatting import counted
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.simulations.command import bags, units
+from swarmwright.simulations.command import bags
 from swarmwright.simulations.command.definition import STANDARD_OUTPUT
-from swarmwright.simulations.command.failure import CommandFailure
+from swarmwright.simulations.command.process import CommandFailure
+
+_PREFIX = "(?:da|[YZEPTGMkhdcm\u00b5\u03bcunpfazy])?"
+_UNIT = (
+    r"(?:%|\u00b0[CF]?|deg(?:rees?)?|rad(?:ians?)?|rpm|px|pixels?|steps?|ticks?|min|h|d|hours?|days?|sec|secs|seconds?"
+    r"|met(?:er|re)s?|count|bool|"
+    + _PREFIX
+    + r"(?:mol|cd|rad|sr|Hz|Pa|Wh|Ah|eV|bar|bit|byte|bps|lx|lm|dB|dBm|ohm"
+    r"|[smgAKNJWVCFHTLB\u03a9]))(?:\^?-?\d|[\u00b2\u00b3])?"
+)
+_PRODUCT = rf"(?:1/)?{_UNIT}(?:[ */.\u00b7]{_UNIT})*"
+_CELL = re.compile(rf"\s*(?:[-\u2013]?|{_PRODUCT}|\[[^\[\]\d]*(?:{_PRODUCT})?\]|\((?:-|{_PRODUCT})\))\s*")
+
+_NUMBER = re.compile(r"\s*[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf)\s*", re.IGNORECASE)
+
+
+def is_row(values: Sequence[str], following: Sequence[str]) -> bool:
+    """Return whether a row has units, such as m/s, [rad] or %, and the next one numbers."""
+    return (
+        any(value.strip(" -\u2013") for value in values)
+        and all(map(_CELL.fullmatch, values))
+        and any(map(_NUMBER.fullmatch, following))
+    )
 
 
 class Problem(NamedTuple):
@@ -235,7 +260,7 @@ def _table(delimiter: str) -> Reader:
                         f"{counted(len(header), 'column')}; "
                         + ("was the log cut off?" if len(line) < len(header) else _taken(names or ""))
                     )
-                if row is not None and not (count == 1 and units.is_row(row[1], line)):
+                if row is not None and not (count == 1 and is_row(row[1], line)):
                     yield row[0], dict(zip(header, row[1], strict=True))
                 row, count = (place, line), count + 1
             if row is not None and header is not None:

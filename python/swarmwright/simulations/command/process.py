@@ -1,4 +1,9 @@
-"""Processes of a command, started and ended by a keeper of their own."""
+"""Processes of a command, started and ended by a keeper of their own.
+
+A process of a command from its start to its end, within its limits.
+
+What a command prints: passed on to this process's log, the last of it kept, too much of it refused.
+"""
 
 import contextlib
 import errno
@@ -14,15 +19,35 @@ import subprocess
 import sys
 import time
 import weakref
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from swarmwright.common import hash_seed
+from swarmwright.common.formatting import counted
 from swarmwright.common.suggestions import did_you_mean, nearest
-from swarmwright.simulations.command.failure import CommandFailure
+from swarmwright.simulations.command.work_files import size_of
+
+
+class CommandFailure(Exception):  # noqa: N818 - it is the reason of a failed evaluation
+    """An episode has failed; the message is a line, without the program's output."""
+
+
+class ProcessEnded(CommandFailure):
+    """The process has ended by itself, and not well."""
+
+
+class ReportedFailure(CommandFailure):
+    """The program has answered that the episode failed; `reason` is what it says."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(f"reports: {reason}")
+        self.reason = reason
+
 
 KEEPER = Path(__file__).with_name("keeper.py")
 _LARGEST_MESSAGE_BYTES = 1 << 20
@@ -290,3 +315,251 @@ def resolved_word(word: str, folder: Path) -> str:
     except OSError:  # too long for a name
         pass
     return word
+
+
+LINES, _LINE = 20, 400
+"""Lines that are kept of the end, and characters of each."""
+_LOGGED_CHARACTERS = 4096
+"""Characters of a line that are logged."""
+_LOGGED_LINES, _LOGGED_S = 10_000, 60.0
+"""Lines that are logged in so many seconds. Each is marked and read on its way into the log, which takes
+longer than to print it; and meanwhile no limit of the process is looked after."""
+_CHUNK_BYTES = 1 << 16
+"""Read at a time."""
+_SUMMARY_LINES = 3
+"""Lines in a reason."""
+
+
+class Printed:
+    """The output of one process.
+
+    Args:
+        most: bytes that it may print.
+        keep: whether to keep all of it, for a log.
+    """
+
+    def __init__(self, most: int, *, keep: bool = False) -> None:
+        self._most = most
+        self._count = 0
+        self._line = b""
+        self._last: deque[str] = deque(maxlen=LINES)
+        self._logged, self._omitted = 0, 0
+        self._logs_since = time.monotonic()
+        self.all = bytearray() if keep else None
+
+    @property
+    def is_too_much(self) -> bool:
+        """Whether the process has printed more than it may."""
+        return self._count > self._most
+
+    def read(self, descriptor: int) -> bool:
+        """Take what can be read; return False at the end."""
+        data = os.read(descriptor, _CHUNK_BYTES)
+        self.take(data)
+        return bool(data)
+
+    def take(self, data: bytes) -> None:
+        """Take a piece of the output."""
+        if self.is_too_much:
+            return
+        self._count += len(data)
+        if self.all is not None:
+            self.all += data
+        lines, end, self._line = (self._line + data).rpartition(b"\n")
+        if end:
+            self._tell(lines)
+        if len(self._line) > _CHUNK_BYTES:
+            self._tell(self._line)
+            self._line = b""
+
+    def end(self) -> None:
+        """Take the last line, which may have no end."""
+        if self._line:
+            self._tell(self._line)
+            self._line = b""
+        self._tell_omitted()
+
+    def _tell(self, data: bytes) -> None:
+        """Log lines, and keep the last of them: all at once, as a program may print millions."""
+        now = time.monotonic()
+        if now - self._logs_since >= _LOGGED_S:
+            self._tell_omitted()
+            self._logged, self._logs_since = 0, now
+        lines = data.decode("utf-8", "replace").replace("\r\n", "\n").removesuffix("\r").split("\n")
+        for line in lines[-LINES:]:
+            self._last.append(line if len(line) <= _LINE else f"{line[: _LINE - 3]}...")
+        logged = lines[: _LOGGED_LINES - self._logged]
+        self._logged += len(logged)
+        self._omitted += len(lines) - len(logged)
+        if logged:
+            sys.stderr.write("".join(f"{line[:_LOGGED_CHARACTERS]}\n" for line in logged))
+
+    def _tell_omitted(self) -> None:
+        """Log how many lines are left out, and the last of them."""
+        if self._omitted:
+            last = list(self._last)[-self._omitted :]
+            if len(last) < self._omitted:
+                count = counted(self._omitted - len(last), "line")
+                last.insert(0, f"[{count} left out: more than {_LOGGED_LINES} in {_LOGGED_S:g} s]")
+            sys.stderr.write("".join(f"{line}\n" for line in last))
+            self._omitted = 0
+
+    @property
+    def tail(self) -> str:
+        """The last lines."""
+        return "\n".join(self._last)
+
+    @property
+    def summary(self) -> str:
+        """The last lines in one, for a reason; empty if nothing was printed."""
+        lines = [
+            line.strip() for line in self._last if line.strip("^~ \t")
+        ]  # marks in tracebacks do not count
+        return " | ".join(lines[-_SUMMARY_LINES:])
+
+
+_SIZE_CHECK_S = 0.25
+"""Seconds between two looks at the size of the work folder, at least."""
+MEGABYTE = 1_000_000
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What an episode may use."""
+
+    timeout: float
+    """Seconds."""
+    output: float
+    """Megabytes."""
+    disk: float
+    """Megabytes."""
+    children: str = "fail"
+    """Whether processes that are left fail it."""
+
+    @property
+    def most_output(self) -> int:
+        """Bytes that may be printed."""
+        return int(self.output * MEGABYTE)
+
+    @property
+    def largest(self) -> int:
+        """Bytes of a file."""
+        return int(self.disk * MEGABYTE)
+
+
+class Watch:
+    """Looks after the limits of a process while it runs."""
+
+    def __init__(self, folder: Path, limits: Limits, processes: Processes) -> None:
+        self._folder, self._limits, self._processes = folder, limits, processes
+        self._looked, self._pause = time.monotonic(), _SIZE_CHECK_S
+        self.deadline = time.monotonic() + limits.timeout
+
+    def begin_again(self) -> None:
+        """Begin another episode."""
+        self.deadline = time.monotonic() + self._limits.timeout
+
+    @property
+    def pause(self) -> float:
+        """Seconds that may be waited."""
+        return max(0.0, min(self.deadline - time.monotonic(), self._pause))
+
+    def check(self, printed: Printed) -> None:
+        """Raise CommandFailure when something is used up."""
+        limits, now = self._limits, time.monotonic()
+        if now >= self.deadline:
+            raise CommandFailure(
+                f"has not ended after {limits.timeout:g} s (simulation.timeout), and was ended"
+            )
+        if printed.is_too_much:
+            raise CommandFailure(f"printed more than {limits.output:g} MB (simulation.output), and was ended")
+        if now - self._looked >= self._pause:
+            self._processes.check()
+            self.check_disk()
+            took = time.monotonic() - now
+            self._looked, self._pause = now, max(_SIZE_CHECK_S, 20 * took)
+
+    def check_disk(self) -> None:
+        """Raise CommandFailure when the work folder is too large."""
+        if size_of(self._folder) > self._limits.largest:
+            raise CommandFailure(
+                f"wrote more than {self._limits.disk:g} MB into its work folder (simulation.disk)"
+            )
+
+
+def run(
+    processes: Processes,
+    command: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str],
+    limits: Limits,
+    printed: Printed,
+) -> None:
+    """Run a command to its end.
+
+    Raises CommandFailure unless its exit status is 0 and nothing is left of it.
+    """
+    reading, writing = os.pipe()
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    try:
+        try:
+            processes.start(command, folder, environment, limits.largest, (nothing, writing, writing))
+        finally:
+            os.close(writing)
+            os.close(nothing)
+        watch = Watch(folder, limits, processes)
+        ended = _attended(processes, reading, printed, watch)
+        check_end(ended, limits)
+        watch.check_disk()
+    finally:
+        printed.end()
+        os.close(reading)
+
+
+def _attended(processes: Processes, reading: int, printed: Printed, watch: Watch) -> Ended:
+    """Read the output until the process has ended; kill it when it uses too much or this is interrupted."""
+    poll = select.poll()
+    poll.register(reading, select.POLLIN)
+    poll.register(processes.channel, select.POLLIN)
+    ended: Ended | None = None
+    try:
+        while ended is None:
+            for descriptor, _ in poll.poll(watch.pause * 1000 + 1):
+                if descriptor != reading:
+                    ended = processes.report()
+                elif not printed.read(reading):
+                    poll.unregister(reading)
+            if ended is None:
+                watch.check(printed)
+    except BaseException:
+        processes.kill()
+        _drain(reading, printed)
+        raise
+    _drain(reading, printed)
+    if printed.is_too_much:
+        watch.check(printed)
+    return ended
+
+
+def _drain(reading: int, printed: Printed) -> None:
+    """Read what is still in the pipe."""
+    os.set_blocking(reading, False)
+    with suppress(BlockingIOError):
+        while not printed.is_too_much and printed.read(reading):
+            pass
+
+
+def check_end(ended: Ended, limits: Limits) -> None:
+    """Raise ProcessEnded for what did not end well."""
+    if ended.status < 0:
+        name = signal.Signals(-ended.status).name
+        why = f": a file of more than {limits.disk:g} MB (simulation.disk)" if name == "SIGXFSZ" else ""
+        raise ProcessEnded(f"was ended by {name}{why}")
+    if ended.status:
+        raise ProcessEnded(f"ended with exit status {ended.status}")
+    if ended.left and limits.children == "fail":
+        names = ", ".join(ended.left)
+        raise ProcessEnded(
+            f"ended, but left processes behind, which were killed: {names}; have it wait for them, or set "
+            "simulation.children: end"
+        )

@@ -17,12 +17,12 @@ from swarmwright.common.ranges import Range
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.temporary import private_place
 from swarmwright.simulations.command.definition import CommandOptions
-from swarmwright.simulations.command.folders import Instance
 from swarmwright.simulations.command.placeholders import Placeholder, Template, Values, command
 from swarmwright.simulations.command.process import resolved_word
 from swarmwright.simulations.command.ros_definition import ATTACHMENT, DOMAINS, OF_AN_INSTANCE, RosOptions
 from swarmwright.simulations.command.simulation import CommandSimulation
 from swarmwright.simulations.command.stepwise import Start
+from swarmwright.simulations.command.work_files import Instance
 
 
 class RosSimulation(CommandSimulation):

@@ -1,30 +1,419 @@
-"""What an experiment says of robots of a ROS system: `simulation: {ros: 2, ..}`."""
+"""What an experiment says of robots of a ROS system: `simulation: {ros: 2, ..}`.
+
+Sections of what an experiment says of robots of a ROS system: sensors, step, reset, metrics, ..
+"""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from swarmwright.common import metric_names
+from swarmwright.common.options import Options
 from swarmwright.common.problems import shown
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.common.yaml import Path_
-from swarmwright.simulations.command import ros_checks
+from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.yaml import Path_, dotted_path
 from swarmwright.simulations.command.definition import Choices, Command, CommandOptions, Definition
-from swarmwright.simulations.command.ros_sections import (
-    GET_ENTITIES_STATES,
-    SCOPES,
-    STEP_SIMULATION,
-    Actuator,
-    Metric,
-    Reset,
-    Sensor,
-    Spawn,
-    Step,
-)
-from swarmwright.simulations.ros.names import namespace_of
+from swarmwright.simulations.ros.fields import READERS, STATES, WRITERS, SameFieldError, reader, writers
+from swarmwright.simulations.ros.mapping import MappingError, choice, read_mapping, short_type
+from swarmwright.simulations.ros.names import namespace_of, resolve
+from swarmwright.simulations.ros.reductions import FUNCTIONS
+
+
+def problems(options: "RosOptions") -> list[tuple[Path_, str]]:
+    """Return problems, with the keys."""
+    return [*_of_topics(options), *_of_metrics(options), *_of_others(options)]
+
+
+def _of_topics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
+    for key, entries, name in (
+        ("sensors", options.sensors, "sensor"),
+        ("actuators", options.actuators, "actuator"),
+    ):
+        names: list[str] = []
+        for index, entry in enumerate(entries):
+            path: Path_ = (key, index)
+            own: str = getattr(entry, name)
+            if own in names:
+                yield (*path, name), f"{own} is there twice; each needs a name of its own"
+            names.append(own)
+            yield from _problem(entry.model_dump(exclude_defaults=True), key, path)
+    if bool(options.sensors) != bool(options.actuators):
+        missing = "sensors" if options.actuators else "actuators"
+        yield (missing,), "is missing: controllers need sensors and actuators"
+    yield from _types(options)
+    own_names = [one.actuator for one in options.actuators]
+    block = {"rate": 1, "sensors": [], "actuators": options.topics["actuators"]}
+    try:
+        actuators = read_mapping(block, [], own_names).actuators
+        for topic in dict.fromkeys(one.place.topic for one in actuators):
+            writers([one for one in actuators if one.place.topic == topic])
+    except SameFieldError as error:
+        yield ("actuators", error.actuator.terms[0][0]), error.reason
+    except MappingError:
+        pass  # of one entry, which is told of above
+
+
+def _types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
+    """A topic has one type."""
+    types: dict[str, tuple[str, str]] = {}
+    places: list[tuple[Path_, Any]] = [(("sensors", index), one) for index, one in enumerate(options.sensors)]
+    places += [(("actuators", index), one) for index, one in enumerate(options.actuators)]
+    places += [(("metrics", name), one) for name, one in options.metrics.items() if one.topic]
+    for path, one in places:
+        wrong = _of_topic(one.topic)
+        if wrong is not None:
+            yield (
+                (*path, "topic"),
+                f"{one.topic!r} is not a topic: {wrong}; expected such as scan or /robot_1/scan",
+            )
+            continue
+        if "{robot}" in one.topic and "/" in options.robots:
+            yield (*path, "topic"), "{robot} needs robots with names; write robots: [NAME, ..]"
+        other, where = types.setdefault(one.topic, (short_type(one.type), dotted_path(path)))
+        if other != short_type(one.type):
+            yield (*path, "type"), f"{one.topic} has the type {other} at {where}; a topic has one type"
+
+
+def _of_topic(topic: str) -> str | None:
+    """Return why a topic is none, which may hold `{robot}`; None for one."""
+    if topic.startswith("~"):
+        return "names that are private to a node are not supported"
+    try:
+        resolve(topic.replace("{robot}", "robot"))
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def _of_metrics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
+    sensors = [one.sensor for one in options.sensors]
+    for name, metric in options.metrics.items():
+        path: Path_ = ("metrics", name)
+        if metric.sensor is not None:
+            if metric.sensor not in sensors:
+                there = f"; available: {', '.join(sensors) or 'none'}"
+                hint = did_you_mean(metric.sensor, sensors) or there
+                yield (*path, "sensor"), f"there is no sensor {metric.sensor!r}{hint}"
+        elif metric.type == GET_ENTITIES_STATES:
+            if options.ros == 1:
+                yield (*path, "type"), "simulation_interfaces are of ROS 2"
+            if metric.field not in STATES:
+                hint = did_you_mean(metric.field or "", STATES) or f"; available: {', '.join(STATES)}"
+                yield (*path, "field"), f"{metric.field!r} is not a field of an entity's state{hint}"
+        else:
+            yield from _problem({**metric.place, "sensor": name}, "sensors", path)
+
+
+def _of_others(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
+    for key, of in (("step", options.step), ("reset", options.reset)):
+        if options.ros == 1 and (of.type or "").startswith("simulation_interfaces"):
+            yield (key, "type"), f"{of.type} is of ROS 2"
+    if options.reset.type != RESET_SIMULATION and options.reset.scope != ["default"]:
+        yield ("reset", "scope"), f"only {RESET_SIMULATION} has it; write type: {RESET_SIMULATION}"
+    if options.spawn is not None:
+        if options.ros == 1:
+            yield ("spawn",), f"{SPAWN_ENTITY} is of ROS 2"
+        if options.spawn.poses and len(options.spawn.poses) != len(options.robots):
+            count, poses = len(options.robots), len(options.spawn.poses)
+            yield ("spawn", "poses"), f"must have a pose of each of the {count} robots, not {poses}"
+        if options.spawn.file is not None and not (Path(options.folder) / options.spawn.file).is_file():
+            yield ("spawn", "file"), f"{options.spawn.file}: there is no such file"
+        elif options.spawn.file is not None:
+            try:
+                (Path(options.folder) / options.spawn.file).read_text("utf-8")
+            except OSError as error:
+                yield ("spawn", "file"), f"{options.spawn.file}: cannot be read: {error.strerror}"
+            except UnicodeDecodeError:
+                yield ("spawn", "file"), f"{options.spawn.file}: is not UTF-8 text, as a model in SDF or URDF"
+
+
+def _problem(entry: Mapping[str, Any], key: str, path: Path_) -> Iterator[tuple[Path_, str]]:
+    """Check one entry as the program reads it."""
+    name = "sensor" if key == "sensors" else "actuator"
+    known = READERS if key == "sensors" else WRITERS
+    if short_type(entry["type"]) not in known:
+        yield (*path, "type"), f"{entry['type']!r} is not known here; expected {choice(list(known))}"
+        return
+    other = {"sensors": "actuators", "actuators": "sensors"}[key]
+    try:
+        mapping = read_mapping({"rate": 1, key: [dict(entry)], other: []},
+                               [entry[name]] if name == "sensor" else [],
+                               [entry[name]] if name == "actuator" else [])  # fmt: skip
+        if key == "sensors":
+            reader(mapping.sensors[0])
+        else:
+            writers(mapping.actuators)
+    except MappingError as error:
+        if not error.key:
+            yield path, error.reason
+        else:
+            message = error.reason.removeprefix(f"{error.key}:").removeprefix(f"{error.key} ")
+            yield (*path, error.key), message.strip()
+
+
+_INTERVAL = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+Interval = Annotated[list[float], Field(min_length=2, max_length=2), WithJsonSchema(_INTERVAL)]
+Reduce = Literal["last", "first", "mean", "sum", "min", "max", "std", "count"]
+assert set(FUNCTIONS) == set(Reduce.__args__)  # type: ignore[attr-defined] # of a Literal
+
+STEP_SIMULATION = "simulation_interfaces/StepSimulation"
+RESET_SIMULATION = "simulation_interfaces/ResetSimulation"
+SPAWN_ENTITY = "simulation_interfaces/SpawnEntity"
+GET_ENTITIES_STATES = "simulation_interfaces/GetEntitiesStates"
+SCOPES = {"default": 0, "time": 1, "state": 2, "spawned": 4, "all": 255}
+"""Of ResetSimulation: its bits by name."""
+
+
+def _listed(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    return [value] if isinstance(value, str) else value
+
+
+class Place(Options):
+    """A field of the messages of a topic."""
+
+    topic: str = Field(min_length=1)
+    """Topic. A relative one is in the robot's namespace: scan is /robot_1/scan. {robot} stands for the
+    robot's name: /model/{robot}/scan."""
+    type: str = Field(min_length=1)
+    """Type of the topic's messages, such as sensor_msgs/LaserScan."""
+    field: str | None = Field(default=None, min_length=1)
+    """Field of the messages, such as pose.pose.position.x; types with one field need none."""
+    scale: float = 1.0
+    """Factor by which the value is multiplied."""
+    offset: float = 0.0
+    """Added after the scale."""
+
+
+class Sensor(Place):
+    """A sensor: value * scale + offset, limited to `clip`."""
+
+    sensor: str = Field(min_length=1)
+    """Name of the sensor."""
+    clip: Interval | None = None
+    """Limits of the value that the controller gets, [low, high]. Default: none."""
+    timeout: float | None = Field(default=None, gt=0)
+    """Where steps have a duration, seconds for which a message counts, for sensors that are slower than
+    steps. Default: a message has to arrive in each step."""
+    sector: Interval | None = None
+    """Sector of a scan, [FROM, TO] in degrees, counter-clockwise from straight ahead. Default: the whole
+    scan."""
+    reduce: Literal["min", "mean"] | None = None
+    """How the ranges of a scan become one number. Default: min."""
+    infinite: float | None = None
+    """Value of a range where nothing is detected. Default: the sensor's largest range. Ranges below its
+    smallest one are not measurements."""
+
+
+class Actuator(Place):
+    """An actuator: what is sent is actuator * scale + offset, limited to `limits`."""
+
+    actuator: str = Field(min_length=1)
+    """Name of the actuator."""
+    limits: Interval | None = None
+    """Limits of the value that is sent, [low, high]. Default: none."""
+
+
+class Step(Options):
+    """How a step is made: time passes, or a service of the simulator is called."""
+
+    duration: float | None = Field(default=None, gt=0)
+    """Duration of a step in seconds. `step: 0.1` is short for {duration: 0.1}."""
+    clock: Literal["wall", "ros"] = "wall"
+    """Clock that measures the duration. ros: /clock, of a simulator that may be faster or slower."""
+    service: str | None = Field(default=None, min_length=1)
+    """The simulator's service that makes a step and answers when it is done. Default for StepSimulation:
+    /step_simulation; Gazebo has /gzserver/step_simulation."""
+    type: Literal["std_srvs/Trigger", "std_srvs/Empty", "simulation_interfaces/StepSimulation"] | None = None
+    """Type of the service. Default: std_srvs/Trigger."""
+    steps: int = Field(default=1, ge=1, le=2**53)
+    """StepSimulation: steps of the simulator that are one step of the controller."""
+    delay: float = Field(default=0.0, ge=0, le=60)
+    """Seconds between sending commands and calling the service, for simulators in which commands arrive
+    later than calls: topics and services have no common order in ROS."""
+    messages: int = Field(default=1, ge=1, le=1_000_000)
+    """Messages from each sensor that a call brings; the last one counts."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> "Step":
+        if (self.duration is None) == (self.service is None and self.type is None):
+            raise ValueError("duration: give either the duration of a step or a service that makes one")
+        if self.steps != 1 and self.type != STEP_SIMULATION:
+            raise ValueError(f"steps: only {STEP_SIMULATION} has it; write type: {STEP_SIMULATION}")
+        return self
+
+    @property
+    def is_called(self) -> bool:
+        """Whether a service makes steps."""
+        return self.duration is None
+
+
+class Reset(Options):
+    """How the simulator goes back to the start of an episode: by a service or by a command.
+
+    Without either, the next episode begins where the last one ended.
+    """
+
+    service: str | None = Field(default=None, min_length=1)
+    """The service that resets, such as /gazebo/reset_world. Default for ResetSimulation: /reset_simulation;
+    Gazebo has /gzserver/reset_simulation."""
+    type: Literal["std_srvs/Empty", "std_srvs/Trigger", "simulation_interfaces/ResetSimulation"] | None = None
+    """Type of the service. Default: std_srvs/Empty."""
+    scope: Annotated[
+        Any,
+        BeforeValidator(_listed),
+        WithJsonSchema(
+            {"anyOf": [{"enum": list(SCOPES)}, {"type": "array", "items": {"enum": list(SCOPES)}}]}
+        ),
+    ] = Field(default=["default"])
+    """ResetSimulation: what is reset: time, state (poses and velocities), spawned (what was spawned is
+    removed), a list of these, or all. default: as the simulator's all."""
+    command: Command | None = None
+    """A command that resets, in addition to a service or instead of one; its words may hold {seed} and the
+    names of the experiment's parameters in braces."""
+    parameters: str | None = Field(default=None, min_length=1)
+    """A node, such as /simulator. Before a reset its ROS parameters are set to the experiment's parameters
+    and to the episode's seed as `seed`, 0 to 2**31 - 1. In ROS 1, the namespace on the parameter server."""
+    settle: int | None = Field(default=None, ge=0, le=1_000_000)
+    """Steps after a reset in which the robots stand, before the first sensors count, for simulators that
+    publish nothing while they are paused. Default: 1 where StepSimulation makes steps, else 0."""
+
+    @field_validator("scope")
+    @classmethod
+    def _scope(cls, value: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
+        if not isinstance(value, list) or not value or not all(one in SCOPES for one in value):
+            raise ValueError(f"must be one of {', '.join(SCOPES)}, or a list of these, not {shown(value)}")
+        return value
+
+    @property
+    def despawns(self) -> bool:
+        """Whether robots that were spawned are removed."""
+        return self.type == RESET_SIMULATION and bool({"default", "all", "spawned"} & set(self.scope))
+
+
+class Pose(Options):
+    """Position in metres, and yaw in radians."""
+
+    x: float = 0.0
+    """Metres."""
+    y: float = 0.0
+    """Metres."""
+    z: float = 0.0
+    """Metres."""
+    yaw: float = 0.0
+    """Radians, counter-clockwise."""
+
+
+class Area(Options):
+    """Where robots are put at random, by the episode's seed."""
+
+    x: Interval
+    """Metres, [low, high]."""
+    y: Interval
+    """Metres, [low, high]."""
+    z: float = 0.0
+    """Metres."""
+    yaw: Interval = Field(default=[-3.141592653589793, 3.141592653589793])
+    """Radians, [low, high]."""
+
+    @field_validator("x", "y", "yaw")
+    @classmethod
+    def _ordered(cls, value: list[float]) -> list[float]:
+        if value[0] > value[1]:
+            raise ValueError(f"must be [low, high], not {shown(value)}")
+        return value
+
+
+class Spawn(Options):
+    """How robots come into a simulator that has SpawnEntity: after each reset that removes them."""
+
+    service: str = Field(default="/spawn_entity", min_length=1)
+    """The service that spawns robots; Gazebo has /gzserver/spawn_entity."""
+    uri: str | None = Field(default=None, min_length=1)
+    """The robot's model as the simulator names it: file:///models/rover.sdf, or one of its own models."""
+    file: str | None = Field(default=None, min_length=1)
+    """Instead of `uri`: a file, relative to the experiment file, in a format that the simulator reads. Its
+    text is sent; {robot} in it stands for the robot's name."""
+    poses: list[Pose] = Field(default=[])
+    """Initial pose of each robot, such as [{x: 0, y: 0}, {x: 1, y: 0, yaw: 1.57}]; metres and radians."""
+    area: Area | None = None
+    """Instead of `poses`: an area in which robots are placed at random, by the episode's seed."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> "Spawn":
+        if (self.uri is None) == (self.file is None):
+            raise ValueError("uri: give either uri, the simulator's name of the model, or file")
+        if bool(self.poses) == (self.area is not None):
+            raise ValueError("poses: give either poses, one of each robot, or area")
+        return self
+
+
+class Metric(Options):
+    """A number of an episode: read from a topic, a sensor or the simulator after each step, and reduced."""
+
+    topic: str | None = Field(default=None, min_length=1)
+    """As for a sensor. An absolute topic without {robot} is one value for all robots."""
+    type: str | None = Field(default=None, min_length=1)
+    """Type of the topic's messages; or simulation_interfaces/GetEntitiesStates, the simulator's own knowledge
+    of where robots are."""
+    field: str | None = Field(default=None, min_length=1)
+    """As for a sensor. For GetEntitiesStates: pose.position.x, yaw, twist.linear.x, .."""
+    sensor: str | None = Field(default=None, min_length=1)
+    """Instead of a topic: the name of a sensor, whose values are those that controllers get."""
+    service: str | None = Field(default=None, min_length=1)
+    """Service for GetEntitiesStates. Default: /get_entities_states; Gazebo has
+    /gzserver/get_entities_states."""
+    entity: str | None = Field(default=None, min_length=1)
+    """The simulator's name of a robot, with {robot} for the robot's name; or another entity of the simulator,
+    one for all robots. Default: {robot}."""
+    scale: float = 1.0
+    """Factor by which the value is multiplied."""
+    offset: float = 0.0
+    """Added after the scale."""
+    otherwise: float | None = None
+    """The value until the first message on the topic. With it, the topic need not send a message in every
+    step, for topics on which a message is sent only when something happens; the last message counts."""
+    sector: Interval | None = None
+    """As for a sensor."""
+    reduce: Literal["min", "mean"] | None = None
+    """As for a sensor."""
+    infinite: float | None = None
+    """As for a sensor."""
+    time: Reduce = "last"
+    """How the values of an episode, taken before the first step and after each one, become one number."""
+    robots: Reduce = "mean"
+    """How the values of all robots, in their order, become one number."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> "Metric":
+        states = self.type == GET_ENTITIES_STATES
+        if sum((self.topic is not None, self.sensor is not None, states)) != 1:
+            raise ValueError(f"topic: give a topic, a sensor, or type: {GET_ENTITIES_STATES}")
+        if self.topic is not None and self.type is None:
+            raise ValueError("type: is missing: that of the topic's messages")
+        if states and self.field is None:
+            raise ValueError("field: is missing, such as pose.position.x")
+        given = self.model_dump(exclude_defaults=True)
+        of_a_sensor = ("type", "field", "service", "entity", "sector", "reduce", "infinite", "otherwise")
+        useless = {"sensor": of_a_sensor, "topic": ("service", "entity")}
+        for key, others in useless.items():
+            for other in others:
+                if key in given and other in given:
+                    raise ValueError(f"{other}: has no meaning with {key}; leave it out")
+        return self
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """Return what a sensor with these values says."""
+        given = self.model_dump(exclude_defaults=True)
+        return {key: value for key, value in given.items() if key not in _OF_METRICS}
+
+
+_OF_METRICS = {"time", "robots", "service", "entity", "otherwise"}
+
 
 _TRIGGERS = ("std_srvs/Trigger", "std_srvs/Empty")
 """Types of services by default: of a step, of a reset."""
@@ -305,7 +694,7 @@ class RosOptions(Definition):
 
     def problems(self) -> list[tuple[Path_, str]]:
         """See `Definition`."""
-        return ros_checks.problems(self)
+        return problems(self)
 
 
 def _bits(scope: Sequence[str]) -> int:

@@ -1,5 +1,14 @@
-"""Simulations that are commands, by files (D6.1, 4.1) or over standard input and output."""
+"""Simulations that are commands, by files (D6.1, 4.1) or over standard input and output.
 
+Forms in which a command gets a controller: JSON, or source code of the exporters.
+
+Episodes of a command that is stepped over its standard input and output.
+
+What is compiled once for a candidate, by whichever instance needs it first.
+"""
+
+import contextlib
+import fcntl
 import hashlib
 import itertools
 import json
@@ -7,9 +16,10 @@ import logging
 import math
 import os
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,28 +29,189 @@ from swarmwright.common.errors import EpisodeError, InputError, explained
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.temporary import private_place, remove
 from swarmwright.controllers.controller import Controller
+from swarmwright.export import EXPORTERS, Subject, c, file_bytes
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.command import (
-    _controller_files,
-    builds,
-    folders,
     logs,
     parameter_file,
     placeholders,
     work_files,
 )
-from swarmwright.simulations.command._stepped_episodes import SteppedEpisodes
-from swarmwright.simulations.command.definition import STANDARD_OUTPUT, CommandOptions
-from swarmwright.simulations.command.failure import CommandFailure, ReportedFailure
-from swarmwright.simulations.command.output import Printed
+from swarmwright.simulations.command.definition import STANDARD_OUTPUT, CommandOptions, Reduction
 from swarmwright.simulations.command.placeholders import IN_A_COMMAND, Values, is_choice, names_in
-from swarmwright.simulations.command.process import Processes, resolved_word
-from swarmwright.simulations.command.reductions import Reduction
-from swarmwright.simulations.command.running import Limits, run
-from swarmwright.simulations.command.stepwise import Start
+from swarmwright.simulations.command.process import (
+    CommandFailure,
+    Limits,
+    Printed,
+    Processes,
+    ReportedFailure,
+    resolved_word,
+    run,
+)
+from swarmwright.simulations.command.stepwise import Dialogue, Start
 from swarmwright.simulations.fitness import OWN, FitnessExpression
 from swarmwright.simulations.parameters import Parameter
 from swarmwright.simulations.user_code.command_sources import digest
+
+_KEPT = 32
+"""Builds that are kept, the ones used last."""
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _built(folder: Path, build: Callable[[Path], None]) -> None:
+    """Have a folder made by `build`, which gets it empty, unless that was done; what it raises is passed on.
+
+    folder: whose name is a digest of what is built; others beside it are deleted when there are many.
+    """
+    folder.parent.mkdir(exist_ok=True)
+    done = folder / ".done"
+    with _locked(folder.parent / f"{folder.name[:2]}.lock"):
+        if not done.exists():
+            remove(folder)
+            folder.mkdir()
+            build(folder)
+            done.touch()
+            _forget(folder.parent)
+        os.utime(done)
+
+
+def _forget(builds: Path) -> None:
+    """Delete builds that have not been used for long."""
+    found = []
+    for done in builds.glob("*/.done"):
+        with contextlib.suppress(OSError):
+            found.append((done.stat().st_mtime, done.parent))
+    for _, folder in sorted(found)[:-_KEPT]:
+        remove(folder)
+
+
+class SteppedEpisodes:
+    """The episode under way, and the process that runs it.
+
+    Args:
+        start: called before a process is started.
+        limits: of an episode.
+        recycle: episodes of a process; 0 for any number.
+        metrics: names that the last answer of an episode must have.
+    """
+
+    def __init__(
+        self, start: Callable[[], Start], limits: Limits, recycle: int, metrics: Collection[str]
+    ) -> None:
+        self._start, self._limits, self._recycle, self._metrics = start, limits, recycle, metrics
+        self._processes: Processes | None = None
+        self._dialogue: Dialogue | None = None
+        self.done = False
+        """Whether the episode has ended."""
+        self.acting: ArrayLike | None = None
+        """The agents that act next; None for all."""
+        self.measured: dict[str, float] = {}
+        """Metrics of the episode that has ended, and its fitness where the command says it."""
+
+    def reset(self, processes: Processes, parameters: Mapping[str, Any], seed: int) -> ArrayLike | None:
+        """Begin an episode; return the sensors of all agents, (agents, sensors), or None when it has ended.
+
+        processes: which start the command; others than before when those have ended.
+
+        Raises CommandFailure for any failure, as `step`; the command is then ended.
+        """
+        if self._dialogue is None or processes is not self._processes:
+            self._processes = processes
+            self._dialogue = Dialogue(processes, self._start, self._limits, self._recycle)
+        self.measured = {}
+        return self._taken(self._dialogue.reset(parameters, seed))
+
+    def step(self, actions: NDArray[np.float32]) -> ArrayLike | None:
+        """Advance by one step; return the sensors as `reset`."""
+        assert self._dialogue is not None
+        return self._taken(self._dialogue.ask({"actuators": actions.tolist()}))
+
+    def abandon(self) -> Printed:
+        """End the command, whose state is unknown; return what it has printed."""
+        if self._dialogue is None:
+            return Printed(0)
+        self._dialogue.abandon()
+        return self._dialogue.printed
+
+    def _taken(self, answer: Mapping[str, Any]) -> ArrayLike | None:
+        """Take in an answer; return the sensors in it."""
+        self.done = answer.get("done") is True
+        self.acting = answer.get("acting")
+        if self.done:
+            self.measured = self._results(answer)
+        elif "sensors" not in answer:
+            raise CommandFailure(f"answered {json.dumps(answer)[:80]}, which has neither sensors nor done")
+        return answer.get("sensors")
+
+    def _results(self, answer: Mapping[str, Any]) -> dict[str, float]:
+        """Return fitness and declared metrics, which may be NaN or infinite, of an episode's last answer."""
+        reported = answer.get("metrics") or {}
+        if not isinstance(reported, Mapping):
+            raise CommandFailure(f"metrics is {json.dumps(reported)[:40]}, expected {{NAME: NUMBER, ..}}")
+        found = {name: reported[name] for name in self._metrics if name in reported}
+        if OWN in answer or OWN in reported:
+            found[OWN] = answer.get(OWN, reported.get(OWN))
+        for name in self._metrics:
+            if name not in found:
+                there = ", ".join(reported) or "none"
+                raise CommandFailure(f"ended the episode without the metric {name!r}; available: {there}")
+        for name, value in found.items():
+            if not isinstance(value, bool | int | float) or (name == OWN and isinstance(value, bool)):
+                raise CommandFailure(f"{name} is {json.dumps(value)[:40]}, expected a number")
+        return {name: _float(value) for name, value in found.items()}
+
+
+def _float(number: float) -> float:
+    try:
+        return float(number)
+    except OverflowError:  # of a whole number
+        return math.inf if number > 0 else -math.inf
+
+
+PREFIX = "controller"
+_MAIN = {"json": ".json", "c": ".c", "cpp": ".hpp", "python": ".py", "onnx": ".onnx"}
+"""The ending of the file that {controller} stands for."""
+WEIGHTS = f"{PREFIX}.weights"
+"""What the file is called that {weights} stands for."""
+_PARTS = {".c", ".h", ".hpp", ".py", ".onnx"}
+
+
+def _main_file(form: str) -> str:
+    """Return the name of the file that {controller} stands for."""
+    return f"{PREFIX}{_MAIN[form]}"
+
+
+def _weights_of(controller: Controller) -> bytes:
+    """Return the file that {weights} stands for."""
+    return c.loaded_weights(Subject(controller.specification)).encode()
+
+
+def _files_of(form: str, controller: Controller, *, without_weights: bool = False) -> dict[str, bytes]:
+    """Return the files of a controller by their names, without self-tests and what builds these.
+
+    without_weights: C whose weights are in a file of their own, `weights`.
+    """
+    if without_weights:
+        made = c.loaded_files(Subject(controller.specification), PREFIX)
+        return {name: file_bytes(content) for name, content in made.items()}
+    if form == "json":
+        return {_main_file(form): f"{controller.json}\n".encode()}
+    written = EXPORTERS.get(form)().files(Subject(controller.specification), PREFIX)
+    return {
+        name: file_bytes(content)
+        for name, content in written.items()
+        if PurePosixPath(name).stem == PREFIX and PurePosixPath(name).suffix in _PARTS and "/" not in name
+    }
+
 
 _log = logging.getLogger("swarmwright")
 _TEMPORARY = ".tmp"
@@ -115,7 +286,7 @@ class CommandSimulation(Simulation):
         self._limits = Limits(
             self.options.timeout, self.options.output, self.options.disk, self.options.children
         )
-        self._instance: folders.Instance | None = None
+        self._instance: work_files.Instance | None = None
         self._processes: Processes | None = None
         self._stepped = (
             SteppedEpisodes(self._start, self._limits, self.options.recycle, self.metrics)
@@ -172,7 +343,7 @@ class CommandSimulation(Simulation):
     def exportRepresentation(self, controller: Controller) -> None:  # noqa: N802 - D6.1's name
         """Write the controller as the simulator reads it: into the work folder, or where it is compiled."""
         form, loads = self.options.controller, self.options.loads_weights
-        for name, data in _controller_files.files(form, controller, without_weights=loads).items():
+        for name, data in _files_of(form, controller, without_weights=loads).items():
             (self.build or self.folder).joinpath(name).write_bytes(data)
 
     def run(self) -> None:
@@ -316,7 +487,7 @@ class CommandSimulation(Simulation):
             elif controller is not None:
                 self.exportRepresentation(controller)
             if controller is not None and self.options.loads_weights:
-                (self.folder / _controller_files.WEIGHTS).write_bytes(_controller_files.weights(controller))
+                (self.folder / WEIGHTS).write_bytes(_weights_of(controller))
             self.setParameters({**parameters, "seed": self.seed})
             (self.runVisual if self.visual else self.run)()
             self._measured = {name: float(value) for name, value in self.readLogs().items()}
@@ -406,7 +577,7 @@ class CommandSimulation(Simulation):
 
         assert self.build is not None
         try:
-            builds.built(self.build, build)
+            _built(self.build, build)
         except CommandFailure as failure:
             raise CommandFailure(f"compile: {failure}") from None
 
@@ -420,7 +591,7 @@ class CommandSimulation(Simulation):
 
     @property
     def _controller_file(self) -> str:
-        return _controller_files.main_file(self.options.controller)
+        return _main_file(self.options.controller)
 
     def _run(self, command: list[str]) -> None:
         assert self._processes is not None
@@ -445,11 +616,11 @@ class CommandSimulation(Simulation):
             for template in placeholders.command(tuple(words))
         ]
 
-    def _ready(self) -> tuple[folders.Instance, Processes]:
+    def _ready(self) -> tuple[work_files.Instance, Processes]:
         """Return the instance and its processes, which are made where there are none."""
         if self._instance is None:
             place = private_place() if self.options.work is None else self._here / self.options.work
-            self._instance = folders.Instance(place)
+            self._instance = work_files.Instance(place)
             if self.options.keep != "all":
                 self._instance.clear()
             weakref.finalize(self, self._instance.close)
@@ -457,7 +628,7 @@ class CommandSimulation(Simulation):
             self._processes = Processes()
         return self._instance, self._processes
 
-    def _placeholders(self, instance: folders.Instance, episode: int) -> dict[str, Any]:
+    def _placeholders(self, instance: work_files.Instance, episode: int) -> dict[str, Any]:
         """Return what can be put into the command beside the parameters."""
         values: dict[str, Any] = {
             "folder": self.folder,
@@ -471,7 +642,7 @@ class CommandSimulation(Simulation):
         if self.takes_controller:
             values["controller"] = self.folder / self._controller_file
         if self.options.loads_weights:
-            values["weights"] = self.folder / _controller_files.WEIGHTS
+            values["weights"] = self.folder / WEIGHTS
         if len(self.options.log) == 1:
             values["log"] = self.folder / self.options.log[0]
         return values

@@ -19,6 +19,14 @@ that is seen only when the next episode begins, there is a warning, and the proc
 
 So it is where the process ends with another exit status than 0, or reports an error, after an episode. That
 never fails an episode: which one would depend on when it is seen.
+
+Lines of a command's standard output: which are answers, and what has come of the next one.
+
+Second answers to a message: recognised by the ids of messages, else waited for.
+
+A second answer is taken for the answer to the next message where it comes after that was sent, and so on up
+to the end: the controller then acts on old sensors, and the fitness is wrong. Only answers that repeat the
+`id` of their message show it for certain.
 """
 
 import contextlib
@@ -33,12 +41,198 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from swarmwright.common.untrusted import one_line
-from swarmwright.simulations.command.failure import CommandFailure, ProcessEnded, ReportedFailure
-from swarmwright.simulations.command.lines import CHUNK_BYTES, Lines, is_answer
-from swarmwright.simulations.command.output import Printed
-from swarmwright.simulations.command.process import Ended, Processes
-from swarmwright.simulations.command.running import Limits, Watch, check_end
-from swarmwright.simulations.command.second_answers import ID, Looks, MessageIds
+from swarmwright.simulations.command.process import (
+    CommandFailure,
+    Ended,
+    Limits,
+    Printed,
+    ProcessEnded,
+    Processes,
+    ReportedFailure,
+    Watch,
+    check_end,
+)
+
+ID = "id"
+"""Key of a message's number, which answers repeat."""
+_CLOSE_EPISODES = 5
+"""In so many episodes, at the start and after a second answer, one is waited for longer."""
+_STEPS_AT_END = 1.5
+"""Of the longest step's time: within it comes the answer to a message that was sent too often."""
+_LONGEST_AT_END_S = 1.0
+_SHARE_AT_END, _SHARE_OF_STEP = 0.1, 0.02
+"""Of an episode's and of a step's time, which a look takes at most after the first episodes."""
+_LONGEST_LOOK_S = 0.002
+"""Seconds of such a look in a step."""
+_CLOSE_LOOKS_S = 0.2
+"""Seconds of the looks in the steps of one of the first episodes, together."""
+SETTLE_S, SUSPECT_S = 0.02, 0.2
+"""Seconds, at least, of the look at the end of one of the first episodes; of one after a second answer."""
+_SHORTEST_LOOK_S = 0.0002
+"""The shortest wait of the system is about 0.1 ms."""
+
+
+class MessageIds:
+    """Numbers of the messages to one process, from 1 on."""
+
+    def __init__(self) -> None:
+        self.are_repeated = False
+        """Whether the program's answers have them."""
+        self._last = self._reset = 0
+
+    def next(self, *, is_reset: bool) -> int:
+        """Return the number of the next message; is_reset: whether that begins an episode."""
+        self._last += 1
+        if is_reset:
+            self._reset = self._last
+        return self._last
+
+    def takes(self, answer: dict[str, Any]) -> bool:
+        """Whether this answers the last message; False for a second answer in an episode that has ended.
+
+        An error counts unless it has the number of a message of an episode that has ended: programs report
+        errors from where the message is not known.
+
+        Raises CommandFailure for an answer to another message of this episode, or where some have no number.
+        """
+        is_error = "error" in answer
+        if ID not in answer:
+            if self.are_repeated and not is_error:
+                raise CommandFailure(
+                    f'answered message {self._last} without its "{ID}", unlike others before'
+                )
+            return True
+        found = answer.pop(ID)
+        if found == self._last and not isinstance(found, bool):
+            self.are_repeated = True
+            return True
+        if self.are_repeated and isinstance(found, int):
+            if 0 < found < self._reset:
+                return False
+            if found < self._last and not is_error:
+                raise CommandFailure(f"answered message {found} twice")
+        if is_error:
+            return True
+        raise CommandFailure(
+            f'answered with the "{ID}" {repr(found)[:40]}, expected {self._last}, the number of the message: '
+            "have answers repeat it, or leave the key out of all"
+        )
+
+
+class Looks:
+    """How long a second answer is waited for, which programs send without ids."""
+
+    def __init__(self) -> None:
+        self._close = _CLOSE_EPISODES + 1  # less 1 at the beginning of each
+        self._is_suspect = False
+        self._longest_s = self._episode_s = self._looked_s = 0.0
+
+    @property
+    def are_close(self) -> bool:
+        """Whether this is one of the first episodes, or of those after a second answer."""
+        return self._close > 0
+
+    def begin_episode(self) -> None:
+        """Begin with the next episode."""
+        self._close = max(self._close - 1, 0)
+        self._is_suspect = self._is_suspect and self._close > 0
+        self._longest_s = self._episode_s = self._looked_s = 0.0
+
+    def suspect(self) -> None:
+        """Look closely in the next episodes: there was a second answer."""
+        self._close, self._is_suspect = _CLOSE_EPISODES + 1, True
+
+    def seconds(self, taken_s: float, *, is_reset: bool, is_end: bool) -> float:
+        """Return how long to wait after an answer; 0 for not at all.
+
+        Args:
+            taken_s: seconds until it came.
+            is_reset: whether it was to the message that begins the episode.
+            is_end: whether it has ended the episode.
+        """
+        self._episode_s += taken_s
+        if not is_reset:
+            self._longest_s = max(self._longest_s, taken_s)
+        if is_end:
+            look = _STEPS_AT_END * self._longest_s
+            if self._close:
+                look = max(look, SUSPECT_S if self._is_suspect else SETTLE_S)
+            else:
+                look = min(look, _SHARE_AT_END * self._episode_s)
+            look = min(look, _LONGEST_AT_END_S)
+        elif self._close:
+            look = min(taken_s, _CLOSE_LOOKS_S - self._looked_s)
+            self._looked_s += look
+        else:
+            look = 0.0 if is_reset else min(taken_s * _SHARE_OF_STEP, _LONGEST_LOOK_S)
+        return look if look >= _SHORTEST_LOOK_S else 0.0
+
+
+CHUNK_BYTES = 1 << 16
+"""Read at a time."""
+_LONGEST_LINE_BYTES = 1 << 26
+"""Of an answer."""
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_BEGINNING = 60
+"""Bytes of an answer that are shown."""
+
+
+def is_answer(line: bytes | bytearray) -> bool:
+    """Whether a line, or its beginning, is an answer rather than other output."""
+    return line.lstrip().startswith(b"{")
+
+
+class Lines:
+    """What was read and not taken yet."""
+
+    def __init__(self) -> None:
+        self._rest = bytearray()
+        self._searched = 0
+
+    def add(self, data: bytes) -> None:
+        """Take in what was read."""
+        self._rest += data
+
+    @property
+    def are_empty(self) -> bool:
+        """Whether nothing is left."""
+        return not self._rest
+
+    @property
+    def begin_answer(self) -> bool:
+        """Whether what comes next is an answer, or its beginning."""
+        return is_answer(self._rest)
+
+    @property
+    def beginning(self) -> str:
+        """What comes next, cut to a few words."""
+        return self._rest[:_BEGINNING].split(b"\n")[0].decode("utf-8", "replace")
+
+    def put_back(self, line: bytes) -> None:
+        """Have the line that was taken last come next again."""
+        self._rest[:0] = line
+
+    def take(self) -> bytes | None:
+        """Return the next line, also the beginning of one that is too long to be an answer; None for none.
+
+        Raises CommandFailure for an answer that is too long.
+        """
+        if self._rest.startswith(_BYTE_ORDER_MARK):  # some programs write it before the first line
+            del self._rest[: len(_BYTE_ORDER_MARK)]
+            self._searched = 0
+        end = self._rest.find(b"\n", self._searched) + 1
+        self._searched = len(self._rest)
+        if not end and len(self._rest) > CHUNK_BYTES and not self.begin_answer:
+            end = len(self._rest)
+        if not end:
+            if len(self._rest) > _LONGEST_LINE_BYTES:
+                raise CommandFailure(f"wrote a line of more than {_LONGEST_LINE_BYTES} bytes")
+            return None
+        line = bytes(self._rest[:end])
+        del self._rest[:end]
+        self._searched = 0
+        return line
+
 
 _LONGEST_WARNING = 1000
 """Characters of a command's warning that are logged."""

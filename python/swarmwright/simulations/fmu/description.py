@@ -1,8 +1,14 @@
-"""What an FMU announces, as far as a simulation needs it."""
+"""What an FMU announces, as far as a simulation needs it.
+
+FMUs of whole swarms: variables named `agent[1].NAME`, `agent[2].NAME`, .., as `export-fmu` writes them.
+
+Values that variables of FMUs can have by their types: whole numbers within limits, booleans, text.
+"""
 
 import importlib.util
 import itertools
 import math
+import re
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,8 +21,69 @@ from swarmwright.common import archives, xml
 from swarmwright.common.errors import InputError, explained
 from swarmwright.common.ranges import Range
 from swarmwright.common.temporary import TemporaryFolder
-from swarmwright.simulations.fmu.conversions import Conversions, inverse_units
-from swarmwright.simulations.fmu.units import Unit
+from swarmwright.simulations.fmu.units import Conversions, Unit, inverse_units
+
+AGENT = "{agent}"
+"""Stands for an agent's number, from 1, in names of variables."""
+_OF_AGENT = re.compile(r"agent\[(\d{1,9})\]\.(.+)")
+_ACTS = "acts"
+_METRICS = "metrics."
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the variables of such an FMU are."""
+
+    agents: int
+    sensors: list[str]
+    """Names with {agent}."""
+    actuators: list[str]
+    acts: str | None
+    """The output that says whether an agent acts, with {agent}; None: all of them always do."""
+    metrics: Mapping[str, str]
+    """Variable of each metric."""
+    fitness: str | None
+    """The output that is the fitness."""
+    done: str | None
+    """The output that says that the episode has ended."""
+
+
+def layout(description: "Description") -> Layout | None:
+    """Return the layout of an FMU; None where its outputs have no names of agents."""
+    outputs, inputs = (
+        [one.name for one in description.of_causality(causality)] for causality in ("output", "input")
+    )
+    numbers = {int(found[1]) for found in map(_OF_AGENT.fullmatch, outputs) if found is not None}
+    agents = next(number for number in range(1, len(numbers) + 2) if number not in numbers) - 1
+    if not agents:
+        return None
+    sensors, actuators = (_of_first(names) for names in (outputs, inputs))
+    known = description.variables
+    return Layout(
+        agents,
+        [f"agent[{AGENT}].{name}" for name in sensors if name != _ACTS],
+        [f"agent[{AGENT}].{name}" for name in actuators],
+        f"agent[{AGENT}].{_ACTS}" if _ACTS in sensors else None,
+        {name.removeprefix(_METRICS): name for name in outputs if name.startswith(_METRICS)},
+        "fitness" if "fitness" in outputs else None,
+        "done" if "done" in outputs and known["done"].type == "Boolean" else None,
+    )
+
+
+def stop_time(description: "Description") -> float | None:
+    """Return when episodes of an FMU end; None where it does not say so beforehand.
+
+    An exported simulation says it by its output `done`: its stop time is that of the parameters at the
+    export, and others can make episodes longer.
+    """
+    found = layout(description) if description.is_exported else None
+    return description.stop_time if found is None or found.done is None else None
+
+
+def _of_first(names: list[str]) -> list[str]:
+    found = map(_OF_AGENT.fullmatch, names)
+    return [one[2] for one in found if one is not None and one[1] == "1"]
+
 
 _REALS = ("Real", "Float32", "Float64")
 INTEGERS = (
@@ -412,3 +479,94 @@ def _terminals_in(terminal: ET.Element, above: str) -> Iterator[tuple[str, list[
                     members += variables
                 yield inner, variables
     yield name, members
+
+
+_SEEDS = 2**31
+_WIDTHS = {"Int8": 8, "Int16": 16, "Int32": 32, "Int64": 64, "Integer": 32, "Enumeration": 32}
+_SIGNED = {kind: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for kind, bits in _WIDTHS.items()}
+_UNSIGNED = {f"UInt{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)}
+_LIMITS: Mapping[str, tuple[int, int]] = {**_SIGNED, **_UNSIGNED}
+_MOST_ITEMS = 20
+"""Items of an enumeration that a message names."""
+
+
+def limits(variable: Variable) -> tuple[int, int] | None:
+    """Return the lowest and the highest value of an integer or enumeration; None for other types."""
+    if variable.items:
+        return min(variable.items), max(variable.items)
+    return _LIMITS.get(variable.type)
+
+
+def is_unsigned(variable: Variable) -> bool:
+    """Whether it is an integer that cannot be negative."""
+    return variable.type in _UNSIGNED
+
+
+def expected(variable: Variable) -> str | None:
+    """Return in words what one value can be; None where there is none that can be given."""
+    bounds = limits(variable)
+    if variable.items:
+        items = [str(one) for one in sorted(variable.items)]
+        return f"one of {', '.join(items[:_MOST_ITEMS])}{', ..' if len(items) > _MOST_ITEMS else ''}"
+    if bounds is not None:
+        return f"an integer from {bounds[0]} to {bounds[1]}"
+    return {"Boolean": "true or false", "String": "a string"}.get(
+        variable.type, "a number" if variable.is_real else None
+    )
+
+
+def fits(variable: Variable, value: Any) -> bool:  # noqa: ANN401 - any value of a file
+    """Whether one value is of a variable's type, within the limits of its type; 0 and 1 are booleans, too."""
+    if variable.type == "String":
+        return isinstance(value, str)
+    if variable.type == "Boolean":
+        return isinstance(value, bool) or (isinstance(value, int) and value in (0, 1))
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    if variable.is_real:
+        return _is_finite(value)
+    bounds = limits(variable)
+    if bounds is None or value != value // 1:  # neither NaN nor an infinity is equal to what is left of it
+        return False
+    return value in variable.items if variable.items else bounds[0] <= value <= bounds[1]
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond binary64
+        return False
+
+
+def native(variable: Variable, value: Any) -> Any:  # noqa: ANN401 - a number, boolean or text
+    """Return a value as FMPy sets it: integers rounded, and clipped to their limits, beyond which C wraps."""
+    if variable.type == "Boolean":
+        return bool(value)
+    bounds = limits(variable)
+    return value if bounds is None else round(min(max(value, bounds[0]), bounds[1]))
+
+
+def driven(variable: Variable, share: float, value: float) -> float:
+    """Return what an actuator sets.
+
+    share: the actuator, -1 to 1. value: the same in the range and the unit of the variable. A boolean is true
+    above the middle, and an enumeration has the nearest of its items.
+    """
+    if variable.type == "Boolean":
+        return float(share > 0.0)
+    if variable.items:
+        return min(variable.items, key=lambda item: abs(item - value))
+    return value
+
+
+def seed_of(variable: Variable, seed: int) -> int:
+    """Return an episode's seed for a variable: modulo 2^31, or as many numbers from 0 as its type has."""
+    if variable.type == "UInt64":
+        return seed
+    bounds = limits(variable)
+    return seed % (_SEEDS if bounds is None else min(_SEEDS, bounds[1] + 1))
+
+
+def takes_seeds(variable: Variable) -> bool:
+    """Whether a variable can get the seed of an episode: one number, and not one of few items."""
+    return variable.is_number and variable.type not in ("Boolean", "Enumeration")

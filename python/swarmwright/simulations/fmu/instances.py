@@ -28,8 +28,7 @@ from fmpy.logging import addLoggerProxy
 
 from swarmwright.common import archives
 from swarmwright.common.errors import InputError
-from swarmwright.simulations.fmu.description import STRUCTURAL, Description, Variable, flat
-from swarmwright.simulations.fmu.values import native
+from swarmwright.simulations.fmu.description import STRUCTURAL, Description, Variable, flat, native
 
 _OK, _WARNING, _DISCARD, _FATAL, _PENDING = 0, 1, 2, 4, 5
 _POLL_S = 0.001

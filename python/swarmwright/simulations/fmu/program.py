@@ -1,23 +1,360 @@
-"""Episodes of an FMU, in lines of JSON over standard input and output, see `command/stepwise.py`."""
+"""Episodes of an FMU, in lines of JSON over standard input and output, see `command/stepwise.py`.
+
+Instances of an FMU for model exchange: a solver of FMPy's integrates their equations.
+
+A system of FMUs, stepped together: as one `Instance`.
+"""
 
 import json
 import math
 import os
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TextIO
 
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Model
+from fmpy.fmi3 import FMU3Model
+from fmpy.simulation import ForwardEuler
+from fmpy.sundials import CVodeSolver
+
 from swarmwright.common.errors import InputError
-from swarmwright.simulations.fmu.coupled import Coupled
-from swarmwright.simulations.fmu.description import Variable
+from swarmwright.simulations.fmu.description import AGENT, Description, Variable, driven, seed_of
 from swarmwright.simulations.fmu.instances import FmuError, Instance, unpacked
-from swarmwright.simulations.fmu.layout import AGENT
-from swarmwright.simulations.fmu.ssp import VERSION, described, system_of
-from swarmwright.simulations.fmu.values import driven, seed_of
+from swarmwright.simulations.fmu.ssp import (
+    VERSION,
+    Algorithm,
+    Connection,
+    System,
+    described,
+    extracted,
+    system_of,
+    variable_of,
+)
 from swarmwright.simulations.ros.expression import Expression
 from swarmwright.simulations.ros.reductions import FUNCTIONS, mean
+
+PATIENCE_S = 1.0
+"""After so long it is said which component is waited for."""
+
+
+class Coupled:
+    """The components of an SSP, with a master that steps them with one step size.
+
+    Jacobi: in a step every component gets the outputs that the others had at its beginning. Gauss-Seidel:
+    components are stepped in the order of the file, and each gets the outputs that those before it have at
+    the end of the step. J. Bastian et al., "Master for Co-Simulation Using FMI", Modelica Conference 2011.
+
+    Args:
+        file: the SSP.
+        system: what is in it.
+        folder: where it is unpacked.
+        algorithm: jacobi or gauss_seidel.
+        log: where messages go.
+
+    Raises:
+        FmuError: a component cannot be made.
+
+    """
+
+    def __init__(
+        self, file: str, system: System, folder: Path, algorithm: Algorithm, log: TextIO = sys.stderr
+    ) -> None:
+        self._system, self._algorithm = system, algorithm
+        self._watch = _Watch(log)
+        self._instances: dict[str, Instance] = {}
+        for name, source in system.sources.items():
+            fmu = extracted(Path(file), source, folder / "files")
+            with self._watch(name, "is being loaded"):
+                place = unpacked(str(fmu), folder / name)
+                self._instances[name] = Instance(system.components[name], place, name, log)
+        self._into: dict[str, list[Connection]] = {
+            name: [one for one in system.connections if one.end[0] == name] for name in self._instances
+        }
+        self._known: dict[str, tuple[Instance, Variable]] = {}
+
+    def begin(self, start: Mapping[str, Any], time: float, stop: float) -> None:
+        """Go to the start of an episode; `start` by `component.variable`, beside the parameter sets."""
+        values = {**self._system.starts, **start}
+        for name, instance in self._instances.items():
+            own = {
+                key.removeprefix(f"{name}."): value
+                for key, value in values.items()
+                if key.startswith(f"{name}.")
+            }
+            with self._watch(name, "is being initialized"):
+                self._named(name, lambda: instance.begin(own, time, stop))  # noqa: B023 - called at once
+        for name in self._instances:
+            self._transfer(self._into[name])
+
+    def set(self, variable: Variable, value: Any) -> None:  # noqa: ANN401 - a number, boolean or text
+        """Set a variable `component.variable`."""
+        instance, own = self._find(variable)
+        instance.set(own, value)
+
+    def get(self, variable: Variable) -> float:
+        """Return a variable that is a number or boolean."""
+        instance, own = self._find(variable)
+        return instance.get(own)
+
+    def put(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
+        """Set variables that are numbers or booleans."""
+        for variable, value in zip(variables, values, strict=True):
+            self.set(variable, value)
+
+    def numbers(self, variables: Sequence[Variable]) -> list[float]:
+        """Return variables that are numbers or booleans."""
+        return [self.get(one) for one in variables]
+
+    def step(self, time: float, size: float) -> bool:
+        """Go on by a step; return whether a component ends the simulation."""
+        if self._algorithm == "jacobi":
+            values = [self._value(one) for one in self._system.connections]
+            for connection, value in zip(self._system.connections, values, strict=True):
+                self._give(connection, value)
+        ends = False
+        for name, instance in self._instances.items():
+            if self._algorithm == "gauss_seidel":
+                self._transfer(self._into[name])
+            with self._watch(name, f"makes its step from {time:g} s"):
+                ends |= self._named(name, lambda: instance.step(time, size))  # noqa: B023 - called at once
+        return ends
+
+    def give_up(self) -> None:
+        """End the episode in all components."""
+        for instance in self._instances.values():
+            instance.give_up()
+
+    @property
+    def waited(self) -> str:
+        """How long each component was waited for, the one with the longest time first."""
+        return self._watch.summary
+
+    def end(self) -> None:
+        """Free the instances."""
+        for instance in self._instances.values():
+            instance.end()
+
+    def _transfer(self, connections: Sequence[Connection]) -> None:
+        for one in connections:
+            self._give(one, self._value(one))
+
+    def _value(self, connection: Connection) -> float:
+        name, variable = connection.start
+        value = self._instances[name].get(self._system.components[name].variables[variable])
+        return connection.transformation(value)
+
+    def _give(self, connection: Connection, value: float) -> None:
+        name, variable = connection.end
+        instance = self._instances[name]
+        self._named(name, lambda: instance.set(self._system.components[name].variables[variable], value))
+
+    def _named(self, name: str, call: Any) -> Any:  # noqa: ANN401 - whatever the call returns
+        try:
+            return call()
+        except FmuError as error:
+            raise FmuError(f"{name}: {error}") from error
+
+    def _find(self, variable: Variable) -> tuple[Instance, Variable]:
+        if variable.name not in self._known:
+            own = variable_of(self._system, variable.name)
+            self._known[variable.name] = self._instances[variable.name.partition(".")[0]], replace(own)
+        return self._known[variable.name]
+
+
+class _Watch:
+    """Says which component is waited for, when that takes long: the process may be ended meanwhile."""
+
+    def __init__(self, log: TextIO) -> None:
+        self._log = log
+        self._current: tuple[str, float] | None = None
+        self._waited: dict[str, list[float]] = {}
+        """By component: seconds in all, calls, the longest one."""
+        self._told: tuple[str, float] | None = None
+        threading.Thread(target=self._look, daemon=True).start()
+
+    def __call__(self, name: str, what: str) -> "_Watch":
+        self._name, self._next = name, f"{name}, which {what}"
+        return self
+
+    def __enter__(self) -> None:
+        self._current = (self._next, clock.monotonic())
+
+    def __exit__(self, *_: object) -> None:
+        if self._current is not None:
+            seconds = clock.monotonic() - self._current[1]
+            total = self._waited.setdefault(self._name, [0.0, 0, 0.0])
+            self._waited[self._name] = [total[0] + seconds, total[1] + 1, max(total[2], seconds)]
+        self._current = None
+
+    @property
+    def summary(self) -> str:
+        """Seconds by component, the one that was waited for longest first."""
+        found = sorted(self._waited.items(), key=lambda one: -one[1][0])
+        return ", ".join(
+            f"{name} {total:.3g} s in {calls:,.0f} calls (longest {most:.3g} s)"
+            for name, (total, calls, most) in found
+        )
+
+    def _look(self) -> None:
+        while True:
+            clock.sleep(PATIENCE_S / 4)
+            current = self._current
+            if current is None or current is self._told or clock.monotonic() - current[1] < PATIENCE_S:
+                continue
+            self._told = current
+            print(f"waiting for the component {current[0]}", file=self._log, flush=True)
+
+
+_TOLERANCE = 1e-5
+"""Relative, where the FMU proposes none: FMPy's."""
+_LONGEST_STEP = 50
+"""Steps of CVode in an episode, at least: as in FMPy."""
+
+
+class _NoInput:
+    """What FMPy's solvers ask for inputs, which are constant during a step here."""
+
+    def apply(self, *_: object) -> None:
+        """Change nothing."""
+
+
+class ExchangeInstance(Instance):
+    """One instance, integrated as `fmpy.simulate_fmu` does.
+
+    A state or time event, and a change of the inputs, begins the integration anew.
+
+    Args:
+        description: of the FMU.
+        folder: where it is unpacked.
+        name: of the instance.
+        solver: CVode, of variable order and steps; Euler, with one step of Euler's method in each step.
+
+    Raises FmuError as Instance does.
+    """
+
+    def __init__(self, description: Description, folder: Path, name: str, solver: str) -> None:
+        assert description.exchange is not None
+        self._known = description.exchange
+        self._kind_of_solver = solver
+        super().__init__(description, folder, name)
+
+    def _library(self, arguments: dict[str, str]) -> Any:  # noqa: ANN401 - FMPy has no types
+        arguments["modelIdentifier"] = self._known.identifier
+        return FMU2Model(**arguments) if self._two else FMU3Model(**arguments)
+
+    def begin(self, start: Mapping[str, Any], time: float, stop: float) -> None:
+        """Go to the start of an episode, with these values of variables."""
+        super().begin(start, time, stop)
+        self._begin, self._now, self._made = time, time, 0
+        self._ended = False
+        self._given: dict[tuple[str, ...], list[float]] = {}
+        """By the names of variables: each agent in this instance sets its own."""
+        self._failed: FMICallException | None = None
+        self._next_event: float | None = None
+        self._update()
+        self._called("initialization", self._fmu.enterContinuousTimeMode)
+        self._solver = self._called("the solver", self._solver_for, stop)
+        self._check()
+
+    def _solver_for(self, stop: float) -> Any:  # noqa: ANN401 - FMPy has no types
+        fmu = self._fmu
+        arguments = {
+            "nx": self._known.states,
+            "nz": self._known.indicators,
+            "get_x": self._kept(fmu.getContinuousStates),
+            "set_x": self._kept(fmu.setContinuousStates),
+            "get_dx": self._kept(fmu.getDerivatives if self._two else fmu.getContinuousStateDerivatives),
+            "get_z": self._kept(fmu.getEventIndicators),
+            "input": _NoInput(),
+        }
+        if self._kind_of_solver == "Euler":
+            return ForwardEuler(**arguments)
+        return CVodeSolver(
+            get_nominals=self._kept(fmu.getNominalsOfContinuousStates),
+            set_time=self._kept(fmu.setTime),
+            startTime=self._begin,
+            maxStep=(stop - self._begin) / _LONGEST_STEP,
+            relativeTolerance=self._description.tolerance or _TOLERANCE,
+            **arguments,
+        )
+
+    def _kept(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a function whose error is kept: CVode calls it, and passes none on."""
+
+        def called(*arguments: object) -> None:
+            try:
+                function(*arguments)
+            except FMICallException as error:
+                self._failed = self._failed or error
+
+        return called
+
+    def _check(self) -> None:
+        if self._failed is not None:
+            raise FmuError(self._explained(f"the integration from {self._now:g} s", self._failed))
+
+    def _update(self) -> None:
+        """Let discrete states change, until they change no more; note the next time event."""
+        again = True
+        while again and not self._ended:
+            function = self._fmu.newDiscreteStates if self._two else self._fmu.updateDiscreteStates
+            again, self._ended, _, _, is_defined, at = self._called(f"the event at {self._now:g} s", function)
+            self._next_event = float(at) if is_defined else None
+
+    def _event(self, change: Callable[[], None] | None = None) -> None:
+        self._called(f"the event at {self._now:g} s", self._fmu.enterEventMode)
+        if change is not None:
+            change()
+        self._update()
+        if not self._ended:
+            self._called(f"the event at {self._now:g} s", self._fmu.enterContinuousTimeMode)
+            self._solver.reset(self._now)
+            self._check()
+
+    def put(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
+        """Set the inputs; others than before are an event."""
+        names, given = tuple(one.name for one in variables), list(values)
+        if given != self._given.get(names) and not self._ended:
+            self._given[names] = given
+            self._event(lambda: super(ExchangeInstance, self).put(variables, values))
+
+    def step(self, time: float, size: float) -> bool:
+        """Integrate to the end of a step; return whether the FMU ends the simulation."""
+        self._last = ""
+        self._made += 1
+        # As FMPy adds, so that both have the same bits.
+        end = self._begin + self._made * size
+        while not self._ended and self._now < end and not math.isclose(self._now, end):
+            event = self._next_event
+            is_first = event is not None and event < end and not math.isclose(event, end)
+            target = event if event is not None and is_first else end
+            is_event, reached = self._integrate(target)
+            self._called("the time", self._fmu.setTime, reached)
+            self._now = reached
+            is_event |= event is not None and math.isclose(reached, event)
+            if self._known.completes:
+                what = f"the step from {time:g} s"
+                asked, self._ended = self._called(what, self._fmu.completedIntegratorStep)
+                is_event |= bool(asked)
+            if is_event and not self._ended:
+                self._event()
+        return self._ended
+
+    def _integrate(self, target: float) -> tuple[bool, float]:
+        """Integrate to a time, or to an event before; return whether there was one, and the time."""
+        try:
+            is_event, _, reached = self._solver.step(self._now, target)
+        except Exception as error:  # CVode's failures
+            self._check()
+            raise FmuError(f"the solver failed after {self._now:g} s: {error}") from error
+        self._check()
+        return bool(is_event), float(reached)
+
 
 _GIVE_UP_S = 1.0
 
@@ -66,7 +403,6 @@ class Episodes:
         solver = self._attachment["solver"]
         if solver is None:
             return Instance(self._known, folder, name)
-        from swarmwright.simulations.fmu.exchange import ExchangeInstance  # noqa: PLC0415 - loads SUNDIALS
 
         return ExchangeInstance(self._known, folder, name, solver)
 

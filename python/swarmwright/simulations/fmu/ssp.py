@@ -1,8 +1,13 @@
-"""Systems of FMUs: System Structure and Parameterization (SSP) 1.0, files `.ssp`."""
+"""Systems of FMUs: System Structure and Parameterization (SSP) 1.0, files `.ssp`.
+
+Parameter bindings of SSP: start values from parameter sets, with mappings, units and transformations.
+
+Transformations of SSP between a value and where it goes: linear, or by a table of values.
+"""
 
 import math
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -15,18 +20,262 @@ from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.common.warn_once import warn_once
 from swarmwright.simulations.fmu import description as fmus
-from swarmwright.simulations.fmu.description import Description, Variable, checked_xml, place, runs_here
-from swarmwright.simulations.fmu.layout import stop_time
-from swarmwright.simulations.fmu.ssp_parameters import SSD, Parameter, bindings, start_value
-from swarmwright.simulations.fmu.transformations import (
-    IDENTITY,
-    SSC,
-    Linear,
-    Transformation,
-    linear_of,
-    table_of,
+from swarmwright.simulations.fmu.description import (
+    INTEGERS,
+    Description,
+    Variable,
+    checked_xml,
+    expected,
+    fits,
+    place,
+    runs_here,
+    stop_time,
 )
 from swarmwright.simulations.fmu.units import Unit, units_of
+
+SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
+_SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
+_SSM = "{http://ssp-standard.org/SSP1/SystemStructureParameterMapping}"
+_KINDS = ("Real", "Integer", "Boolean", "String", "Enumeration")
+_TYPES = {
+    "ParameterBinding": "application/x-ssp-parameter-set",
+    "ParameterMapping": "application/x-ssp-parameter-mapping",
+}
+
+Read = Callable[[str, str], ET.Element]
+"""Takes the name of a file in the SSP and of its XML schema, and returns its root element."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a set."""
+
+    kind: str
+    text: str
+    unit: str
+    base: Unit | None
+    """The unit, where the set defines it."""
+
+
+def bindings(element: ET.Element, read: Read) -> Iterator[tuple[str, Parameter, ET.Element | None]]:
+    """Yield the name of a variable, the parameter for it, and the mapping entry where there is one.
+
+    In the order in which they count: later ones replace earlier ones. With a mapping, parameters that it does
+    not name are left out.
+
+    Args:
+        element: a system or a component.
+        read: see `Read`.
+
+    Raises InputError for sources that are not supported.
+    """
+    for binding in element.iterfind(f"{SSD}ParameterBindings/{SSD}ParameterBinding"):
+        prefix = binding.get("prefix", "")
+        found = {f"{prefix}{name}": one for name, one in _parameters(binding, read)}
+        mapping = binding.find(f"{SSD}ParameterMapping")
+        if mapping is None:
+            yield from ((name, one, None) for name, one in found.items())
+            continue
+        root = _source_of(mapping, read, f"{_SSM}ParameterMapping", "SystemStructureParameterMapping.xsd")
+        for entry in () if root is None else root.iterfind(f"{_SSM}MappingEntry"):
+            if entry.get("source") in found:
+                yield entry.get("target", ""), found[entry.get("source", "")], entry
+
+
+def _parameters(binding: ET.Element, read: Read) -> Iterator[tuple[str, Parameter]]:
+    root = _source_of(binding, read, f"{_SSV}ParameterSet", "SystemStructureParameterValues.xsd")
+    if root is None:
+        return
+    units = {
+        one.get("name", ""): Unit.of(one.find(f"{SSC}BaseUnit"))
+        for one in root.iterfind(f"{_SSV}Units/{SSC}Unit")
+    }
+    for one in root.iterfind(f"{_SSV}Parameters/{_SSV}Parameter"):
+        name = one.get("name", "")
+        kind, value = next(
+            ((kind, found) for kind in _KINDS if (found := one.find(f"{_SSV}{kind}")) is not None), ("", None)
+        )
+        if value is None:
+            raise InputError(f"parameter {name}: is not of the type {', '.join(_KINDS)}")
+        unit = value.get("unit", "")
+        yield name, Parameter(kind, value.get("value", ""), unit, units.get(unit))
+
+
+def _source_of(element: ET.Element, read: Read, root: str, schema: str) -> ET.Element | None:
+    """Return what a binding or mapping holds, inline or in a file; None for nothing."""
+    tag = element.tag.removeprefix(SSD)
+    kind, source = element.get("type"), element.get("source")
+    if kind not in (None, _TYPES[tag]):
+        raise InputError(f"{tag}: the type {kind} is not supported, expected {_TYPES[tag]}")
+    if element.get("sourceBase", "SSD") != "SSD":
+        raise InputError(
+            f"{tag} {source}: files inside of components (sourceBase) are not supported; put it into the SSP"
+        )
+    if source:
+        return read(source, schema)
+    inline = element.find(f"{SSD}ParameterValues") if tag == "ParameterBinding" else element
+    return None if inline is None else inline.find(root)
+
+
+def start_value(
+    name: str, variable: Variable, one: Parameter, entry: ET.Element | None, units: "Callable[[], Linear]"
+) -> Any:  # noqa: ANN401 - of the type of the variable
+    """Return what a parameter sets a variable to. Raises InputError where it cannot have that value.
+
+    Args:
+        name: of the variable, `component.variable`.
+        variable: what is set.
+        one: the parameter.
+        entry: of a parameter mapping.
+        units: returns the conversion to the variable's unit.
+    """
+    if variable.type == "String":
+        return one.text
+    is_kept = entry is not None and entry.get("suppressUnitConversion") in ("true", "1")
+    by = units() if variable.is_real and not is_kept else IDENTITY
+    linear = (linear_of(entry) if entry is not None else None) or IDENTITY
+    table = None if entry is None else table_of(entry, None, variable, name)
+    value = _parsed_parameters(name, variable, one)
+    changed = linear(by(value))
+    changed = changed if table is None else table(changed)
+    if variable.type in INTEGERS and changed == changed // 1:
+        changed = int(changed)
+    if not fits(variable, changed):
+        raise InputError(
+            f"{name}: the value {one.text!r} is not of the type {variable.type}, expected "
+            f"{expected(variable)}"
+        )
+    return changed
+
+
+def _parsed_parameters(name: str, variable: Variable, one: Parameter) -> Any:  # noqa: ANN401 - as above
+    try:
+        if variable.type == "Boolean":
+            return BOOLEANS[one.text]
+        if one.kind == "Enumeration" and one.text in variable.labels:
+            return variable.items[variable.labels.index(one.text)]
+        return float(one.text) if variable.is_real else int(one.text)
+    except (KeyError, ValueError):
+        items = f", one of {', '.join(variable.labels)}" if variable.labels else ""
+        raise InputError(
+            f"{name}: the value {one.text!r} is not of the type {variable.type}{items}"
+        ) from None
+
+
+SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
+BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+"""As XML writes them."""
+_LINEAR = "LinearTransformation"
+_BOOLEAN, _INTEGER, _ENUMERATION = (
+    f"{kind}MappingTransformation" for kind in ("Boolean", "Integer", "Enumeration")
+)
+
+
+@dataclass(frozen=True)
+class Linear:
+    """factor * value + offset."""
+
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def __call__(self, value: float) -> float:
+        """Return the transformed value; of the identity, the value itself."""
+        if (self.factor, self.offset) == (1.0, 0.0):
+            return value
+        return self.factor * value + self.offset
+
+    def after(self, first: "Linear") -> "Linear":
+        """Return both in one, `first` before this."""
+        return Linear(self.factor * first.factor, self.factor * first.offset + self.offset)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Some values, and what they become; all others are kept."""
+
+    entries: Mapping[float, float]
+
+    def __call__(self, value: float) -> float:
+        """Return the transformed value."""
+        return self.entries.get(value, value)
+
+
+Transformation = Linear | Table
+IDENTITY = Linear()
+
+
+def linear_of(element: ET.Element) -> Linear | None:
+    """Return the linear transformation of a connection or mapping entry; None where it has none."""
+    found = element.find(f"{SSC}{_LINEAR}")
+    if found is None:
+        return None
+    return Linear(float(found.get("factor", "1")), float(found.get("offset", "0")))
+
+
+def table_of(element: ET.Element, source: Variable | None, target: Variable, place: str) -> Table | None:
+    """Return the mapping transformation of a connection or mapping entry; None where it has none.
+
+    SSP, section "Transformation Choice": entries are unambiguous, and their targets values of the target.
+
+    Args:
+        element: the connection or mapping entry.
+        source: the variable that a connection begins at; None for a parameter, whose type is the target's.
+        target: the variable that gets the values.
+        place: words for messages.
+
+    Raises InputError for one that does not fit the types, has two entries for one value, or gives a value
+    that the target cannot have.
+    """
+    of = [(kind, element.find(f"{SSC}{kind}")) for kind in (_BOOLEAN, _INTEGER, _ENUMERATION)]
+    kind, found = next(((kind, one) for kind, one in of if one is not None), ("", None))
+    if found is None:
+        return None
+    allowed = {
+        _BOOLEAN: ("Boolean",),
+        _INTEGER: INTEGERS,
+        _ENUMERATION: ("Enumeration",),
+    }[kind]
+    for variable in (target,) if source is None else (source, target):
+        if variable.type not in allowed:
+            raise InputError(
+                f"{place}: {kind} is for variables of the type {' or '.join(allowed[:2])}, but "
+                f"{variable.name} has the type {variable.type}"
+            )
+    entries: dict[float, float] = {}
+    for one in found.iterfind(f"{SSC}MapEntry"):
+        words = one.get("source", ""), one.get("target", "")
+        before = _value(kind, words[0], source or target, place)
+        if before in entries:
+            raise InputError(f"{place}: the {kind} has two entries with the source {words[0]!r}")
+        entries[before] = _value(kind, words[1], target, place)
+    table = Table(entries)
+    for after in entries.values():
+        if not fits(target, after):
+            raise InputError(
+                f"{place}: the {kind} has the target {after}, but {target.name} is {expected(target)}"
+            )
+    for item, label in () if source is None else zip(source.items, source.labels, strict=True):
+        if not fits(target, table(item)):
+            raise InputError(
+                f"{place}: the {kind} keeps {label}, {item}, but {target.name} is {expected(target)}; add an "
+                "entry for it"
+            )
+    return table
+
+
+def _value(kind: str, word: str, variable: Variable, place: str) -> float:
+    """Return the value that an entry names."""
+    try:
+        if kind == _BOOLEAN:
+            return BOOLEANS[word]
+        if kind == _INTEGER:
+            return int(word)
+        return variable.items[variable.labels.index(word)]
+    except (KeyError, ValueError):
+        known = f"; {variable.name} has {', '.join(variable.labels) or 'no named items'}"
+        hint = known if kind == _ENUMERATION else ""
+        raise InputError(f"{place}: the {kind} has an entry with {word!r}, which is no value{hint}") from None
+
 
 Algorithm = Literal["jacobi", "gauss_seidel"]
 """How the components of a system are stepped."""

@@ -1,4 +1,4 @@
-// Radios of a swarm in ns-3, compiled by cppyy when it is first used: see _radios.py.
+// Radios of a swarm in ns-3, compiled by cppyy when it is first used: see __init__.py.
 
 #include <cmath>
 #include <cstdint>

@@ -1,4 +1,7 @@
-"""The current source in the place of what a run has copied, and how it differs."""
+"""The current source in the place of what a run has copied, and how it differs.
+
+Warnings about source that has changed since a run.
+"""
 
 import difflib
 import hashlib
@@ -10,9 +13,16 @@ from pathlib import Path
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import SimulationName, is_command, is_environment
+from swarmwright.common.warn_once import warn_once
 from swarmwright.simulations.user_code.copying import Copy, Kept, beside
-from swarmwright.simulations.user_code.data_files import with_data
-from swarmwright.simulations.user_code.parts import Part, Source, is_plug_in, of_plug_in, of_simulation
+from swarmwright.simulations.user_code.parts import (
+    Part,
+    Source,
+    is_plug_in,
+    of_plug_in,
+    of_simulation,
+    with_data,
+)
 
 LINES = 60
 """Of a difference, at most."""
@@ -186,3 +196,12 @@ def near(path: Path) -> Path:
     """Return a path relative to the working folder where it lies in there."""
     here = Path.cwd()
     return path.relative_to(here) if path.is_relative_to(here) else path
+
+
+def copy_is_used(copy: Copy, kept: Kept, now: Part, hint: str = "") -> None:
+    """Say once that the simulation is the run's copy, as what it was copied from has changed.
+
+    hint: what else can be done, from its semicolon on; where it differs, the warning is the same.
+    """
+    text = f"{near(copy.run.absolute())}: {summary(kept, now)} since; the copy in the run is used"
+    warn_once(f"{text}{hint}", key=text)

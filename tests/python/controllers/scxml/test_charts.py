@@ -15,7 +15,7 @@ from statemachine.orderedset import OrderedSet
 
 from swarmwright import Controller, InputError
 from swarmwright.controllers import scxml
-from swarmwright.controllers.scxml import _table
+from swarmwright.controllers.scxml import _machine
 from swarmwright.controllers.scxml._machine import _Resolved
 
 SENSORS, ACTUATORS = ["left", "right"], ["speed", "turn"]
@@ -253,7 +253,7 @@ def flattened(path: Path) -> tuple[Any, Any]:
     """Return the steps of a chart for every combination of sensors, and thresholds of these."""
     machine = scxml.read(path)
     resolved = _Resolved(machine, SENSORS, ACTUATORS)
-    steps, thresholds, _ = _table.steps_of(machine.root, *resolved.parts(), len(SENSORS))
+    steps, thresholds, _ = _machine.steps_of(machine.root, *resolved.parts(), len(SENSORS))
     return steps, thresholds
 
 

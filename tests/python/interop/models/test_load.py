@@ -8,10 +8,10 @@ import pytest
 
 from swarmwright import InputError, evaluate
 from swarmwright.interop import models
+from swarmwright.interop.models._experiment import Parameters
 from swarmwright.interop.models._files import load as load_part
 from swarmwright.interop.models._model import Model
 from swarmwright.interop.models._names import Known
-from swarmwright.interop.models._parameters import Parameters
 from swarmwright.simulations.names import absolute
 from tests.python.interop.models.conftest import Edited
 

@@ -11,8 +11,8 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
-from swarmwright.simulations.command import bag_limits, bags
-from swarmwright.simulations.command.failure import CommandFailure
+from swarmwright.simulations.command import bags
+from swarmwright.simulations.command.process import CommandFailure
 
 TEXT = "a" * 100_000
 
@@ -81,8 +81,8 @@ def test_what_a_log_unpacks_to_is_limited(tmp_path: Path, monkeypatch: pytest.Mo
     """Also where a log is read, nothing is left out."""
     log = LOGS[kind](tmp_path)
     assert rows(log) == 3
-    monkeypatch.setattr(bag_limits, "_UNPACKED_BYTES", 200_000)
-    monkeypatch.setattr(bag_limits, "_UNPACKED_TIMES", 1)
+    monkeypatch.setattr(bags, "_UNPACKED_BYTES", 200_000)
+    monkeypatch.setattr(bags, "_UNPACKED_TIMES", 1)
     with pytest.raises(CommandFailure, match="the log: unpacks to more than 0 MiB; the limit is 0 MiB or 1 "):
         rows(log)
 
@@ -90,7 +90,7 @@ def test_what_a_log_unpacks_to_is_limited(tmp_path: Path, monkeypatch: pytest.Mo
 @pytest.mark.parametrize("kind", [kind for kind in LOGS if "file" not in kind])
 def test_chunks_and_messages_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     log = LOGS[kind](tmp_path)
-    monkeypatch.setattr(bag_limits, "LARGEST_CHUNK_BYTES", 1 << 16)
+    monkeypatch.setattr(bags, "LARGEST_CHUNK_BYTES", 1 << 16)
     with pytest.raises(
         CommandFailure, match="the log: has a chunk or message that unpacks to more than 0 MiB"
     ):

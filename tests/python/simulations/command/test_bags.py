@@ -9,7 +9,7 @@ import pytest
 
 from swarmwright import InputError, RunError, simulate
 from swarmwright.simulations.command import logs
-from swarmwright.simulations.command.failure import CommandFailure
+from swarmwright.simulations.command.process import CommandFailure
 from tests.python.simulations.command.processes import Traced
 
 pytest.importorskip("rosbags")

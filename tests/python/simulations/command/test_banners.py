@@ -4,7 +4,7 @@ import pytest
 
 from swarmwright.simulations.command import logs
 from swarmwright.simulations.command.definition import STANDARD_OUTPUT
-from swarmwright.simulations.command.failure import CommandFailure
+from swarmwright.simulations.command.process import CommandFailure
 
 BANNER = "pygame 2.6.1 (SDL 2.28.4, Python 3.11.2)\nHello from the pygame community. See x.org, please.\n"
 

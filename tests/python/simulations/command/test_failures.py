@@ -12,9 +12,8 @@ import pytest
 
 from swarmwright import InputError, RunError, evaluate, simulate
 from swarmwright.simulations.command import simulation as command
-from swarmwright.simulations.command.failure import CommandFailure
-from swarmwright.simulations.command.folders import Instance
-from swarmwright.simulations.command.process import Processes, missing_script
+from swarmwright.simulations.command.process import CommandFailure, Processes, missing_script
+from swarmwright.simulations.command.work_files import Instance
 from tests.python.simulations.command.processes import WELL, Traced
 
 

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from swarmwright.simulations.command import logs
-from swarmwright.simulations.command.failure import CommandFailure
+from swarmwright.simulations.command.process import CommandFailure
 
 
 def read(text: str, form: str = "jsonl") -> logs.Columns:

@@ -7,7 +7,7 @@ import pytest
 
 from swarmwright import Experiment, evaluate
 from swarmwright.simulations.command import logs
-from swarmwright.simulations.command.failure import CommandFailure
+from swarmwright.simulations.command.process import CommandFailure
 
 PROGRAM = """
 import sys

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from swarmwright.simulations.command.output import LINES, Printed
+from swarmwright.simulations.command.process import LINES, Printed
 
 
 @pytest.mark.parametrize("size", [1, 7, 1 << 16])

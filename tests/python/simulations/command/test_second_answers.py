@@ -2,8 +2,8 @@
 
 import pytest
 
-from swarmwright.simulations.command.failure import CommandFailure
-from swarmwright.simulations.command.second_answers import SETTLE_S, SUSPECT_S, Looks, MessageIds
+from swarmwright.simulations.command.process import CommandFailure
+from swarmwright.simulations.command.stepwise import SETTLE_S, SUSPECT_S, Looks, MessageIds
 
 
 def test_ids_are_optional_in_all_answers_of_a_process() -> None:

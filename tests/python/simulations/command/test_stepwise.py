@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, RunError, evaluate, optimize, simulate
-from swarmwright.simulations.command import second_answers
+from swarmwright.simulations.command import stepwise
 from tests.python.cli.test_services import events
 from tests.python.records import same_record
 from tests.python.simulations.command.processes import Traced
@@ -310,7 +310,7 @@ def behind(traced: Traced, *, repeats: bool = False, at: int = -1, after: str = 
 def test_a_second_answer_that_comes_late_gives_no_fitness(
     traced: Traced, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(second_answers, "SETTLE_S", 1.0)  # of which nothing is waited where an answer comes
+    monkeypatch.setattr(stepwise, "SETTLE_S", 1.0)  # of which nothing is waited where an answer comes
     genomes = np.random.default_rng(4).normal(size=(4, 2))
     assert np.isnan(evaluate(behind(traced, at=2), genomes)).all()
     assert "answered a message twice: {" in caplog.text

@@ -2,8 +2,8 @@
 
 import pytest
 
-from swarmwright.simulations.command import logs, units
-from swarmwright.simulations.command.failure import CommandFailure
+from swarmwright.simulations.command import logs
+from swarmwright.simulations.command.process import CommandFailure
 
 
 def column(text: str, name: str = "distance", file: str = "r.csv") -> list[float]:
@@ -73,7 +73,7 @@ def test_a_row_of_units_does_not_count(row: str) -> None:
     ],
 )
 def test_rows_of_text_are_no_units(row: str, following: str) -> None:
-    assert not units.is_row(row.split(","), following.split(","))
+    assert not logs.is_row(row.split(","), following.split(","))
 
 
 def test_units_are_below_the_names_alone() -> None:

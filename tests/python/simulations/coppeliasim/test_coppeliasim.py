@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, RunError, optimize, simulate
+from swarmwright.simulations import attachment as _attached
 from swarmwright.simulations import coppeliasim
-from swarmwright.simulations.attachment import episodes as _attached
-from swarmwright.simulations.attachment.definition import Attachment
-from swarmwright.simulations.attachment.episodes import AttachmentError, Episodes
+from swarmwright.simulations.attachment import Attachment, AttachmentError, Episodes
 from tests.python.records import same_record
 
 SIMULATOR = Path(__file__).with_name("simulator.py")

@@ -292,7 +292,7 @@ def test_environments_need_not_close(closing: str) -> None:
 def test_a_slow_environment_ends_the_trial(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmwright.simulations.environments._restoring.SECONDS", 0.0)
+    monkeypatch.setattr("swarmwright.simulations.environments._environment.SECONDS", 0.0)
     one = experiment(f"{REMEMBERING}?video=true", ranking={"episodes": 1})
     first, second = evaluate(one, np.zeros((2, 6), np.float32), servers="in-process")
     assert second - first == 3 * 3

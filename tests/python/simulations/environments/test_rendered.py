@@ -18,7 +18,7 @@ from swarmwright.display.pictures import _record as recording
 from swarmwright.runs.replay import Replay
 from swarmwright.simulations import attached
 from swarmwright.simulations.gymnasium import Gymnasium
-from swarmwright.simulations.visualization import drawing, shown_as
+from swarmwright.simulations.host import drawing, shown_as
 
 CART = "gymnasium:CartPole-v1"
 SPREAD = "pettingzoo:mpe2.simple_spread_v3?max_cycles=6"

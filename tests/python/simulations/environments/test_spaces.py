@@ -9,7 +9,7 @@ from gymnasium import spaces
 from swarmwright import InputError
 from swarmwright.common.errors import SimulationError
 from swarmwright.common.ranges import Range
-from swarmwright.simulations.environments._spaces import actuators, sensors, with_mask
+from swarmwright.simulations.environments._environment import actuators, sensors, with_mask
 
 
 def test_bounded_numbers_are_scaled_and_others_stay() -> None:

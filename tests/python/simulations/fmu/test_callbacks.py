@@ -10,10 +10,9 @@ import pytest
 
 from swarmwright.cli import run
 from swarmwright.simulations.command.fmu_definition import FmuOptions
-from swarmwright.simulations.fmu.coupled import Coupled
 from swarmwright.simulations.fmu.description import described
-from swarmwright.simulations.fmu.exchange import ExchangeInstance
 from swarmwright.simulations.fmu.instances import FmuError, Instance, unpacked
+from swarmwright.simulations.fmu.program import Coupled, ExchangeInstance
 from swarmwright.simulations.fmu.ssp import described as described_system
 from swarmwright.simulations.fmu.ssp import system_of
 from tests.python.simulations.fmu.built import MEMORY, build

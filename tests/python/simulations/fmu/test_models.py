@@ -11,12 +11,10 @@ import pytest
 from fmpy import simulate_fmu
 
 from swarmwright import Experiment, InputError, RunError
-from swarmwright.simulations.command.fmu_channels import Channel
-from swarmwright.simulations.command.fmu_definition import FmuOptions
+from swarmwright.simulations.command.fmu_definition import Channel, FmuOptions
 from swarmwright.simulations.fmu.description import described
-from swarmwright.simulations.fmu.exchange import ExchangeInstance
 from swarmwright.simulations.fmu.instances import unpacked
-from swarmwright.simulations.fmu.program import Episodes
+from swarmwright.simulations.fmu.program import Episodes, ExchangeInstance
 from tests.python.simulations.fmu.built import BALL_2, BALL_3, FLEET, ROBOTS, TERMINALS, build
 from tests.python.simulations.fmu.test_fmu import controller_of, score
 

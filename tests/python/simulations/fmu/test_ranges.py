@@ -11,10 +11,9 @@ from swarmwright import Experiment, optimize
 from swarmwright.export import EXPORTERS
 from swarmwright.export.writing import write
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.fmu.coupled import Coupled
 from swarmwright.simulations.fmu.coupling import coupled
-from swarmwright.simulations.fmu.ssp import described, system_of
-from swarmwright.simulations.fmu.transformations import Linear
+from swarmwright.simulations.fmu.program import Coupled
+from swarmwright.simulations.fmu.ssp import Linear, described, system_of
 from tests.python.export.specifications import ALL, subject
 
 pytestmark = pytest.mark.slow

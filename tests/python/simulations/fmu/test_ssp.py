@@ -11,7 +11,7 @@ from pythonfmu.builder import FmuBuilder
 from swarmwright import Experiment, InputError, Run, RunError, evaluate, optimize
 from swarmwright.cli import run
 from swarmwright.common.random_numbers import Stream
-from swarmwright.simulations.fmu.coupled import Coupled
+from swarmwright.simulations.fmu.program import Coupled
 from swarmwright.simulations.fmu.ssp import Algorithm, described, system_of
 from tests.data.fmu.battery import Battery
 from tests.data.fmu.radio import Radio

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import InputError
-from swarmwright.simulations.fmu.coupled import Coupled
+from swarmwright.simulations.fmu.program import Coupled
 from swarmwright.simulations.fmu.ssp import described, system_of
 from tests.python.simulations.fmu.built import build
 

@@ -11,7 +11,7 @@ import pytest
 from pythonfmu.builder import FmuBuilder
 
 from swarmwright import Experiment, InputError, optimize
-from swarmwright.simulations.command._fmu_parameters import announced
+from swarmwright.simulations.command.fmu import announced
 from swarmwright.simulations.command.fmu_definition import FmuOptions
 from swarmwright.simulations.fmu.description import described
 from swarmwright.simulations.fmu.instances import FmuError, Instance, unpacked

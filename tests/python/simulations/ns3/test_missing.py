@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from swarmwright import InputError
+from swarmwright.simulations import ns3 as implementation
 from swarmwright.simulations.ns3 import Radios
-from swarmwright.simulations.ns3 import _radios as implementation
 
 
 def test_the_message_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 import yaml
 
-from swarmwright.export.ros2 import Ros2
+from swarmwright.export.ros import Ros2
 from swarmwright.export.subject import Subject
 from swarmwright.export.writing import write
 from tests.python.simulations.ros.conversation import EXPORTED

@@ -11,8 +11,7 @@ import pytest
 
 from swarmwright import Experiment, RunError, optimize, simulate
 from swarmwright.simulations import webots
-from swarmwright.simulations.attachment.definition import Attachment
-from swarmwright.simulations.attachment.episodes import AttachmentError, Episodes
+from swarmwright.simulations.attachment import Attachment, AttachmentError, Episodes
 from tests.python.records import same_record
 
 pytestmark = pytest.mark.slow

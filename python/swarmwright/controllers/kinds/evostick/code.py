@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmwright.controllers.activations import STEEP
 from swarmwright.controllers.kinds.layered import code as layered_code
-from swarmwright.controllers.source import Evolved, in_c, in_python
+from swarmwright.controllers.source import Evolved, in_c, in_onnx, in_python
 
 
 def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
@@ -19,6 +19,11 @@ def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
 def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonCode:
     """Return the code in Python."""
     return layered_code.python(layered(controller), numbers)
+
+
+def onnx(controller: Evolved, graph: in_onnx.Graph) -> None:
+    """Add the controller to a graph of ONNX."""
+    layered_code.onnx(layered(controller), graph)
 
 
 def layered(controller: Evolved) -> Evolved:

@@ -2,7 +2,9 @@
 
 from textwrap import indent
 
-from swarmwright.controllers.source import Evolved, in_c, in_python
+import numpy as np
+
+from swarmwright.controllers.source import Evolved, in_c, in_onnx, in_python
 from swarmwright.controllers.source.text import templates
 
 render = templates(__file__)
@@ -65,3 +67,20 @@ def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonC
         "the outputs of all nodes are kept from step to step",
         refuses="Raises it also when sensors are so large that a node overflows, and then until a reset.",
     )
+
+
+def onnx(controller: Evolved, graph: in_onnx.Graph) -> None:
+    """Add the controller to a graph of ONNX."""
+    specification = controller.specification
+    sensors, hidden = int(specification["sensors"]), int(specification["hidden"])
+    computed = hidden + int(specification["actuators"])
+    rows = controller.weights.reshape(computed, 1 + sensors + computed)
+    outputs, iterations = "state", int(specification["iterations"])
+    for _ in range(iterations):
+        values = graph.add("Concat", "sensors", outputs, axis=1)
+        outputs = in_onnx.layer(specification["activation"], graph, rows, values, "nodes")
+    graph.add("Identity", outputs, result="next_state")
+    columns = [graph.whole(number) for number in (hidden, computed, 1)]
+    in_onnx.actuators(controller, graph, graph.add("Slice", outputs, *columns))
+    graph.state = (np.float32, ["agents", computed])
+    graph.initial_state = f"np.zeros((1, {computed}), np.float32)"

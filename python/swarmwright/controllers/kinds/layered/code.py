@@ -5,7 +5,7 @@ from itertools import pairwise
 from textwrap import indent
 
 from swarmwright.controllers.activations import in_words, of_nodes
-from swarmwright.controllers.source import Evolved, in_c, in_python
+from swarmwright.controllers.source import Evolved, in_c, in_onnx, in_python
 from swarmwright.controllers.source.text import templates
 
 render = templates(__file__)
@@ -85,3 +85,19 @@ def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonC
         in_python.indented(step),
         "this network remembers nothing",
     )
+
+
+def onnx(controller: Evolved, graph: in_onnx.Graph) -> None:
+    """Add the controller to a graph of ONNX."""
+    specification = controller.specification
+    sizes = [int(specification[name]) for name in ("sensors", "actuators")]
+    sizes[1:1] = [int(nodes) for nodes in specification["hidden"]]
+    functions = of_nodes(specification)
+    values, at = "sensors", 0
+    for number, (below, nodes) in enumerate(pairwise(sizes), 1):
+        count = nodes * (below + 1)
+        rows = controller.weights[at : at + count].reshape(nodes, below + 1)
+        activation = functions[number == len(sizes) - 1]
+        values = in_onnx.layer(activation, graph, rows, values, f"layer_{number}")
+        at += count
+    in_onnx.actuators(controller, graph, values)

@@ -1,20 +1,326 @@
-"""Probabilistic finite-state machines, and behaviour trees, of given behaviours and conditions."""
+"""Probabilistic finite-state machines, and behaviour trees, of given behaviours and conditions.
 
-from collections.abc import Mapping
+Changes of machines of modules: of many genomes at once, with a stream of random numbers for each.
+
+What an experiment says of machines and trees of modules.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import (
+    Field,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
-from swarmwright.common import modules
+from swarmwright.common import machine_mappings, modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.modules import RANGES
+from swarmwright.common.problems import problems_of
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.common.typing import Genome, Genomes, Limits
+from swarmwright.common.yaml import path_of, read
 from swarmwright.controllers._base import Representation, RepresentationOptions, in_parts
-from swarmwright.controllers.kinds.modules.changes import Changes, Layout
-from swarmwright.controllers.kinds.modules.options import ModulesOptions
+from swarmwright.controllers.kinds.modules.automode import is_command_line, machine_of, tree_of
+from swarmwright.controllers.modules.registered import module
+
+_BUILT_IN = frozenset({*modules.BEHAVIOURS, *modules.CONDITIONS})
+
+
+def _placed(machine: object, problem: str) -> str:
+    """Return what is wrong with a machine, with its line where it is in a file."""
+    if not isinstance(machine, str) or is_command_line(machine):
+        return problem
+    place, _, reason = problem.partition(": ")
+    return read(Path(machine)).place(path_of(place.removeprefix("machine."))) + reason
+
+
+class ModulesOptions(RepresentationOptions):
+    """A machine (AutoMoDe-Chocolate) or a tree (AutoMoDe-Maple) of given behaviours and conditions.
+
+    For robots with two wheels that sense what the preset e-puck-rm1.2 of `arena` does.
+    """
+
+    kind: Literal["modules"] = "modules"
+    form: Literal["machine", "tree"] = "machine"
+    """machine: a probabilistic finite-state machine. tree: a behaviour tree, whose root is a sequence with
+    memory of subtrees; each selects between a condition and a behaviour. If the condition of a subtree holds,
+    the next one is tried in the same step, else its behaviour acts, and the next step begins with it. After
+    the last one the robot stops for a step and begins again."""
+    states: int = Field(default=4, ge=1, le=modules.MOST_STATES)
+    """States that a machine has at most; every episode begins in the first. Of a tree: subtrees, up to 4."""
+    transitions: int | None = Field(default=None, ge=1, le=modules.MOST_TRANSITIONS)
+    """Transitions that a state has at most, by default 4. Of a tree: 1."""
+    behaviours: list[str] | None = Field(default=None, min_length=1)
+    """Those that machines are made of, in the order of their genes: exploration, stop, phototaxis,
+    anti_phototaxis, attraction and repulsion, by default all of them; those of installed packages; and
+    classes in Python, path/to/file.py:Class (relative to this file). With one of these, or such a condition,
+    machines are evaluated in Python, in this process or on servers that have the code."""
+    conditions: list[str] | None = Field(default=None, min_length=1)
+    """Those of transitions: black_floor, grey_floor, white_floor, neighbours, few_neighbours and
+    fixed_probability, by default all of them; those of installed packages; and path/to/file.py:Class."""
+    machine: dict[str, Any] | str | None = None
+    """A machine to start from: {states: [{behaviour, transitions: [{to, condition}]}]}, with the parameters
+    of each behaviour and condition beside it; the path of a YAML file with that, as `swarmwright export --to
+    machine` writes it; or the text that AutoMoDe's programs are called with, --nstates 2 --s0 4 --att0 5 ..,
+    also with all that stands before it, automode_main -c mission.argos --fsm-config ..
+    A tree is {subtrees: [{condition, behaviour}]}, such a file, or AutoMoDe's --nroot 3 --nchildroot 2 .. The
+    text may be in a file, too. Evolution begins with it and with mutants of it, of up to 8 changes each, or
+    around it where a method samples from a distribution. Default: random ones."""
+
+    @property
+    def most_transitions(self) -> int:
+        """Transitions that a state has at most."""
+        if self.transitions is not None:
+            return self.transitions
+        return 1 if self.form == "tree" else 4
+
+    @field_validator("machine", mode="before")
+    @classmethod
+    def _plain(cls, value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+        if isinstance(value, str) and not is_command_line(value):
+            try:
+                source = read(Path(value))
+            except InputError as error:
+                raise ValueError(
+                    f"{error}; expected a mapping, such a file, or AutoMoDe's --nstates .. or --nroot .."
+                ) from None
+            if source.problems:
+                raise ValueError("; ".join(f"{value}:{line}: {what}" for _, line, what in source.problems))
+            if not source.values:
+                raise ValueError(f"{value}: is empty; `swarmwright export --to machine` writes such files")
+            value = source.values
+        return json.loads(json.dumps(value)) if isinstance(value, dict) else value
+
+    @model_validator(mode="after")
+    def _valid(self, info: ValidationInfo) -> "ModulesOptions":
+        if self.form == "tree" and self.states > modules.MOST_SUBTREES:
+            raise ValueError(
+                f"states: a tree has {modules.MOST_SUBTREES} subtrees at most, not {self.states}"
+            )
+        if self.form == "tree" and self.most_transitions != 1:
+            raise ValueError("transitions: a subtree has one condition; leave it out")
+        for name in ("behaviours", "conditions"):
+            given = [modules.label_of(one) for one in getattr(self, name) or []]
+            twice = [one for one in given if given.count(one) > 1]
+            if twice:
+                raise ValueError(f"{name}: {twice[0]!r} is given twice")
+            for one in getattr(self, name) or []:
+                if modules.is_in_file(one) and modules.label_of(one) in _BUILT_IN:
+                    raise ValueError(f"{name}: {one}: the engine has a module of this name; rename the class")
+        if self.in_files and not (info.context or {}).get("ask", True):
+            return self  # of a run, which is read without importing its code
+        for name, what in (("behaviours", "behaviour"), ("conditions", "condition")):
+            for one in getattr(self, name) or []:
+                try:
+                    module(what, one)
+                except InputError as error:
+                    raise ValueError(f"{name}: {error}") from None
+        catalogue = self.catalogue
+        both = {name for one in catalogue.behaviours for name in one.parameters}
+        both &= {name for one in catalogue.conditions for name in one.parameters}
+        if both and self.form == "tree":
+            raise ValueError(
+                f"conditions: {min(both)!r} is a parameter of a behaviour and of a condition, which stand "
+                "beside each other in a subtree; rename one of the two"
+            )
+        return self
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _with_start(
+        cls,
+        values: Any,  # noqa: ANN401 - whatever the file says
+        handler: ModelWrapValidatorHandler[Self],
+        info: ValidationInfo,
+    ) -> Self:
+        options = handler(values)
+        if options.in_files and not (info.context or {}).get("ask", True):
+            return options
+        try:
+            options.start()
+        except InputError as error:
+            given = values.get("machine") if isinstance(values, Mapping) else None
+            raise ValueError(f"machine: {_placed(given, str(error))}") from None
+        return options
+
+    @property
+    def in_python(self) -> bool:
+        """Whether a module is written in Python, so that controllers are evaluated there."""
+        return bool(self.plug_ins)
+
+    @property
+    def in_files(self) -> bool:
+        """Whether a module is named by its file."""
+        return any(modules.is_in_file(name) for _, name in self.plug_ins)
+
+    @property
+    def plug_ins(self) -> tuple[tuple[str, str], ...]:
+        """The modules in Python, as behaviour or condition and name."""
+        parts = (("behaviour", self.behaviours or ()), ("condition", self.conditions or ()))
+        return tuple((what, one) for what, many in parts for one in many if one not in _BUILT_IN)
+
+    @property
+    def catalogue(self) -> modules.Catalogue:
+        """The modules of which machines are made. Raises InputError for an unknown one."""
+        return modules.Catalogue(
+            tuple(module("behaviour", one) for one in self.behaviours or modules.BEHAVIOURS),
+            tuple(module("condition", one) for one in self.conditions or modules.CONDITIONS),
+        )
+
+    def start(self) -> tuple[modules.State, ...] | None:
+        """Return the machine to start from. Raises InputError when it is wrong."""
+        if self.machine is None:
+            return None
+        if self.form == "tree":
+            tree = tree_of(self.machine) if isinstance(self.machine, str) else self.machine
+            return machine_mappings.subtrees_from(tree, self.states, self.catalogue)
+        machine = machine_of(self.machine) if isinstance(self.machine, str) else self.machine
+        states = machine_mappings.states_from(machine, self.states, self.most_transitions, self.catalogue)
+        for index, state in enumerate(states):
+            for k, one in enumerate(state.transitions):
+                if one.target == index:
+                    where = f"states[{index}].transitions[{k}].to"
+                    raise InputError(f"{where}: a transition must lead to another state")
+        return states
+
+
+_MOVE, _MORE, _LESS, _CHOICE = range(4)
+_Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where the genes of machines are, and what they mean.
+
+    sets_state, sets_transition: of each behaviour and of each condition, which genes of a state or of a
+    transition count. counted: of each gene, whether its whole part counts. lower, upper: bounds.
+    """
+
+    states: int
+    transitions: int
+    tree: bool
+    sets_state: NDArray[np.bool_]
+    sets_transition: NDArray[np.bool_]
+    counted: NDArray[np.bool_]
+    lower: _Numbers
+    upper: _Numbers
+
+
+class Changes:
+    """All changes that are possible, in the order in which they are counted: kind and gene of each."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._of = layout
+        self._behaviours, self._first = layout.sets_state.shape
+        self._conditions, self._each = layout.sets_transition.shape
+        self._width = self._first + layout.transitions * self._each
+        slots = [(_MORE, 0, layout.states), (_LESS, 0, layout.states)]
+        for state in range(layout.states):
+            slots += self._of_state(1 + state * self._width)
+        self._kinds, self._genes, self._most = (np.array(part) for part in zip(*slots, strict=True))
+        self._moved = [place for place in range(1, self._first) if place != 3]
+        """Places of the parameters of behaviours in a state; those of conditions are all from 2 on."""
+
+    def _of_state(self, at: int) -> list[tuple[int, int, int]]:
+        most = self._of.transitions
+        slots = [(_CHOICE, at, self._behaviours)]
+        slots += [(_MOVE, at + place, 0) for place in range(1, self._first) if place != 3]
+        slots += [(_MORE, at + 3, most), (_LESS, at + 3, most)]
+        for k in range(most):
+            here = at + self._first + k * self._each
+            slots += [(_CHOICE, here, 0), (_CHOICE, here + 1, self._conditions)]
+            slots += [(_MOVE, here + place, 0) for place in range(2, self._each)]
+        return slots
+
+    def make(self, genomes: _Numbers, streams: Sequence[Stream], severities: _Numbers) -> None:
+        """Make one change of each genome, in place: one of all that are possible, if there is one.
+
+        Args:
+            genomes: (n, genes).
+            streams: one for each genome, drawn from in turn.
+            severities: (n,).
+        """
+        states = np.clip(genomes[:, 0].astype(np.int64), 1, self._of.states)
+        possible = self._possible(genomes, states)
+        # Places of all that are possible, those of a genome one after another.
+        places = np.flatnonzero(possible)
+        ends = np.cumsum(possible.sum(axis=1))
+        begin = 0
+        for row, (stream, end) in enumerate(zip(streams, ends.tolist(), strict=True)):
+            if end > begin:
+                slot = int(places[begin + stream.integer(end - begin)]) - row * possible.shape[1]
+                self._apply(genomes[row], slot, stream, float(severities[row]), int(states[row]))
+            begin = end
+
+    def _possible(self, genomes: _Numbers, states: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which changes are possible, (n, changes)."""
+        of, count = self._of, len(genomes)
+        found = np.zeros((count, len(self._kinds)), dtype=np.bool_)
+        if of.states > 1:
+            found[:, 0], found[:, 1] = states < of.states, states > 1
+        rows = genomes[:, 1:].reshape(count, of.states, self._width)
+        parts = found[:, 2:].reshape(count, of.states, -1)
+        there = np.arange(of.states) < states[:, np.newaxis]
+        parts[..., 0] = there & (self._behaviours > 1)
+        behaviours = np.minimum(rows[..., 0].astype(np.int64), self._behaviours - 1)
+        after = 1 + len(self._moved)
+        parts[..., 1:after] = of.sets_state[behaviours][..., self._moved] & there[..., np.newaxis]
+        there &= (states > 1)[:, np.newaxis] | of.tree
+        taken = np.ones(there.shape, dtype=np.int64)
+        if not of.tree:
+            taken = np.clip(rows[..., 3].astype(np.int64), 0, of.transitions)
+            parts[..., after] = there & (taken < of.transitions)
+            parts[..., after + 1] = there & (taken > 1)
+        transitions = rows[..., self._first :].reshape(count, of.states, of.transitions, self._each)
+        inner = parts[..., after + 2 :].reshape(count, of.states, of.transitions, self._each)
+        used = there[..., np.newaxis] & (np.arange(of.transitions) < taken[..., np.newaxis])
+        inner[..., 0] = used & ((states > 2) & (not of.tree))[:, np.newaxis, np.newaxis]
+        inner[..., 1] = used & (self._conditions > 1)
+        conditions = np.minimum(transitions[..., 1].astype(np.int64), self._conditions - 1)
+        inner[..., 2:] = of.sets_transition[conditions][..., 2:] & used[..., np.newaxis]
+        parts[..., after + 2 :] = inner.reshape(*parts.shape[:2], -1)
+        found[:, 2:] = parts.reshape(count, -1)
+        return found
+
+    def _apply(self, genome: _Numbers, slot: int, stream: Stream, severity: float, states: int) -> None:
+        """Make a change, in place."""
+        kind, gene, most = int(self._kinds[slot]), int(self._genes[slot]), int(self._most[slot])
+        lower, upper = float(self._of.lower[gene]), float(self._of.upper[gene])
+        value = float(genome[gene])
+        if kind == _MOVE:
+            value = self._moved_to(value, gene, stream, severity)
+        elif kind == _CHOICE:
+            most = most or states - 1  # of a target
+            value = (int(value) % most + 1 + stream.integer(most - 1)) % most + 0.5
+        else:
+            whole = min(max(int(value), 0), most)
+            value = max(1, whole + (1 if kind == _MORE else -1)) + 0.5
+        genome[gene] = min(max(value, lower), upper)
+
+    def _moved_to(self, value: float, gene: int, stream: Stream, severity: float) -> float:
+        """Return a parameter moved uniformly, reflected at its limits; by 1 at least if counted."""
+        lower, upper = float(self._of.lower[gene]), float(self._of.upper[gene])
+        step = float(stream.uniform(np.array([min(severity, 1.0) * (upper - lower)]))[0])
+        if self._of.counted[gene] and abs(step) < 1:
+            step = 1.0 if step >= 0 else -1.0
+        value += step
+        if value > upper:
+            value = 2 * upper - value
+        if value < lower:
+            value = 2 * lower - value
+        return value
+
 
 __all__ = ["Modules", "ModulesOptions"]
 
@@ -491,3 +797,39 @@ class Modules(Representation):
         """Where behaviours, targets and conditions are in a genome."""
         rows = np.arange(self.options.states) * self._width + 1
         return np.concatenate([rows, self._targets(), self._targets() + 1])
+
+
+_SENSORS, _ACTUATORS = 9, 2  # of the preset e-puck-rm1.2
+
+
+def specification_of(file: Path) -> dict[str, Any]:
+    """Return the specification of the machine, or of the tree, that a YAML file holds.
+
+    Raises InputError, with file and line, when it holds none.
+    """
+    values = read(file).values
+    form = "tree" if isinstance(values, Mapping) and "subtrees" in values else "machine"
+    parts = values.get("subtrees" if form == "tree" else "states") if isinstance(values, Mapping) else None
+    if not isinstance(parts, list) or not parts:
+        raise InputError(
+            f"{file}: is not a controller; a YAML file holds a machine of behaviours and conditions, "
+            "states: [{behaviour: .., transitions: [..]}], or a tree, "
+            "subtrees: [{condition: .., behaviour: ..}]"
+        )
+    used = [len(part["transitions"]) for part in parts if _has_transitions(part)]
+    most = min(max([*used, 1]), modules.MOST_TRANSITIONS) if form == "machine" else None
+    states = min(len(parts), modules.MOST_STATES if form == "machine" else modules.MOST_SUBTREES)
+    try:
+        options = ModulesOptions.model_validate(
+            {"form": form, "states": states, "transitions": most, "machine": str(file)}
+        )
+    except ValidationError as error:
+        told = [message for _, message in problems_of(error, ModulesOptions)]
+        raise InputError("\n".join(told)) from None
+    made = Modules(options, sensors=_SENSORS, actuators=_ACTUATORS)
+    assert made.given is not None
+    return made.specification(made.given)
+
+
+def _has_transitions(part: object) -> bool:
+    return isinstance(part, Mapping) and isinstance(part.get("transitions"), list)

@@ -8,7 +8,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import SimulationName, is_command, is_python
 from swarmwright.servers.launchers import Code, LauncherOptions
 from swarmwright.simulations.names import environment_held
-from swarmwright.simulations.user_code import data_files, trust
+from swarmwright.simulations.user_code import parts, trust
 from swarmwright.simulations.user_code.changes import choose
 from swarmwright.simulations.user_code.copying import Copy, Kept
 from swarmwright.simulations.user_code.parts import Part, of_simulation
@@ -41,8 +41,8 @@ def packed(
         names.append(parsed.in_file(f"{folder}{part.main}"))
         files.update({f"{folder}{place}": source.data for place, source in part.files.items()})
     size = sum(map(len, files.values()))
-    if size > data_files.LARGEST_BYTES:
-        raise data_files.too_large(size)
+    if size > parts.LARGEST_BYTES:
+        raise parts.too_large(size)
     travels = files and options.code is None
     return name, names, Code.of(files, programs) if travels else None
 
@@ -68,9 +68,9 @@ def _simulation(
         return name, {}, set()
     files = {place: source.data for place, source in part.files.items()}
     programs = {place for place, source in part.files.items() if os.access(source.origin, os.X_OK)}
-    home = data_files.home_of(part)
-    for path in data_files.named(home, options.files):
-        files.setdefault(path.relative_to(home).as_posix(), data_files.read(path))
+    home = parts.home_of(part)
+    for path in parts.named_files(home, options.files):
+        files.setdefault(path.relative_to(home).as_posix(), parts.read_named(path))
     return name, files, programs
 
 

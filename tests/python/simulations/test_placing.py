@@ -2,9 +2,8 @@ import itertools
 
 import pytest
 
-from swarmwright.simulations.attachment.episodes import AttachmentError, _placed
-from swarmwright.simulations.attachment.placing import TRIES, free_place
-from swarmwright.simulations.command.ros_sections import Area
+from swarmwright.simulations.attachment import TRIES, AttachmentError, _placed, free_place
+from swarmwright.simulations.command.ros_definition import Area
 
 
 def test_the_first_free_place_is_taken() -> None:

@@ -1,1 +1,0 @@
-"""Robots in simulators that are attached and stepped from outside: what a file says of them, episodes."""
