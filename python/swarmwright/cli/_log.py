@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import click
 
+from swarmwright.cli._options import WholeNumber
 from swarmwright.cli._output import finite
-from swarmwright.cli._parameter_types import WholeNumber
 from swarmwright.common.errors import InputError
 
 if TYPE_CHECKING:

@@ -4,24 +4,25 @@ from pathlib import Path
 
 import click
 
-from swarmwright.cli._broker_options import (
-    broker_option,
-    experiment_broker,
-    experiment_prefix_option,
-    prefix_settings,
-)
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import json_option, servers_option, set_option, trust_option
-from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._parameter_types import (
+from swarmwright.cli._options import (
     ControllerOrCandidate,
     ExistingPath,
     OutputFile,
     SaveOption,
     Servers,
     WholeNumber,
+    broker_option,
+    experiment_broker,
+    experiment_prefix_option,
+    json_option,
+    prefix_settings,
+    server_output_option,
+    servers_option,
+    set_option,
+    trust_option,
 )
-from swarmwright.cli._server_output import server_output_option
+from swarmwright.cli._output import Output, show_warnings
 
 
 @click.command(

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import candidate_options, json_option
+from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption, candidate_options, json_option
 from swarmwright.cli._output import Output
-from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOption
 
 if TYPE_CHECKING:
     from swarmwright import Run

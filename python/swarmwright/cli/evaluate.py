@@ -1,4 +1,4 @@
-"""`swarmwright evaluate`: a candidate once more, from its record or in other episodes."""
+"""`swarmwright evaluate`: a candidate on held-out seeds, an evaluation repeated, or a learning curve."""
 
 import math
 from collections.abc import Sequence
@@ -7,27 +7,31 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from swarmwright.cli._broker_options import (
-    broker_option,
-    experiment_broker,
-    experiment_prefix_option,
-    prefix_settings,
-)
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
+    ExistingPath,
+    OutputFile,
+    OutputOption,
+    Servers,
+    WholeNumber,
+    broker_option,
     candidate_options,
+    experiment_broker,
+    experiment_prefix_option,
     json_option,
+    prefix_settings,
+    server_output_option,
     servers_option,
     set_option,
     simulation_option,
     trust_option,
 )
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._parameter_types import ExistingPath, OutputFile, OutputOption, Servers, WholeNumber
-from swarmwright.cli._server_output import server_output_option
+from swarmwright.common.untrusted import one_line
 
 if TYPE_CHECKING:
-    from swarmwright import ControllerEvaluation, PostEvaluation
+    from swarmwright import ControllerEvaluation, Experiment, PostEvaluation, Repeated, Run
+    from swarmwright.cli._options import Servers
     from swarmwright.common.statistics import Estimate
 
 
@@ -195,12 +199,9 @@ def command(
     if again:
         if metrics is not None:
             raise click.UsageError("--metrics: add --episodes N; metrics are measured in new episodes only")
-        from swarmwright.cli._repetition import show_repetition
 
         return show_repetition(output, opened, experiment, candidate, generation, broker, servers)
     if curve is not None:
-        from swarmwright.cli._learning_curve import show_learning_curve
-
         where = (broker, servers)
         _show_settings(output, settings)
         return show_learning_curve(output, opened, curve, file, episodes, seed, experiment, settings, where)
@@ -398,3 +399,118 @@ def _interval(estimate: "Estimate") -> str:
         f"{estimate.mean + 0.0:.6g}, standard error {estimate.standard_error:.2g}, "
         f"95 % confidence interval {estimate.low:.6g} to {estimate.high:.6g} (Student's t)"
     )
+
+
+def show_learning_curve(
+    output: Output,
+    run: "Run",
+    points: int,
+    file: Path | None,
+    episodes: int | None,
+    seed: int | None,
+    experiment: "Experiment",
+    settings: Sequence[str],
+    where: "tuple[str | None, Servers | None]",
+) -> int:
+    """Evaluate a learning curve, print it as a table, and draw or write it into a file if one is given."""
+    from swarmwright import learning_curve
+    from swarmwright.cli._progress import episodes as shown_episodes
+    from swarmwright.runs.post_evaluation import EPISODES
+
+    broker, servers = where
+    with shown_episodes(output) as on_progress:
+        curve = learning_curve(
+            run,
+            points,
+            episodes=episodes or EPISODES,
+            seed=seed,
+            experiment=experiment,
+            broker=broker,
+            servers=servers,
+            on_progress=on_progress,
+        )
+    if file is not None:
+        (curve.export if file.suffix.lower() == ".csv" else curve.plot)(file)
+    output.json(
+        {**curve.to_mapping(), "settings": list(settings), "file": None if file is None else str(file)}
+    )
+    first, last, count = curve.seeds[0], curve.seeds[-1], len(curve.seeds)
+    seeds = f"seed {first}" if count == 1 else f"seeds {first} to {last}"
+    output.text(f"The {run.best_words}, in {count} episode{'s' * (count > 1)} with the {seeds}:")
+    output.text("generation  evaluations   candidate     recorded     held-out  95 % interval")
+    for one in curve.points:
+        best = one.best.fitness
+        interval = "" if best.low is None else f"  {best.low:.5g} to {best.high:.5g}"
+        failed = f", {one.best.failed} failed" if one.best.failed else ""
+        output.text(
+            f"{one.generation:>10}{one.evaluations:>13,}{one.best.label:>12}"
+            f"{one.best.recorded + 0.0:>13.5g}{best.mean + 0.0:>13.5g}{interval}{failed}"
+        )
+    if not curve.is_reportable:
+        output.text(
+            "Means leave failed episodes out and are not to be reported; --set ranking.failed=NUMBER gives "
+            "these a fitness."
+        )
+    if file is not None:
+        output.text(f"The {'table' if file.suffix.lower() == '.csv' else 'figure'} is in {file}")
+    return 0
+
+
+def show_repetition(
+    output: Output,
+    run: "Run",
+    experiment: "Experiment",
+    candidate: int | None,
+    generation: int | None,
+    broker: str | None,
+    servers: "Servers | None",
+) -> int:
+    """Repeat an evaluation and compare it with its record; return the exit status, 0 if it is the same."""
+    from swarmwright import repeat
+
+    found = repeat(run, candidate, generation, experiment=experiment, broker=broker, servers=servers)
+    output.json(
+        {
+            "number": found.number,
+            "generation": found.generation,
+            "candidate": found.candidate,
+            "seeds": found.seeds,
+            "recorded": found.recorded.tolist(),
+            "repeated": found.repeated.tolist(),
+            "same": found.same,
+            "left_out": found.left_out,
+            "recorded_errors": found.recorded_errors,
+            "errors": found.errors,
+        }
+    )
+    output.text(f"Candidate {found.candidate} of generation {found.generation}, evaluation {found.number}.")
+    for episode, (before, now) in enumerate(
+        zip(found.recorded.tolist(), found.repeated.tolist(), strict=True)
+    ):
+        output.text(f"  episode {episode}: recorded {_fitness(before)}, now {_fitness(now)}")
+    if found.left_out:
+        ran = len(found.recorded)
+        output.text(
+            f"It was dropped from the race after {ran} of {ran + found.left_out} episodes, "
+            "which are compared."
+        )
+    if found.failed_again:
+        for when, errors in (("as recorded", found.recorded_errors), ("now", found.errors)):
+            output.text(f"Failed {when}: {'; '.join(map(one_line, errors)) or 'the reason is not known'}")
+    output.text(_verdict(found))
+    return 0 if found.same else 1
+
+
+def _fitness(value: float) -> str:
+    return "failed" if math.isnan(value) else repr(value)
+
+
+def _verdict(found: "Repeated") -> str:
+    """Say whether an evaluation and its repetition are the same."""
+    if not found.failed_again:
+        return "The fitness is the same, to the bit." if found.same else "The fitness is NOT the same."
+    if found.failed_again == len(found.recorded):
+        return "It failed again for the same reason." if found.same else "It failed for ANOTHER reason."
+    if found.same:
+        return "The fitness is the same, to the bit; what failed has failed again for the same reason."
+    return "The fitness, or the reason why episodes failed, is NOT the same."

@@ -6,9 +6,15 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._experiments import importer_of
-from swarmwright.cli._options import candidate_options, json_option, trust_option
+from swarmwright.cli._options import (
+    ExistingPath,
+    OutputFolder,
+    OutputOption,
+    candidate_options,
+    json_option,
+    trust_option,
+)
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._parameter_types import ExistingPath, OutputFolder, OutputOption
 
 
 @click.command(

@@ -6,11 +6,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from swarmwright.cli._broker_options import DEFAULT_BROKER, broker_option, experiment_broker
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import json_option, set_option
+from swarmwright.cli._options import (
+    DEFAULT_BROKER,
+    OutputOption,
+    Prefix,
+    WholeNumber,
+    broker_option,
+    experiment_broker,
+    json_option,
+    set_option,
+)
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._parameter_types import OutputOption, Prefix, WholeNumber
 from swarmwright.experiment.broker_address import PREFIX_VARIABLE
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._experiments import importer_of
+from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption
 from swarmwright.cli._output import Output, complain, document
-from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOption
 
 _FIELD = (
     "Of a FREVO session: the field, as JSON or FREVO's .ser. Default: the one that FILE names, next to FILE."

@@ -6,17 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright.cli._broker_options import broker_option, experiment_prefix_option
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
+    ExistingPath,
+    WholeNumber,
+    broker_option,
     candidate_options,
+    experiment_prefix_option,
     json_option,
     set_option,
     simulation_option,
     trust_option,
 )
 from swarmwright.cli._output import Output, results, show_warnings
-from swarmwright.cli._parameter_types import ExistingPath, WholeNumber
 from swarmwright.cli._pictures import (
     Colors,
     broker_of,

@@ -4,20 +4,27 @@ from pathlib import Path
 
 import click
 
-from swarmwright.cli._broker_options import (
-    broker_option,
-    experiment_broker,
-    experiment_prefix_option,
-    prefix_settings,
-    wait_option,
-)
 from swarmwright.cli._commands import Command
 from swarmwright.cli._evolving import evolve, watch_options
 from swarmwright.cli._observing import Observing, observe_options
-from swarmwright.cli._options import json_option, servers_option, set_option, simulation_option, trust_option
+from swarmwright.cli._options import (
+    ExistingPath,
+    FiniteNumber,
+    Servers,
+    WholeNumber,
+    broker_option,
+    experiment_broker,
+    experiment_prefix_option,
+    json_option,
+    prefix_settings,
+    server_output_option,
+    servers_option,
+    set_option,
+    simulation_option,
+    trust_option,
+    wait_option,
+)
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._parameter_types import ExistingPath, FiniteNumber, Servers, WholeNumber
-from swarmwright.cli._server_output import server_output_option
 
 
 @click.command(

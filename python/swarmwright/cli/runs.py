@@ -1,23 +1,169 @@
-"""`swarmwright runs`: run folders."""
+"""`swarmwright runs`: list, filter, show, compare, export, verify and delete runs."""
 
+import math
+import operator
+import re
 import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import compare_options, json_option
+from swarmwright.cli._options import (
+    ExistingPath,
+    FiniteNumber,
+    OutputFile,
+    SaveOption,
+    compare_options,
+    json_option,
+)
 from swarmwright.cli._output import Output, aside, complain
-from swarmwright.cli._parameter_types import ExistingPath, FiniteNumber, OutputFile, SaveOption
-from swarmwright.cli._run_filters import COLUMNS, Condition, ConditionType, in_order, selected
 from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
+from swarmwright.common.errors import InputError
 from swarmwright.common.formatting import counted
+from swarmwright.common.suggestions import unknown_key
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from swarmwright.cli._deletion import Deletion
+
+
+COLUMNS = (
+    *("run", "state", "simulation", "controller", "method", "seed", "generations", "evaluations", "failed"),
+    *("best", "held_out", "seconds", "created"),
+)
+"""Keys by which runs are sorted and filtered; `runs list --json` has them."""
+_CONDITION = re.compile(r"\s*([^\s<>=!]+)\s*(!=|<=|>=|=|<|>)(.*)", re.DOTALL)
+_ORDERS: Mapping[str, Callable[[Any, Any], bool]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A condition on a column of the list or a key of the experiment: `method.population>=50`."""
+
+    key: str
+    operator: str
+    value: str
+
+    def holds(self, values: Mapping[str, Any]) -> bool:
+        """Return whether it holds for a run.
+
+        A missing value, such as the best fitness of a run without a generation, satisfies `!=` alone.
+        Raises InputError where a number is to be compared with something else.
+        """
+        found = values.get(self.key)
+        if _is_missing(found):
+            return self.operator == "!="
+        if self.operator in _ORDERS:
+            return self._is_in_order(found)
+        return self._is_equal(found) == (self.operator == "=")
+
+    def _is_in_order(self, found: Any) -> bool:  # noqa: ANN401 - any value of an experiment
+        compare = _ORDERS[self.operator]
+        if not _is_number(found):
+            return compare(_text(found), self.value)
+        wanted = _number(self.value)
+        if wanted is None:
+            raise InputError(
+                f"--filter {self.key}{self.operator}{self.value}: {self.value!r} is not a number"
+            )
+        return compare(found, wanted)
+
+    def _is_equal(self, found: Any) -> bool:  # noqa: ANN401 - any value of an experiment
+        wanted = _number(self.value) if _is_number(found) else None
+        if wanted is not None:
+            return bool(found == wanted)
+        return fnmatchcase(_text(found), self.value)
+
+
+class ConditionType(click.ParamType[Condition]):
+    """KEY=VALUE, or with another comparison."""
+
+    name = "condition"
+
+    def convert(
+        self, value: str | Condition, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Condition:
+        """Parse the condition."""
+        if isinstance(value, Condition):
+            return value
+        found = _CONDITION.fullmatch(value)
+        if found is None:
+            self.fail(
+                f"'{value}' is not a condition: write KEY=VALUE, or !=, <, <=, > or >= in the place of =, in "
+                "quotes where it has < or >.",
+                param,
+                ctx,
+            )
+        return Condition(found[1], found[2], found[3].strip())
+
+
+def selected(
+    runs: Sequence[Mapping[str, Any]],
+    experiments: Sequence[Mapping[str, Any]],
+    conditions: Sequence[Condition],
+) -> list[Mapping[str, Any]]:
+    """Return the runs for which all conditions hold.
+
+    Args:
+        runs: the columns of each run.
+        experiments: the flat keys of each run's experiment.
+        conditions: on columns, else on keys of experiments.
+
+    Raises:
+        InputError: no run has a key of a condition, or a number is compared with something else.
+    """
+    known = {key for one in experiments for key in one}
+    for condition in conditions:
+        if runs and condition.key not in COLUMNS and condition.key not in known:
+            what = unknown_key(condition.key, [*COLUMNS, *sorted(known)])
+            raise InputError(f"--filter {condition.key}: {what}")
+    return [
+        run
+        for run, experiment in zip(runs, experiments, strict=True)
+        if all(one.holds({**experiment, **run}) for one in conditions)
+    ]
+
+
+def in_order(runs: Sequence[Mapping[str, Any]], column: str, *, reverse: bool) -> list[Mapping[str, Any]]:
+    """Return runs sorted by a column; those without a value come first, or last where it is reversed."""
+
+    def place(run: Mapping[str, Any]) -> tuple[bool, Any, str]:
+        value = run[column]
+        missing = _is_missing(value)
+        return (not missing, 0 if missing else value, run["created"])
+
+    return sorted(runs, key=place, reverse=reverse)
+
+
+def _is_missing(value: Any) -> bool:  # noqa: ANN401 - any value of an experiment
+    return value is None or (isinstance(value, float) and math.isnan(value))
+
+
+def _is_number(value: Any) -> bool:  # noqa: ANN401 - any value of an experiment
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _text(value: Any) -> str:  # noqa: ANN401 - any value of an experiment
+    """Return a value as it is written in an experiment."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 @click.group(
@@ -196,7 +342,6 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
     """
     from swarmwright import Run
     from swarmwright.analysis.sweep_folders import runs_of
-    from swarmwright.cli._sweep_folders import show_differences
     from swarmwright.runs.differences import first_difference
 
     output = Output(as_json=as_json)
@@ -306,7 +451,6 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> int:
     """
     from swarmwright import InputError, Run
     from swarmwright.analysis.sweep_folders import runs_of
-    from swarmwright.cli._sweep_folders import export_records
 
     output = Output(as_json=as_json)
     if not validation and runs_of(run) is not None:
@@ -349,7 +493,6 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     from swarmwright import InputError
     from swarmwright.cli._comparison import folders_of
     from swarmwright.cli._runs import verified_line
-    from swarmwright.cli._sweep_folders import with_sweeps
     from swarmwright.runs.store import FILE
     from swarmwright.runs.verification import verify as verified
 
@@ -418,3 +561,80 @@ def _is_confirmed(found: "Sequence[Deletion]") -> bool:
     if not confirmed:
         aside("Nothing was deleted.")
     return confirmed
+
+
+def with_sweeps(folders: list[Path]) -> list[tuple[Path, bool]]:
+    """Return run folders, with those of sweeps instead of their folder; True for one that a sweep asks for.
+
+    Raises InputError where the record of a sweep cannot be read.
+    """
+    from swarmwright.analysis.sweep_folders import runs_of
+    from swarmwright.runs.store import FILE
+
+    found: dict[Path, bool] = {}
+    for folder in folders:
+        asked = runs_of(folder)
+        found |= dict.fromkeys([folder] if asked is None else asked, asked is not None)
+        if asked is not None:  # and what other sweeps have put there
+            found = dict.fromkeys((store.parent for store in sorted(folder.glob(f"*/{FILE}"))), False) | found
+    return list(found.items())
+
+
+def export_records(output: Output, folder: Path, file: Path) -> int:
+    """Write the records of the runs of a sweep as one table; return the exit status, 1 where some lack.
+
+    Unlike comparisons, it has what runs that have not finished have recorded.
+    """
+    from swarmwright import InputError
+    from swarmwright.analysis.sweep_table import write_records
+    from swarmwright.cli._comparison import INCOMPLETE, readable_runs, run_folders
+
+    folders, missing = run_folders([folder])
+    opened, unreadable = readable_runs(folders)
+    runs = [run for run in opened if run.history]
+    empty = [run for run in opened if not run.history]
+    for run in empty:
+        complain(f"left out: {run.path}: holds no finished generation to write")
+    if not runs:
+        raise InputError(f"{folder}: none of its runs holds a finished generation to write")
+    write_records(runs, file)
+    output.text(f"The records of {counted(len(runs), 'run')} are in {file}")
+    output.json({"run": str(folder), "file": str(file), "runs": [str(run.path) for run in runs]})
+    return INCOMPLETE if missing or unreadable or empty else 0
+
+
+def show_differences(output: Output, ones: Sequence[Path], others: Sequence[Path]) -> int:
+    """Compare the records of runs of the same name; return the exit status, 1 unless all are the same.
+
+    Args:
+        output: for a line of each run that differs or is missing, with --json of each.
+        ones: the runs of a sweep.
+        others: those of the other one.
+    """
+    there = {run.name: run for run in others}
+    same = 0
+    for one in ones:
+        difference = _difference(one, there.pop(one.name, None))
+        same += difference is None
+        output.json({"run": one.name, "same": difference is None, "difference": difference})
+        if difference is not None:
+            output.item(f"{one.name}: {difference}")
+    for name in there:
+        output.json({"run": name, "same": False, "difference": "only the second sweep has it"})
+        output.item(f"{name}: only the second sweep has it")
+    whole = len(ones) + len(there)
+    output.text(f"The records of {same} of {counted(whole, 'run')} are the same, byte for byte.")
+    return 0 if same == whole else 1
+
+
+def _difference(one: Path, other: Path | None) -> str | None:
+    """Return how two runs differ, in words; None where their records are the same."""
+    from swarmwright import Run
+    from swarmwright.runs.differences import first_difference
+
+    if other is None:
+        return "only the first sweep has it"
+    missing = [str(run) for run in (one, other) if not run.exists()]
+    if missing:
+        return f"{' and '.join(missing)}: missing"
+    return first_difference(Run.open(one), Run.open(other))

@@ -11,13 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright.cli._broker_options import DEFAULT_BROKER, broker_option, prefix_option, wait_option
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log
 from swarmwright.cli._observing import Observing, observe_options, observed_servers
-from swarmwright.cli._options import json_option, trust_option
+from swarmwright.cli._options import (
+    DEFAULT_BROKER,
+    LARGEST_ID,
+    RealNumber,
+    WholeNumber,
+    broker_option,
+    json_option,
+    prefix_option,
+    trust_option,
+    wait_option,
+)
 from swarmwright.cli._output import Output, aside, complain
-from swarmwright.cli._parameter_types import LARGEST_ID, RealNumber, WholeNumber
 from swarmwright.cli._signals import Terminated
 from swarmwright.servers.broker.credentials import prepare
 from swarmwright.servers.supervision import Ended, Event, News, Restarted, Supervisor

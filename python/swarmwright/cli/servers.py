@@ -7,11 +7,16 @@ from typing import Any
 
 import click
 
-from swarmwright.cli._broker_options import DEFAULT_BROKER, broker_option, prefix_option
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import json_option
+from swarmwright.cli._options import (
+    DEFAULT_BROKER,
+    RealNumber,
+    WholeNumber,
+    broker_option,
+    json_option,
+    prefix_option,
+)
 from swarmwright.cli._output import Output, complain
-from swarmwright.cli._parameter_types import RealNumber, WholeNumber
 from swarmwright.servers.broker.credentials import prepare
 
 HEADINGS = (

@@ -9,17 +9,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright.cli._broker_options import (
+from swarmwright.cli._commands import Command
+from swarmwright.cli._experiments import experiment_of
+from swarmwright.cli._options import (
+    ExistingPath,
+    WholeNumber,
     broker_option,
     experiment_broker,
     experiment_prefix_option,
+    json_option,
     prefix_settings,
+    server_output_option,
+    set_option,
+    trust_option,
 )
-from swarmwright.cli._commands import Command
-from swarmwright.cli._experiments import experiment_of
-from swarmwright.cli._options import json_option, set_option, trust_option
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._parameter_types import ExistingPath, WholeNumber
 from swarmwright.cli._pictures import (
     Colors,
     broker_of,
@@ -31,7 +35,6 @@ from swarmwright.cli._pictures import (
     shown_parts,
     where,
 )
-from swarmwright.cli._server_output import server_output_option
 
 if TYPE_CHECKING:
     from swarmwright import Experiment

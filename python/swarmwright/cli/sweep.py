@@ -8,17 +8,23 @@ from typing import TYPE_CHECKING
 
 import click
 
-from swarmwright.cli._broker_options import (
+from swarmwright.cli._commands import SETTINGS, Command
+from swarmwright.cli._observing import Observing, observe_options, observed
+from swarmwright.cli._options import (
+    ExistingPath,
+    OutputOption,
+    Servers,
+    WholeNumber,
     broker_option,
     experiment_broker,
     experiment_prefix_option,
+    json_option,
     prefix_settings,
+    servers_option,
+    set_option,
+    trust_option,
 )
-from swarmwright.cli._commands import SETTINGS, Command
-from swarmwright.cli._observing import Observing, observe_options, observed
-from swarmwright.cli._options import json_option, servers_option, set_option, trust_option
 from swarmwright.cli._output import Output, complain, show_warnings
-from swarmwright.cli._parameter_types import ExistingPath, OutputOption, Servers, WholeNumber
 from swarmwright.cli._signals import INTERRUPTED
 from swarmwright.common.formatting import counted
 

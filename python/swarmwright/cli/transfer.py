@@ -4,12 +4,21 @@ from pathlib import Path
 
 import click
 
-from swarmwright.cli._broker_options import broker_option, experiment_prefix_option
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import json_option, servers_option, trust_option
+from swarmwright.cli._options import (
+    ExistingPath,
+    OutputFile,
+    SaveOption,
+    Servers,
+    WholeNumber,
+    broker_option,
+    experiment_prefix_option,
+    json_option,
+    server_output_option,
+    servers_option,
+    trust_option,
+)
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOption, Servers, WholeNumber
-from swarmwright.cli._server_output import server_output_option
 
 
 @click.command(

@@ -5,9 +5,8 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import json_option
+from swarmwright.cli._options import ExistingPath, json_option
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.cli._parameter_types import ExistingPath
 
 
 @click.command("verify", cls=Command, example="swarmwright verify flight.zip")

@@ -5,17 +5,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright.cli._broker_options import (
+from swarmwright.cli._commands import Command, Group
+from swarmwright.cli._options import (
     BROKER_VARIABLE,
+    LARGEST_ID,
+    OutputFile,
+    RealNumber,
+    WholeNumber,
     broker_option,
+    json_option,
     peer_broker,
     peer_prefix,
     peer_prefix_option,
 )
-from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import json_option
 from swarmwright.cli._output import Output, aside
-from swarmwright.cli._parameter_types import LARGEST_ID, OutputFile, RealNumber, WholeNumber
 from swarmwright.common.errors import InputError
 from swarmwright.common.json_text import loads
 

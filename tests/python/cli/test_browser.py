@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmwright.cli import _browser
+from swarmwright.cli import _pictures
 from swarmwright.cli._main import run as command
 
 EXPERIMENT = "simulation: minisim\nparameters: {maxSteps: 3, stepSize: 20}\n"
@@ -106,7 +106,7 @@ def test_a_browser_that_stays_in_the_foreground_is_not_waited_for(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     browser(folder, monkeypatch, "echo $$ > pid; exec /bin/sleep 60")
-    monkeypatch.setattr(_browser, "PATIENCE_S", 1.0)
+    monkeypatch.setattr(_pictures, "PATIENCE_S", 1.0)
     begin = time.monotonic()
     assert saved() == 0
     assert time.monotonic() - begin < 30

@@ -8,7 +8,7 @@ import click
 import pytest
 
 from swarmwright.cli._commands import Group, program
-from swarmwright.cli._parameter_types import OutputOption, SaveOption
+from swarmwright.cli._options import OutputOption, SaveOption
 
 NAMES = {"--out", "--output", "--save", "--plot"}
 

@@ -8,7 +8,7 @@ import pytest
 
 from swarmwright import InputError, optimize
 from swarmwright.cli._main import run as command
-from swarmwright.cli._run_filters import COLUMNS, Condition, ConditionType, in_order
+from swarmwright.cli.runs import COLUMNS, Condition, ConditionType, in_order
 
 RUNS: list[dict[str, Any]] = [
     {"run": "a", "best": None, "failed": 0, "method": "nnga", "created": "2026-01-01", "skip": True},

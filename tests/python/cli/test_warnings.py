@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Run
-from swarmwright.cli._warnings import Warnings
+from swarmwright.cli._observing import Warnings
 
 MORE = "more warnings of the same kind"
 FRAGILE = """\
@@ -128,7 +128,7 @@ def test_counts_come_less_and_less_often(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now = 0.0
-    monkeypatch.setattr("swarmwright.cli._warnings.time.monotonic", lambda: now)
+    monkeypatch.setattr("swarmwright.cli._observing.time.monotonic", lambda: now)
     warnings = Warnings()
     told = []
     for second in range(101):

@@ -5,9 +5,8 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import json_option
+from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption, WholeNumber, json_option
 from swarmwright.cli._output import Output, complain
-from swarmwright.cli._parameter_types import ExistingPath, OutputFile, SaveOption, WholeNumber
 
 
 @click.command(
