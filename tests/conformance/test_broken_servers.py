@@ -12,11 +12,11 @@ from unittest.mock import patch
 import pytest
 from paho.mqtt.client import Client
 
-from swarmwright.conformance._check_server import check_server
+from swarmwright.conformance._check import check_server
 from swarmwright.conformance._server_under_test import QUIET_S
 from swarmwright.conformance.results import Report
 from swarmwright.conformance.rules import Profile
-from swarmwright.conformance.server import one_id
+from swarmwright.conformance.server import connection
 from tests.conformance.broken import batches, offloaded, seeds
 from tests.conformance.broken.base import Broken
 from tests.conformance.broken.batches import Batched
@@ -325,7 +325,7 @@ def test_a_second_server_that_does_not_leave_is_caught(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(ROOT / "python")]))
-    monkeypatch.setattr(one_id, "LEAVES_WITHIN_S", 4.0)
+    monkeypatch.setattr(connection, "LEAVES_WITHIN_S", 4.0)
     (tmp_path / "server.py").write_text(TWICE)
     report = check_server(
         command=f"{sys.executable} {tmp_path / 'server.py'} {{broker}}", rules=["S1.1,S2.3,S7.2,S16.2"]

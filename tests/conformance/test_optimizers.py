@@ -9,7 +9,7 @@ import pytest
 from swarmwright.conformance import Report, check_optimizer
 from swarmwright.conformance.optimizer._stage import Record
 from swarmwright.conformance.optimizer._tool import Tool, ToolSettings
-from swarmwright.conformance.optimizer.discovery import only_those_who_answered
+from swarmwright.conformance.optimizer.episodes import only_those_who_answered
 from swarmwright.conformance.rules import Profile, Skip
 from swarmwright.servers.broker.client import Failure
 from tests.conformance.broken.tools import (

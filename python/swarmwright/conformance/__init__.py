@@ -12,8 +12,7 @@ if find_spec("paho") is None or find_spec("msgpack") is None:
         "the conformance kit needs paho-mqtt and msgpack: pip install 'swarmwright[conformance]'"
     )
 
-from swarmwright.conformance._check_optimizer import check_optimizer
-from swarmwright.conformance._check_server import check_server
+from swarmwright.conformance._check import check_optimizer, check_server
 from swarmwright.conformance.results import Report, Result
 
 __all__ = ["Report", "Result", "check_optimizer", "check_server"]

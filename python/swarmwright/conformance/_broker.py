@@ -1,10 +1,96 @@
-"""The broker between the kit and its peer."""
+"""The broker between the kit and its peer, and a proxy that the kit can close, which tests reconnecting."""
 
+import contextlib
+import socket
+import threading
 from contextlib import ExitStack
 from urllib.parse import urlsplit
 
 from swarmwright import _engine
-from swarmwright.conformance._proxy import Door
+
+_CHUNK_BYTES = 1 << 16
+"""Passed on at a time."""
+
+
+class Door:
+    """Listens on a free port of loopback and passes all bytes on to the broker.
+
+    Args:
+        host: of the broker.
+        port: of the broker.
+
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._broker = (host, port)
+        self._open = True
+        self._lock = threading.Lock()
+        self._links: list[tuple[socket.socket, socket.socket]] = []
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._listener.getsockname()[1]
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    @property
+    def url(self) -> str:
+        """What the peer is told to connect to."""
+        return f"mqtt://127.0.0.1:{self.port}"
+
+    def shut(self) -> None:
+        """Break all connections, and refuse new ones."""
+        with self._lock:
+            self._open = False
+            links, self._links = self._links, []
+        for link in links:
+            _end(*link)
+
+    def open(self) -> None:
+        """Accept connections again."""
+        with self._lock:
+            self._open = True
+
+    def close(self) -> None:
+        """Break all connections and stop listening."""
+        self.shut()
+        with contextlib.suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+
+    def _listen(self) -> None:
+        while True:
+            try:
+                near, _ = self._listener.accept()
+            except OSError:
+                return
+            with self._lock:
+                if not self._open:
+                    near.close()
+                    continue
+                try:
+                    far = socket.create_connection(self._broker, 5)
+                except OSError:
+                    near.close()
+                    continue
+                far.settimeout(None)
+                self._links.append((near, far))
+            for one in (near, far):
+                one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            for pair in ((near, far), (far, near)):
+                threading.Thread(target=_pass_on, args=pair, daemon=True).start()
+
+
+def _pass_on(source: socket.socket, sink: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        while data := source.recv(_CHUNK_BYTES):
+            sink.sendall(data)
+    _end(source, sink)
+
+
+def _end(*links: socket.socket) -> None:
+    for link in links:
+        with contextlib.suppress(OSError):
+            link.shutdown(socket.SHUT_RDWR)
+        link.close()
+
 
 OPEN = (
     "The kit's broker admits every user of this machine, since peers need not have accounts; "

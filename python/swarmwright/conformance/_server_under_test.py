@@ -11,9 +11,9 @@ from typing import Any
 import msgpack
 
 from swarmwright.common.json_text import Json, new_hash
+from swarmwright.conformance._broker import Door
 from swarmwright.conformance._episode import Episode
 from swarmwright.conformance._process import Process
-from swarmwright.conformance._proxy import Door
 from swarmwright.conformance._trajectory import Policy, Trajectory, Wander
 from swarmwright.conformance.rules import NotTried, Skip
 from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Client, Failure, Message, shown

@@ -302,7 +302,7 @@ def optimizer_command(
 
 
 def _list(output: Output, rules: "Rules", wanted: tuple[str, ...], profile: "Profile") -> int:
-    from swarmwright.conformance.table import rules_table
+    from swarmwright.conformance.results import rules_table
 
     chosen = rules.chosen(wanted, profile)
     for line in rules_table(chosen):
@@ -348,7 +348,7 @@ class _Reporter:
 
     def tell(self, result: "Result") -> None:
         """One result: a line where there is no terminal; the table comes at the end."""
-        from swarmwright.conformance.table import line
+        from swarmwright.conformance.results import line
 
         self._output.json(result.record())
         if self._output.terminal:
@@ -358,9 +358,7 @@ class _Reporter:
 
     def finish(self, report: "Report", rules: "Rules", junit: Path | None) -> int:
         """The table, the file; the exit status."""
-        from swarmwright.conformance.junit import write_junit
-        from swarmwright.conformance.results import by_source, conclusion
-        from swarmwright.conformance.table import print_table
+        from swarmwright.conformance.results import by_source, conclusion, print_table, write_junit
 
         for advice in dict.fromkeys(result.advice for result in report.results if result.advice):
             self.say(advice)

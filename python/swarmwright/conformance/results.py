@@ -1,11 +1,20 @@
-"""Results: one for each rule, and the report of all of them."""
+"""Results of the rules: in Python, as lines and tables, and as JUnit XML."""
 
+import re
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
+from swarmwright.common.errors import RunError
 from swarmwright.common.untrusted import lines, one_line
-from swarmwright.conformance.rules import OWNERS, owner
+from swarmwright.conformance.rules import OWNERS, Rule, owner
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
 
 Status = Literal["passed", "failed", "died", "skipped", "not run"]
 BAD: tuple[Status, ...] = ("failed", "died")
@@ -128,3 +137,110 @@ def explained(result: Result) -> str:
             first, *rest = lines(text)
             said += [f"  {label}: {first}", *(f"    {line}" for line in rest)]
     return "\n".join(said)
+
+
+_FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def write_junit(report: Report, path: Path, groups: Mapping[str, str]) -> None:
+    """Write a suite for each group of rules, a case for each rule.
+
+    Raises RunError when the file cannot be written.
+    """
+    root = Element("testsuites", name=_text(report.peer), **_figures(report.results))
+    for group, title in groups.items():
+        results = [result for result in report.results if result.id.partition(".")[0] == group]
+        if not results:
+            continue
+        suite = SubElement(root, "testsuite", name=f"{group} {title}", **_figures(results))
+        for result in results:
+            _case(suite, result, f"conformance.{group}")
+    indent(root)
+    try:
+        ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    except OSError as error:
+        raise RunError(f"--junit: {path}: {error.strerror}") from None
+
+
+def _case(suite: Element, result: Result, name: str) -> None:
+    case = SubElement(
+        suite, "testcase", classname=name, name=f"{result.id} {result.rule}", time=f"{result.seconds:.3f}"
+    )
+    properties = SubElement(case, "properties")
+    SubElement(properties, "property", name="source", value=_text(result.source))
+    if result.status in {"failed", "died"}:
+        kind = "failure" if result.status == "failed" else "error"
+        SubElement(case, kind, message=_text(result.came)).text = _text(explained(result))
+    elif result.status in {"skipped", "not run"}:
+        SubElement(case, "skipped", message=_text(f"{result.status}: {result.detail}"))
+    elif result.detail:
+        SubElement(case, "system-out").text = _text(result.detail)
+
+
+def _figures(results: list[Result]) -> Any:  # noqa: ANN401 - attributes, as the library wants them
+    def count(*statuses: str) -> str:
+        return str(sum(result.status in statuses for result in results))
+
+    return {
+        "tests": str(len(results)),
+        "failures": count("failed"),
+        "errors": count("died"),
+        "skipped": count("skipped", "not run"),
+        "time": f"{sum(result.seconds for result in results):.3f}",
+    }
+
+
+def _text(text: str) -> str:
+    """Without what XML cannot hold."""
+    return _FORBIDDEN.sub("?", text)
+
+
+COLORS = {"passed": "green", "failed": "red", "died": "red", "skipped": "yellow", "not run": "yellow"}
+
+
+def line(result: Result) -> str:
+    """A result as a line of plain text; what does not fit in it is indented below."""
+    detail = f": {result.detail}" if result.detail else ""
+    first, *rest = lines(f"{result.status:8} {result.id:6} {result.owner:11} {result.rule}{detail}")
+    if result.status in BAD:
+        rest += lines(explained(result))[1:]
+    return "\n".join([first, *(f"         {part}" for part in rest)])
+
+
+def print_table(console: "Console", report: Report, groups: Mapping[str, str], *, unicode: bool) -> None:
+    """Print all results, D6.1's rules first, and what failed in full below."""
+    from rich import box  # noqa: PLC0415 - only where a table is printed
+    from rich.table import Table  # noqa: PLC0415 - only where a table is printed
+    from rich.text import Text  # noqa: PLC0415 - only where a table is printed
+
+    table = Table(box=box.SIMPLE_HEAD if unicode else box.ASCII, pad_edge=False)
+    for heading in ("rule", "", "", "result", "s"):
+        table.add_column(heading, justify="right" if heading == "s" else "left")
+    table.columns[0].no_wrap = table.columns[2].no_wrap = True
+    for name, part in report.by_owner():
+        group = ""
+        for result in part.results:
+            if result.id.partition(".")[0] != group:
+                group = result.id.partition(".")[0]
+                table.add_row(Text(group, "bold"), Text(f"{groups[group]} ({name})", "bold"))
+            cells: Sequence[RenderableType] = (
+                result.id,
+                result.rule,
+                Text(result.status, COLORS[result.status]),
+                Text(result.detail or result.came),
+                f"{result.seconds:.2f}" if result.seconds else "",
+            )
+            table.add_row(*cells)
+    console.print(table)
+    for _, part in report.by_owner():
+        for result in part.results:
+            if result.status in BAD:
+                console.print(explained(result), "\n", sep="", markup=False, highlight=False)
+    for text in by_source(report):
+        console.print(text, highlight=False)
+    console.print(conclusion(report))
+
+
+def rules_table(rules: Sequence[Rule]) -> list[str]:
+    """Rules as lines of plain text."""
+    return [f"{rule.id:6} {rule.sentence} ({rule.source})" for rule in rules]

@@ -1,9 +1,7 @@
 """The rules for optimization tools, in the order in which they are tried."""
 
 from swarmwright.conformance.optimizer import (  # noqa: I001 - the order of the rules
-    discovery,
     episodes,
-    actuators,
     wrong_messages,
     failures,
     extensions,
@@ -13,8 +11,6 @@ from swarmwright.conformance.optimizer._rules import RULES
 
 __all__ = [
     "RULES",
-    "actuators",
-    "discovery",
     "ending",
     "episodes",
     "extensions",

@@ -7,8 +7,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from swarmwright.conformance._broker import Door
 from swarmwright.conformance._process import Process
-from swarmwright.conformance._proxy import Door
 from swarmwright.conformance.optimizer._requests import OTHER_MODES
 from swarmwright.conformance.optimizer._stage import TOOL_TOPICS, Actor, Record, Stage
 from swarmwright.conformance.rules import Rule, Skip

@@ -1,15 +1,110 @@
-"""O2: from parameters to fitness."""
+"""O1 to O3: how a tool finds servers, from parameters to fitness, what it answers to sensors."""
 
 import json
+import time
 from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
 
 from swarmwright.common.json_text import is_number
+from swarmwright.conformance.optimizer._requests import Batching, Offloading
 from swarmwright.conformance.optimizer._rules import rule
-from swarmwright.conformance.optimizer._tool import Tool
+from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Json, Played, sensed
+from swarmwright.conformance.optimizer._tool import Tool, must_go_on
 from swarmwright.conformance.rules import Skip
 from swarmwright.servers.broker.client import Failure
 
 EPISODE = "protocol.md, An episode"
+
+
+@rule(
+    "O1.1",
+    "It asks with a discovery: simulation and simulation_hash as text, requirements with dimensions.",
+    where="protocol.md, Topics; protocol/schemas/discovery.schema.json",
+    fix="publish {simulation, simulation_hash, requirements: {dimensions}} on discovery",
+    d61="6.2 Discovery message, Schema 1",
+    seconds=600,
+)
+def asks(tool: Tool) -> str:
+    """The discoveries of a whole run."""
+    record = tool.plain()
+    asked = record.on("discovery")
+    if not asked:
+        raise Failure(f"no discovery came; {record.ended or 'the tool was silent'}", "a discovery")
+    for content in asked:
+        needs = content.get("requirements")
+        text = f"discovery {json.dumps(content)}"
+        for key in ("simulation", "simulation_hash"):
+            if not isinstance(content.get(key), str):
+                raise Failure(text, f'"{key}" is text')
+        if not isinstance(needs, dict) or not is_number(needs.get("dimensions")):
+            raise Failure(text, '"requirements" is an object with the number "dimensions"')
+        if "max_agents" in needs and not is_number(needs["max_agents"]):
+            raise Failure(text, '"max_agents" is a number, or left out')
+    return f'{len(asked)} discoveries of "{asked[0]["simulation"]}"'
+
+
+@rule(
+    "O1.2",
+    "It sends parameters and control only to servers that have answered.",
+    where=f"{EPISODE}, 1",
+    fix="take the servers from the answers to your discovery, by their hash; presence is for people",
+    d61="6.2 Server message",
+    needs=["O1.1"],
+    seconds=600,
+)
+def only_those_who_answered(tool: Tool) -> None:
+    """Nothing for a server with another ID, and something for one that answered."""
+    record = tool.stepwise()
+    known = {1, 2}
+    for topic in ("parameters", "control"):
+        for content in record.on(topic):
+            if content.get("server") not in known:
+                raise Failure(f"{topic} {json.dumps(content)}", f"messages for the servers {sorted(known)}")
+    if not record.on("parameters"):
+        expected = "parameters for a server that answered"
+        if tool.process is None:
+            expected += "; let the kit start the tool (--exec) if it only offloads or steps batches"
+        raise Failure(f"no parameters came; {record.ended or 'the tool was silent'}", expected)
+
+
+class Late(Actor):
+    """Taken in the beginning: answers no discovery for two seconds."""
+
+    since = 0.0
+
+    def answers(self, content: Json) -> bool:
+        """After a while only."""
+        self.since = self.since or time.monotonic()
+        return time.monotonic() > self.since + 2 and super().answers(content)
+
+
+class LateOffloading(Late, Offloading):
+    """The same, for tools that offload all they evaluate."""
+
+
+class LateBatching(Late, Batching):
+    """The same, for tools that evaluate in batches only."""
+
+
+@rule(
+    "O1.3",
+    "It asks again until a server is free.",
+    where=f"{EPISODE}, 1",
+    fix="repeat the discovery while no server answers, for some seconds at least",
+    needs=["O1.2"],
+    seconds=600,
+)
+def asks_again(tool: Tool) -> str:
+    """One server, which is taken for two seconds."""
+    mode = "stepwise" if tool.plain().on("parameters") else tool.other_mode()
+    late = {"offloaded": LateOffloading, "batched": LateBatching}.get(mode, Late)
+    record = tool.scene("late", [late(1)], mode="stepwise" if late is Late else "auto")
+    if not (record.finished or record.requests):
+        came = f"no episode and no request came; {record.ended}"
+        raise Failure(came, "an episode once the server is free", "silence for 2 s")
+    return f"{len(record.on('discovery'))} discoveries"
 
 
 @rule(
@@ -126,3 +221,154 @@ def one_at_a_time(tool: Tool) -> str:
         )
     used = Counter(episode.server for episode in record.finished)
     return ", ".join(f"{count} at server {server}" for server, count in sorted(used.items()))
+
+
+def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:
+    """Every answer of finished episodes: episode, agent, turn, actuators."""
+    for episode in tool.stepwise().finished:
+        for (agent, turn), values in episode.answers.items():
+            yield episode, agent, turn, values
+
+
+@rule(
+    "O3.1",
+    "It answers each sensor message with one actuator message, for its agent and hash.",
+    where="protocol.md, An episode, 4",
+    fix="publish actuators when sensors come, once, with the agent and hash of the sensor message",
+    d61="6.2 Sensor message, Actuator message",
+    needs=["O2.1"],
+    seconds=600,
+)
+def one_each(tool: Tool) -> str:
+    """Nothing is missing, nothing comes twice."""
+    record = tool.stepwise()
+    if record.unasked:
+        raise Failure(f"{record.unasked[0]} came", "one answer for each agent that was asked")
+    count = sum(len(episode.answers) for episode in record.finished)
+    return f"{count} answers"
+
+
+@rule(
+    "O3.2",
+    "It sends as many actuators as the server announces.",
+    where="protocol.md, Presence",
+    fix="make the controller's outputs as many as capabilities.swarmwright.actuators says",
+    needs=["O2.1"],
+    seconds=600,
+)
+def as_many(tool: Tool) -> None:
+    """The length of every answer."""
+    wanted = tool.settings.actuators
+    for _, agent, _, values in answers(tool):
+        if len(values) != wanted:
+            raise Failure(
+                f"{len(values)} actuators {json.dumps(values)} for agent {agent}", f"{wanted} actuators"
+            )
+
+
+@rule(
+    "O3.3",
+    "Actuators are numbers from -1 to +1.",
+    where="protocol.md, Topics",
+    fix="limit what the controller puts out to -1..+1 before it is sent",
+    d61="5.1",
+    needs=["O2.1"],
+    seconds=600,
+)
+def in_range(tool: Tool) -> None:
+    """Every number of every answer."""
+    for _, agent, _, values in answers(tool):
+        for value in values:
+            if not is_number(value) or abs(value) > 1:
+                raise Failure(f"actuators {json.dumps(values)} for agent {agent}", "numbers from -1 to +1")
+
+
+@rule(
+    "O3.4",
+    "Every agent has a separate state: agents that have sensed the same act the same.",
+    where="protocol.md, Controllers; decision 002",
+    fix="keep a controller with its state for each agent of an episode",
+    needs=["O3.1"],
+    seconds=600,
+)
+def own_states(tool: Tool) -> None:
+    """Two agents that sense the same in every turn."""
+    for episode in tool.stepwise().finished:
+        for turn in range(STEPS):
+            found = [episode.answers.get((agent, turn)) for agent in range(AGENTS)]
+            told = [json.dumps(values) for values in found if values is not None]
+            if len(set(told)) > 1:
+                came = f"in turn {turn} the agents do {' and '.join(told)}"
+                raise Failure(came, "the same: they have sensed the same since the episode began")
+
+
+@rule(
+    "O3.5",
+    "Controllers are reset when an episode starts: the same candidate does the same in each of its episodes.",
+    where="protocol.md, Controllers; decision 002",
+    fix="make or reset the controllers of all agents when an episode starts",
+    needs=["O2.3", "O3.4"],
+    seconds=600,
+)
+def reset(tool: Tool) -> str:
+    """Every candidate senses the same in all of its episodes, so its trajectories must be the same."""
+    episodes = tool.settings.episodes
+    if episodes is None or episodes < 2:
+        raise Skip("give --episodes K, in how many episodes the tool evaluates each candidate, 2 at least")
+    trajectories = Counter(episode.trajectory() for episode in tool.stepwise().finished)
+    odd = [trajectory for trajectory, count in trajectories.items() if count % episodes]
+    if odd:
+        total = sum(trajectories.values())
+        came = (
+            f"{total} episodes with {len(trajectories)} different trajectories; {odd[0]} came "
+            f"{trajectories[odd[0]]} times"
+        )
+        raise Failure(came, f"each trajectory {episodes} times, or a multiple of it")
+    return f"{len(trajectories)} different trajectories in {sum(trajectories.values())} episodes"
+
+
+@rule(
+    "O3.6",
+    "It goes on when agents are asked one at a time, and when agents drop out.",
+    where="protocol.md, An episode, 4",
+    fix="answer the sensor messages that come; do not wait for those of all agents",
+    needs=["O3.1"],
+    seconds=600,
+)
+def drop_outs(tool: Tool) -> None:
+    """Two servers whose agents are out one after the other, asked at once and in turn."""
+    actors = [Actor(1, drops=True), Actor(2, in_turn=True, drops=True)]
+    must_go_on(tool, "drop-outs", actors, "no more sensor messages of agent 1 in the last step")
+
+
+class Spelled(Actor):
+    """Says the same binary32 to its agents in two ways: to the first in few digits, to the other in all."""
+
+    def sense(self, agent: int) -> None:
+        """Publish a sensor message with numbers of which none is short in binary."""
+        assert self.episode is not None
+        exact = np.array(sensed(self.turns[agent], self.stage.sensors), np.float32) * np.float32(0.1)
+        values = [float(value) if agent else float(str(value)) for value in exact]
+        about = {"simulation": self.title, "simulation_hash": self.episode.hash}
+        self.says("sensor", **about, agent=agent, sensor=values)
+
+
+@rule(
+    "O3.7",
+    "Sensors are read as the nearest IEEE binary32: agents that have sensed 0.1 and 0.10000000149011612, "
+    "which is the same, act the same.",
+    where="protocol.md, Reading; decision 002",
+    fix="round each number of a sensor message to binary32 before the controller gets it: Math.fround in "
+    "JavaScript, numpy.float32 in Python",
+    needs=["O3.4"],
+    seconds=600,
+)
+def binary32(tool: Tool) -> None:
+    """Servers that say what two agents sense in two ways."""
+    record = must_go_on(tool, "spelled", [Spelled(1), Spelled(2)], "sensors in all digits of a binary32")
+    for episode in record.finished:
+        for turn in range(STEPS):
+            one, other = (episode.answers.get((agent, turn)) for agent in range(AGENTS))
+            if one is not None and other is not None and one != other:
+                came = f"in turn {turn} the agents do {json.dumps(one)} and {json.dumps(other)}"
+                raise Failure(came, "the same: they have sensed the same binary32 in two spellings")

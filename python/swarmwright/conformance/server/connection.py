@@ -1,20 +1,23 @@
-"""S11: connections that break, brokers that restart, messages retained on a broker."""
+"""S11 and S16: connections that break, brokers that restart, retained messages, two servers with one ID."""
 
 import json
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 import msgpack
 
 from swarmwright.common.json_text import Json, new_hash
+from swarmwright.conformance._broker import Door
 from swarmwright.conformance._extensions import TOOL, batch, evaluation
-from swarmwright.conformance._proxy import Door
+from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import NotTried, Skip
 from swarmwright.conformance.server._evaluations import announced_controllers
 from swarmwright.conformance.server._retained import kept
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
+from swarmwright.conformance.server.presence import presence
 from swarmwright.servers.broker.client import PRESENCE, TO_TOOL, Failure, Message, shown
 
 BACK_S = 15.0
@@ -201,3 +204,203 @@ def cut_short(server: Server) -> None:
         raise Failure(
             difference, "an episode like any other", "an episode after the connection was cut in another"
         )
+
+
+WHERE = "protocol.md, Two servers with one ID"
+LEAVES_WITHIN_S = 30.0
+"""Seconds in which a process starts, finds another server with its ID, and ends."""
+OTHER = "another-instance"
+"""The instance of the other server, which the kit plays."""
+
+
+def instance(server: Server) -> str:
+    """Its instance; skips the rule where it announces none."""
+    server.announces()
+    if not server.instance:
+        raise Skip("not announced: capabilities.swarmwright.instance")
+    return server.instance
+
+
+@rule(
+    "S16.1",
+    "Control for another start of the server, by instance, starts nothing.",
+    where=WHERE,
+    fix="compare instance of control, where it is there, with your own",
+    needs=["S2.3"],
+)
+def another_instance(server: Server) -> None:
+    """Parameters, then control with another instance, then with the one that is announced."""
+    mine = instance(server)
+    episode = server.episode()
+    episode.configure()
+    sent = episode.start(instance=OTHER)
+    begun = [message for message in server.client.drain(server.quiet) if episode.is_mine(message)]
+    if begun:
+        raise Failure(f"{begun[0]} came", "silence: another instance of the server is meant", sent)
+    episode.receive(episode.start(instance=mine))
+    episode.play()
+
+
+@rule(
+    "S16.2",
+    "A server that starts while another one has its ID leaves, with an exit status other than 0, and does "
+    "not touch the other's presence.",
+    where=WHERE,
+    fix="when you start, listen to your presence topic for 0.1 s; if another instance is ready or busy "
+    "there, end with a message, without publishing presence and without a last will that is sent",
+    needs=["S7.2"],
+    seconds=60,
+)
+def second_leaves(server: Server) -> str:
+    """The command of --exec once more."""
+    mine = instance(server)
+    if server.process is None:
+        raise Skip("the kit did not start the server (--exec)")
+    second, own = server.process.another(), presence(server)
+    sent = f"the server was started once more with the ID {server.id}"
+    try:
+        second.start()
+        status = second.wait(LEAVES_WITHIN_S)
+    finally:
+        second.close()
+        found = [_instance_of(message.json) for message in kept(server, [f"{PRESENCE}{server.id}"])]
+        if found != [mine]:
+            _publish(server, own)
+    if status is None:
+        raise Failure(f"the second one still ran {LEAVES_WITHIN_S:g} s later", "its end", sent)
+    if status == 0:
+        raise Failure("the second one ended with exit status 0", "another exit status", sent)
+    if found != [mine]:
+        whose = f'is of instance "{found[0]}"' if found else "is removed"
+        raise Failure(f"presence {whose} now", f'that of the first one, "{mine}"', sent)
+    server.must_answer("an answer of the first one", sent)
+    return f"exit status {status}"
+
+
+@rule(
+    "S16.3",
+    "When it comes back and finds another server's presence under its ID, it publishes its own as lost; if "
+    "no other server contradicts, it goes on.",
+    where=WHERE,
+    fix="connected again, listen to your presence topic for 0.1 s; if another instance is ready or busy "
+    "there, publish your presence as lost, and as ready when nothing came within 1 s",
+    needs=["S7.2", "S11.3"],
+    seconds=60,
+)
+def lost_first(server: Server) -> None:
+    """The connection is cut; meanwhile a presence of another server is retained, which does not run."""
+    mine = instance(server)
+    with _rival(server):
+        sent = "the presence of another instance was retained while the connection was cut"
+        _must_publish(server, mine, "lost", sent)
+        must_come_back(server, sent)
+        _must_publish(server, mine, "ready", sent)
+
+
+@rule(
+    "S16.4",
+    "When it comes back and another server with its ID answers, it leaves, with an exit status other than 0, "
+    "and does not touch the other's presence.",
+    where=WHERE,
+    fix="end when, after you came back, another instance publishes ready or busy on your presence topic; do "
+    "not clear the presence then",
+    needs=["S16.3"],
+    seconds=60,
+)
+def gives_way(server: ServerPeer) -> str:
+    """As before, and the other server publishes its presence again."""
+    mine = instance(server)
+    if server.process is None:
+        raise Skip("the kit did not start the server (--exec)")
+    with _rival(server) as other:
+        _must_publish(server, mine, "lost", "the presence of another instance was retained")
+        _publish(server, other)
+        sent = "then the other server published its presence again"
+        status = server.process.wait(server.settings.timeout + LEAVES_WITHIN_S / 3)
+        if status is None:
+            raise Failure("it still ran", "its end", sent)
+        found = _instance_of(presence(server))
+    server.again()
+    if status == 0:
+        raise Failure("it ended with exit status 0", "another exit status", sent)
+    if found != OTHER:
+        raise Failure(f'presence is of instance "{found}" now', f'that of the other one, "{OTHER}"', sent)
+    return f"exit status {status}"
+
+
+@rule(
+    "S16.5",
+    "A last will of its own that comes late, presence of its instance with the state lost, it contradicts.",
+    where=WHERE,
+    fix="when presence of your instance says lost while you are connected, publish your presence again: a "
+    "bridge between brokers may deliver the last will of a connection that you have replaced",
+    needs=["S7.2"],
+)
+def late_will(server: Server) -> None:
+    """Its presence is published once more, retained, with the state lost."""
+    mine = instance(server)
+    own = presence(server)
+    server.client.drain(server.quiet)
+    _publish(server, {**own, "state": "lost"})
+    sent = "its own presence was retained with the state lost"
+    try:
+        _must_publish(server, mine, "lost", sent)  # what was just published
+        _must_publish(server, mine, "ready", sent)
+    except Failure:
+        _publish(server, own)  # or tools would not use it any more
+        raise
+
+
+def _instance_of(found: Json) -> object:
+    announced = (found.get("capabilities") or {}).get("swarmwright") or {}
+    return announced.get("instance", found.get("instance"))
+
+
+def _publish(server: Server, found: Json) -> None:
+    server.client.publish(f"{PRESENCE}{server.id}", json.dumps(found).encode(), retain=True)
+
+
+@contextmanager
+def _rival(server: Server) -> Iterator[Json]:
+    """Cut the connection and retain the presence of another server until the end; gives that presence."""
+    gate, own = door(server), presence(server)
+    capabilities = own["capabilities"]
+    elsewhere = {"instance": OTHER, "host": "another-host", "pid": 1}
+    announced = {**capabilities["swarmwright"], **elsewhere}
+    other = {
+        **own,
+        **elsewhere,
+        "state": "ready",
+        "capabilities": {**capabilities, "swarmwright": announced},
+    }
+    gate.shut()
+    try:
+        # Its last will would replace the other presence.
+        _must_publish(server, server.instance, "lost", "the connection was cut")
+        _publish(server, other)
+        server.client.drain(server.quiet)
+        gate.open()
+        yield other
+    finally:
+        gate.open()
+        if any(_instance_of(message.json) == OTHER for message in kept(server, [f"{PRESENCE}{server.id}"])):
+            server.client.publish(f"{PRESENCE}{server.id}", b"", retain=True)
+
+
+def _must_publish(server: Server, mine: str, wanted: str, sent: str) -> None:
+    """Wait for the next presence of this server; Failure unless it has this state."""
+
+    def is_own(message: Message) -> bool:
+        return (
+            message.topic == f"{PRESENCE}{server.id}"
+            and bool(message.payload)
+            and _instance_of(message.json) == mine
+        )
+
+    limit = time.monotonic() + server.settings.timeout + LEAVES_WITHIN_S / 2
+    message = server.client.next(is_own, limit - time.monotonic())
+    if message is None:
+        raise Failure(f'its presence did not say "{wanted}"', f'presence with the state "{wanted}"', sent)
+    state = message.json.get("state")
+    if state != wanted:
+        raise Failure(f'presence says "{state}"', f'"{wanted}" first', sent)

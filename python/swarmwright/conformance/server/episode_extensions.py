@@ -1,17 +1,72 @@
-"""S14: scenes."""
+"""S8, S14 and S15: metrics, scenes, control on the server's own topic."""
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from swarmwright.common import metric_names
 from swarmwright.common.json_text import Json, is_number
 from swarmwright.conformance._extensions import decoded
+from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Trajectory
 from swarmwright.conformance.rules import Skip
+from swarmwright.conformance.server._disturb import Junk, disturb
 from swarmwright.conformance.server._rules import rule
-from swarmwright.servers.broker.client import TO_TOOL, Failure
+from swarmwright.conformance.server.episodes import begun
+from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Failure, shown
+
+
+def names(server: Server) -> list[str]:
+    """The metrics that are announced; skips the rule when there are none."""
+    server.announces()
+    found = server.announced.get("metrics")
+    if not found:
+        raise Skip("not announced: no capabilities.swarmwright.metrics")
+    if not isinstance(found, list):
+        raise Failure(f'"metrics": {found!r}', '"metrics" is a list of names')
+    return found
+
+
+@rule(
+    "S8.1",
+    "A metric's name is a letter or _, then letters, digits and _.",
+    where="protocol.md, Metrics",
+    fix="choose names that can be used in an expression",
+    needs=["S1.2"],
+)
+def names_are_valid(server: Server) -> None:
+    """The announcement."""
+    wrong = [name for name in names(server) if metric_names.problem_of(str(name))]
+    if wrong:
+        raise Failure(f'"metrics" has {wrong[0]!r}', "names of letters, digits and _")
+
+
+@rule(
+    "S8.2",
+    "All metrics that are announced come with the fitness of an episode.",
+    where="protocol.md, Metrics",
+    fix='send "metrics": {name: number, ...} in the fitness message; leave out only what is NaN or infinite',
+    needs=["S2.3"],
+)
+def metrics_are_sent(server: Server) -> str:
+    """The fitness messages of all episodes so far: one that never came is missing."""
+    wanted = names(server)
+    trajectory = server.play()
+    missing = [name for name in wanted if name not in server.seen_metrics]
+    wrong = [name for name in missing if name in server.wrong_metrics]
+    if wrong:
+        value = server.wrong_metrics[wrong[0]]
+        raise Failure(f'"metrics.{wrong[0]}" is {shown(json.dumps(value))}', "a finite number")
+    if missing:
+        raise Failure(
+            f"metrics {', '.join(trajectory.metrics) or 'none'} came",
+            f"{missing[0]} as well, in some episode",
+        )
+    return ", ".join(wanted)
+
 
 SCENES = "protocol.md, Scenes"
 PARTS = ["rays", "links"]
@@ -26,7 +81,7 @@ def announced(server: Server) -> None:
         raise Skip("not announced: no capabilities.swarmwright.scenes")
 
 
-def shown(server: Server, **asked: Any) -> tuple[Trajectory, list[Json], str]:  # noqa: ANN401 - JSON
+def watched(server: Server, **asked: Any) -> tuple[Trajectory, list[Json], str]:  # noqa: ANN401 - JSON
     """A whole episode of a tool with a topic of its own: what happened, what came there, what was sent."""
     episode = server.episode()
     episode.configure()
@@ -48,7 +103,7 @@ def shown(server: Server, **asked: Any) -> tuple[Trajectory, list[Json], str]:  
 def every_step_is_shown(server: Server) -> str:
     """The steps of the scenes: all from 0, as many as agents were asked."""
     announced(server)
-    trajectory, scenes, sent = shown(server, scenes=PARTS)
+    trajectory, scenes, sent = watched(server, scenes=PARTS)
     for scene in scenes:
         for key, wanted in (("kind", "scene"), ("version", 1), ("server", server.id)):
             if scene.get(key) != wanted:
@@ -71,7 +126,7 @@ def every_step_is_shown(server: Server) -> str:
 def they_can_be_drawn(server: Server) -> None:
     """What a viewer needs of the first scene and the last."""
     announced(server)
-    _, scenes, sent = shown(server, scenes=PARTS)
+    _, scenes, sent = watched(server, scenes=PARTS)
     if not scenes:
         raise Failure("no scene came", "one before the first step, and after each", sent)
     for scene in (scenes[0], scenes[-1]):
@@ -131,14 +186,93 @@ def _row(part: Mapping[str, Any], key: str, count: int | None, sent: str) -> "np
 def nothing_else_changes(server: Server) -> None:
     """An episode with scenes and one without them."""
     announced(server)
-    without, unasked, sent = shown(server)
+    without, unasked, sent = watched(server)
     if unasked:
         raise Failure(
             f'{len(unasked)} messages, the first of the kind "{unasked[0].get("kind")}"', "none", sent
         )
     if not server.repeatable:
         raise Skip("episodes cannot be compared: two with the same actuators differ")
-    seen, _, sent = shown(server, scenes=[])
+    seen, _, sent = watched(server, scenes=[])
     difference = without.difference(seen)
     if difference:
         raise Failure(f"with scenes the episode is another one: {difference}", "the same one", sent)
+
+
+WHERE = "protocol.md, Presence; decision 023"
+
+
+def own_topic_announced(server: Server) -> None:
+    """Skip the rule unless control messages on the own topic are own_topic_announced."""
+    server.announces()
+    if server.announced.get("control") is not True:
+        raise Skip("not own_topic_announced: no capabilities.swarmwright.control")
+
+
+@rule(
+    "S15.1",
+    "A server that announces control starts an episode at a control message on its own topic.",
+    where=WHERE,
+    fix="handle a JSON object on swarmwright/v1/server/{server} as a message on control; announce "
+    "capabilities.swarmwright.control only then",
+    needs=["S2.3"],
+)
+def starts(server: Server) -> None:
+    """A whole episode that was started there, compared with one that was started on control."""
+    own_topic_announced(server)
+    known = server.trajectory
+    repeatable = known is not None and known.messages > 0 and server.repeatable
+    episode = server.episode()
+    episode.configure()
+    sent = episode.start(server.own_topic)
+    episode.receive(sent)
+    trajectory = episode.play()
+    difference = server.reference.difference(trajectory) if repeatable else ""
+    if difference:
+        raise Failure(difference, "the episode that a message on control starts", sent)
+
+
+@rule(
+    "S15.2",
+    "Control with run: false ends an episode on either topic, whichever it was started on.",
+    where=WHERE,
+    fix="handle control messages of both topics by the same function: other tools use control",
+    needs=["S15.1", "S2.9"],
+)
+def ends(server: Server) -> None:
+    """Started on the own topic and ended on control, then the other way round."""
+    own_topic_announced(server)
+    for first, second in ((server.own_topic, "control"), ("control", server.own_topic)):
+        episode = begun(server, first)
+        sent = episode.stop(second)
+        try:
+            server.must_come_free("free again", sent)
+        except Failure:
+            episode.over = False
+            raise
+
+
+@rule(
+    "S15.3",
+    "What is refused on control is refused on the server's own topic, too.",
+    where=f"{WHERE}; protocol.md, Reading",
+    fix="check every key of a control message on your own topic, server as well",
+    needs=["S15.1", "S2.9"],
+)
+def refuses(server: ServerPeer) -> None:
+    """Objects without a key, with a wrong type, for another server or episode; on another server's topic."""
+    own_topic_announced(server)
+
+    def junk(hash_: str) -> list[Junk]:
+        end: Json = {"server": server.id, "simulation_hash": hash_, "run": False}
+        wrong: list[Json] = [
+            *({name: value for name, value in end.items() if name != key} for key in end if key != "run"),
+            {**end, "server": server.id + 1},
+            {**end, "server": str(server.id)},
+            {**end, "simulation_hash": hash_[::-1]},
+            {**end, "run": "false"},
+        ]
+        here = [(server.own_topic, json.dumps(fields)) for fields in wrong]
+        return [*here, (server.own_topic, "{"), (f"{TO_SERVER}{server.id + 1}", json.dumps(end))]
+
+    disturb(server, junk, "that is not a control message for this server and episode")

@@ -1,20 +1,111 @@
-"""The check of one server: broker, process, search, rules."""
+"""Checks of a server or a tool: rules are tried one after the other, with deadlines."""
 
+import shutil
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 from swarmwright.common.errors import InputError, RunError
+from swarmwright.conformance import optimizer
+from swarmwright.conformance import server as servers
 from swarmwright.conformance._broker import OPEN, open_broker
 from swarmwright.conformance._process import Process
-from swarmwright.conformance._run import run
 from swarmwright.conformance._server_peer import ServerPeer, found
 from swarmwright.conformance._server_under_test import Settings
-from swarmwright.conformance.results import Report, Result
-from swarmwright.conformance.rules import Profile, Rule
-from swarmwright.conformance.server import RULES
-from swarmwright.servers.broker.client import PRESENCE, TO_TOOL, Client
+from swarmwright.conformance.optimizer._tool import Tool, ToolSettings, write_experiment
+from swarmwright.conformance.results import BAD, Report, Result
+from swarmwright.conformance.rules import Note, NotTried, Profile, Rule, Skip
+from swarmwright.servers.broker.client import PRESENCE, TO_TOOL, Client, Failure, Overdue
+
+
+class Peer(Protocol):
+    """What a run needs of a peer."""
+
+    def ready(self, rule: Rule) -> None:
+        """Get ready for a rule: forget what came, set the deadline."""
+        ...
+
+    def recover(self) -> str:
+        """Bring the peer back to where the next rule can begin; why that is not possible, empty if it is."""
+        ...
+
+    def revive(self) -> bool:
+        """Start it anew, where that is possible; whether it was."""
+        ...
+
+    def gone(self) -> str:
+        """How its process ended, in words; empty when it has not ended, or that is not known."""
+        ...
+
+
+def run(peer: Peer, rules: Sequence[Rule], tell: Callable[[Result], None]) -> list[Result]:
+    """Try rules on a peer; `tell` gets each result at once."""
+    results: dict[str, Result] = {}
+    lost = ""
+    for rule in rules:
+        unmet = next(
+            (need for need in rule.needs if need in results and results[need].status in (*BAD, "not run")),
+            None,
+        )
+        if lost:
+            result = _result(rule, "not run", lost)
+        elif unmet:
+            result = _result(rule, "not run", f"needs {unmet}")
+        else:
+            result = _tried(peer, rule)
+            if result.status == "died" and not peer.revive():
+                lost = f"the peer was gone after {rule.id}"
+        results[rule.id] = result
+        tell(result)
+    return list(results.values())
+
+
+def _result(rule: Rule, status: str, detail: str = "", **more: object) -> Result:
+    return Result(rule.id, rule.sentence, rule.source, rule.where, status, detail, **more)  # type: ignore[arg-type]
+
+
+def _tried(peer: Peer, rule: Rule) -> Result:
+    start = time.monotonic()
+    status, detail, advice, doubt, failure = "passed", "", "", "", None
+    try:
+        peer.ready(rule)
+        said = rule.check(peer)
+        note = said if isinstance(said, Note) else Note(said or "")
+        detail, doubt = note.text, note.doubt
+    except Skip as skip:
+        status, detail, advice, doubt = "skipped", str(skip), skip.advice, skip.doubt
+    except NotTried as unknown:
+        status, detail = "not run", str(unknown)
+    except Failure as one:
+        status, failure = "failed", one
+    except Overdue:
+        status = "failed"
+        failure = Failure(f"it was not over after {time.monotonic() - start:.0f} s", "an end in time")
+    seconds = time.monotonic() - start
+    lost = peer.recover()
+    if lost:
+        before = f"{failure.came}; then " if failure else ""
+        failure = Failure(
+            before + (peer.gone() or lost),
+            failure.expected if failure else "alive and free after the rule",
+            failure.sent if failure else "",
+        )
+        status = "died"
+    if failure is None:
+        return _result(rule, status, detail, seconds=seconds, advice=advice, doubt=doubt)
+    return _result(
+        rule,
+        status,
+        sent=failure.sent,
+        came=failure.came,
+        expected=failure.expected,
+        fix=rule.fix,
+        seconds=seconds,
+    )
+
 
 GUESSES = (2.0, 3.0, 1.0)
 """Dimensions that a server is asked for by default."""
@@ -70,7 +161,7 @@ def check_server(
     Raises InputError (what was given is wrong) and RunError (no broker).
 
     """
-    chosen = RULES.chosen(rules, profile)
+    chosen = servers.RULES.chosen(rules, profile)
     tell, say = tell or _nothing, say or _nothing
     with ExitStack() as stack:
         address, direct, door = open_broker(broker, stack, stranger=command is None and start is None)
@@ -122,11 +213,11 @@ def _informing(chosen: Sequence[Rule], wanted: Sequence[str]) -> list[Rule]:
     """Rules that find out what the chosen ones need to know, and that are not left out."""
     names = [name.strip() for text in wanted for name in text.split(",")]
     left = {name.removeprefix("-") for name in names if name.startswith("-")}
-    needed, known = RULES.needed(chosen), {rule.id for rule in chosen}
+    needed, known = servers.RULES.needed(chosen), {rule.id for rule in chosen}
     missing = [number for number in INFORMING if number in needed and number not in known]
     # They come before all that is chosen, and each needs what those before it find out.
     last = INFORMING.index(missing[-1]) if missing else -1
-    rules = [RULES[number] for number in INFORMING[: last + 1]]
+    rules = [servers.RULES[number] for number in INFORMING[: last + 1]]
     return [rule for rule in rules if not {rule.id, rule.group} & left]
 
 
@@ -172,3 +263,75 @@ def _dimensions(peer: ServerPeer, given: float | None, wait: float) -> float:
         if peer.gone():
             raise RunError(f"--exec: {peer.gone()}")
     return guesses[0]
+
+
+def check_optimizer(
+    *,
+    command: str | None = None,
+    broker: str | None = None,
+    prefix: str = "",
+    simulation: str | None = None,
+    sensors: int = 3,
+    actuators: int = 2,
+    episodes: int | None = None,
+    lasts: float = 30.0,
+    wait: float = 30.0,
+    rules: Sequence[str] = (),
+    profile: Profile = "all",
+    tell: Callable[[Result], None] | None = None,
+    say: Callable[[str], None] | None = None,
+) -> Report:
+    """Check an optimization tool against the rules; the kit acts as the simulation servers.
+
+    Args:
+        command: what starts it, with {broker}, {prefix}, {experiment} (a file that the kit writes for
+            the tools of Swarmwright) and {folder} (an empty one) in it; None when it is started by others.
+        broker: address; None starts an embedded broker.
+        prefix: what topics begin with.
+        simulation: the only title that is offered; None offers whatever is asked for.
+        sensors: numbers that an agent senses.
+        actuators: numbers that an agent is steered by.
+        episodes: in how many episodes the tool evaluates each candidate, if known; with {experiment} it is 2.
+        lasts: seconds of one run at most.
+        wait: seconds in which a tool that is started by others must be there.
+        rules: ids and groups that are wanted, `-O5` for those that are not; default: all.
+        profile: `d6.1` for those rules alone that D6.1 demands.
+        tell: gets each result at once.
+        say: gets a line for people where they have to act.
+
+    Raises InputError (what was given is wrong) and RunError (no broker).
+
+    """
+    chosen = optimizer.RULES.chosen(rules, profile)
+    starts_tool = command is not None and "{experiment}" in command
+    settings = ToolSettings(
+        title=simulation,
+        sensors=sensors,
+        actuators=actuators,
+        episodes=2 if starts_tool and episodes is None else episodes,
+        lasts=lasts,
+        wait=wait,
+    )
+    with ExitStack() as stack:
+        address, direct, door = open_broker(broker, stack, stranger=command is None)
+        if direct is not None and say is not None:
+            say(OPEN)
+        reach = door.url if door else address
+        process = None
+        if command is not None:
+            process = Process(command, lambda: _values(reach, prefix, settings, stack))
+            stack.callback(process.close)
+        elif say is not None:
+            say(f"Start the optimization tool now, on broker {reach}. Waiting {wait:g} s for it.")
+        tool = Tool(address, prefix, settings, door=door, process=process)
+        report = Report("the optimization tool")
+        report.results = run(tool, chosen, tell or (lambda _: None))
+        return report
+
+
+def _values(broker: str, prefix: str, settings: ToolSettings, stack: ExitStack) -> Mapping[str, object]:
+    """New values of the placeholders, with a new folder."""
+    folder = Path(tempfile.mkdtemp(prefix="conformance-"))
+    stack.callback(shutil.rmtree, folder, ignore_errors=True)
+    experiment = write_experiment(folder, broker, settings)
+    return {"broker": broker, "prefix": prefix, "experiment": experiment, "folder": folder}
