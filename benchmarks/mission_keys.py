@@ -15,9 +15,9 @@ from ruamel.yaml import YAML
 from swarmwright import Episodes
 from swarmwright.display import Scene
 from swarmwright.display._bodies import Bodies
-from swarmwright.display._ground import frame, lay
 from swarmwright.display._look import BORDER, rgb
 from swarmwright.display._robots import robots
+from swarmwright.display.drawing import frame, lay
 from swarmwright.display.figures.style import COLORS, INK, new_figure
 
 if TYPE_CHECKING:

@@ -28,9 +28,9 @@ from benchmarks.processes import Broker, embedded
 from swarmwright import Run
 from swarmwright.controllers.controller import Controller
 from swarmwright.display import Bodies, Recording, Scene
-from swarmwright.display._ground import lay
 from swarmwright.display._look import rgb
 from swarmwright.display._robots import robots
+from swarmwright.display.drawing import lay
 from swarmwright.display.figures.style import COLORS, INK, new_figure
 from swarmwright.runs.replay import Replay
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swarmwright import Experiment, Run, evaluate, optimize
-from swarmwright.common.typing import Genomes
+from swarmwright.common.arrays import Genomes
 
 FAST: dict[str, Any] = {"placement": "fixed", "numAgents": 2, "numDefenders": 2, "speedDefenders": 0.6}
 SLOW: dict[str, Any] = {"placement": "random", "speedDefenders": 0.7}

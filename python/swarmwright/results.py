@@ -12,15 +12,14 @@ of agents. `Candidate` is one in a transfer, `Axis` and `Grid` are of an archive
 
 from swarmwright.analysis.comparison import Group as ComparedGroup
 from swarmwright.analysis.comparison import Pair, Task
+from swarmwright.analysis.episodes import LeftOut
 from swarmwright.analysis.groups import RunGroup
 from swarmwright.analysis.indicators import Indicator
-from swarmwright.analysis.left_out import LeftOut
 from swarmwright.analysis.significance import Difference, Kruskal, SignedRank
 from swarmwright.analysis.sweep.result import Failure
 from swarmwright.analysis.transfer.result import GroupLoss, GroupPair, GroupTask
-from swarmwright.common.correlation import Correlation
 from swarmwright.common.ranges import Range
-from swarmwright.common.statistics import Estimate, Summary
+from swarmwright.common.statistics import Correlation, Estimate, Summary
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
 from swarmwright.export.verification import Verification

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 import swarmwright as sw
-from swarmwright.common.typing import Fitness
+from swarmwright.common.arrays import Fitness
 from swarmwright.controllers import (
     Genome,
     Genomes,

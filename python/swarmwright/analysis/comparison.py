@@ -6,36 +6,160 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations, islice
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.analysis import left_out as leaving_out
-from swarmwright.analysis.after_evaluations import fitness_at
+from swarmwright.analysis import episodes
 from swarmwright.analysis.caveats import HELD_OUT, caveats
-from swarmwright.analysis.comparison_checks import (
-    check_begun,
-    check_begun_in_episodes,
-    check_options,
-    check_validated,
+from swarmwright.analysis.episodes import (
+    LeftOut,
+    by_generation,
+    episodes_of,
+    episodes_to_begin,
+    fitness_at,
+    left_out,
+    limit,
 )
-from swarmwright.analysis.episodes import episodes_of, limit
-from swarmwright.analysis.groups import RunGroup, group
+from swarmwright.analysis.groups import RunGroup, group, number_of
 from swarmwright.analysis.indicators import FITNESS, By, Indicator, measure, quick_indicators
-from swarmwright.analysis.left_out import LeftOut, left_out
-from swarmwright.analysis.order import Order, check_order, in_order, tasks_in_order
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
 from swarmwright.analysis.sweep_folders import runs_of_all, variant_of
 from swarmwright.analysis.tasks import TaskGroups, by_task
 from swarmwright.common.arguments import checked
 from swarmwright.common.errors import InputError
+from swarmwright.common.problems import shown
+from swarmwright.common.values import sort_key
 from swarmwright.runs.failures import failed_within
 from swarmwright.runs.metric_curves import MetricCurves, Names, names_of
+from swarmwright.runs.post_evaluation import EPISODES
 from swarmwright.runs.run import Run
+from swarmwright.runs.validation import command_to_validate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from swarmwright.analysis.tasks import TaskGroups
+
+
+def check_options(
+    at: int | None,
+    at_episodes: int | None,
+    by: object,
+    reference: object,
+    offset: object,
+    *,
+    held_out: bool,
+) -> None:
+    """Raise InputError for options of `compare` that are wrong or contradict each other."""
+    for name, value in (("at", at), ("at_episodes", at_episodes)):
+        if value is not None and value < 1:
+            raise InputError(f"{name}: must be at least 1, not {value}")
+    if at_episodes is not None and (at is not None or held_out or by != "fitness"):
+        raise InputError(
+            "at_episodes: compares the best recorded fitness after so many episodes; leave out at, held_out "
+            "and by, or leave out at_episodes"
+        )
+    kinds = get_args(By)
+    if by not in kinds:
+        raise InputError(f"by: must be one of {', '.join(kinds)}, not {shown(by)}")
+    if held_out and by != "fitness":
+        raise InputError(
+            "held_out: compares fitness, which validations have; leave out held_out, or leave out by"
+        )
+    if reference is not None and by != "hypervolume":
+        raise InputError(
+            "reference: is the reference point of hypervolume; leave it out, or give by='hypervolume'"
+        )
+    if offset is not None and by != "qd_score":
+        raise InputError("offset: is that of the QD score; leave it out, or give by='qd_score'")
+
+
+def check_begun(runs: Sequence[Run], at: int) -> None:
+    """Raise InputError where a run had no finished generation, which it needs, after so many evaluations."""
+    slowest = max(filter(by_generation, runs), key=lambda run: run.history[0].evaluations, default=None)
+    if slowest is not None and at < (needed := slowest.history[0].evaluations):
+        raise InputError(
+            f"at {at} evaluations {slowest.path} had no finished generation yet; compare at {needed} or later"
+        )
+
+
+def check_begun_in_episodes(runs: Sequence[Run], episodes: int) -> None:
+    """Raise InputError where a run had nothing to compare after so many episodes."""
+    for run in runs:
+        needed = episodes_to_begin(run)
+        if episodes < needed:
+            raise InputError(
+                f"at_episodes: {run.path} had nothing to compare after {episodes:,} episodes; compare at "
+                f"{needed:,} or later"
+            )
+
+
+def check_validated(runs: Sequence[Run], at: int | None) -> None:
+    """Raise InputError where a run was not validated, or is not compared at its end."""
+    if at is not None:
+        raise InputError(
+            "at: the best candidates at the end of runs are validated; leave out at, or leave out held_out"
+        )
+    missing = [run for run in runs if run.validation is None]
+    if missing:
+        names = ", ".join(str(run.path) for run in missing[:3])
+        others = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+        command = command_to_validate(missing[0], _episodes(runs))
+        raise InputError(f"{names}{others}: not validated on held-out seeds; `{command}` does it")
+
+
+def _episodes(runs: Iterable[Run]) -> int:
+    """Return in how many held-out episodes a run is to be validated, to be compared with others."""
+    return max((len(run.unseen.seeds) for run in runs if run.unseen is not None), default=EPISODES)
+
+
+Named = Literal["rank", "name", "given"]
+Order: TypeAlias = Named | Sequence[str]
+"""By rank (the best median first), by name, as the runs were given, or labels, of which the others come
+last."""
+
+
+def check_order(order: object, groups: "Sequence[Group]") -> None:
+    """Raise InputError unless groups can be put in this order."""
+    if isinstance(order, str):
+        if order not in get_args(Named):
+            names = ", ".join(get_args(Named))
+            raise InputError(f"order: must be one of {names}, or a list of labels, not {shown(order)}")
+        return
+    if not isinstance(order, Sequence):
+        raise InputError(f"order: must be a name or a list of labels, not {shown(order)}")
+    labels = [one.label for one in groups]
+    unknown = [name for name in order if name not in labels]
+    if unknown:
+        known = ", ".join(map(repr, labels))
+        raise InputError(f"order: there is no group {unknown[0]!r}; there are {known}")
+
+
+def in_order(groups: "Sequence[Group]", order: Order) -> "list[Group]":
+    """Return the groups of a task in an order that `check_order` takes."""
+    if order == "given":
+        return list(groups)
+    keys = {key for one in groups for key in one.differs}
+    # Numbers of groups follow the order of the runs; others do not depend on it.
+    named = sorted(groups, key=lambda one: (number_of(one.label), sort_key(one.differs, keys)))
+    if order == "name":
+        return named
+    ranked = sorted(named, key=lambda one: -one.median)
+    if order == "rank":
+        return ranked
+    places = {label: place for place, label in enumerate(order)}
+    return sorted(ranked, key=lambda one: places.get(one.label, len(places)))
+
+
+def tasks_in_order(tasks: "Sequence[TaskGroups]", order: Order) -> "list[TaskGroups]":
+    """Return tasks in an order that does not depend on that of the runs, unless it is to be that."""
+    if order == "given":
+        return list(tasks)
+    keys = {key for task in tasks for key in task.differs}
+    return sorted(tasks, key=lambda task: sort_key(task.differs, keys))
+
 
 _RECORDED = "Best recorded fitness of each run, in the episodes by which its candidates were selected:"
 
@@ -219,7 +343,7 @@ class Comparison:
 
         Raises InputError for another style or width, and for a metric that a run has not recorded.
         """
-        from swarmwright.display.figures.publishers import Page, on
+        from swarmwright.display.figures.style import Page, on
 
         with on(Page.of(style, width, title)):
             return self._drawn(x, metrics)
@@ -275,7 +399,7 @@ class Comparison:
 
         Raises InputError for another ending or a file that cannot be written.
         """
-        from swarmwright.analysis.table_files import write
+        from swarmwright.analysis.table import write
 
         return write(self, Path(path))
 
@@ -465,7 +589,7 @@ def compare_opened(
         tuple(groups),
         tasks,
         at,
-        (*notes, *leaving_out.notes(without), *found_caveats),
+        (*notes, *episodes.notes(without), *found_caveats),
         held_out,
         indicator,
         _RECORDED if HELD_OUT in beside else "",

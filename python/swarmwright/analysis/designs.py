@@ -8,7 +8,7 @@ from swarmwright.analysis.groups import names_of, number_of
 from swarmwright.analysis.labels import name_of
 from swarmwright.analysis.tasks import identity
 from swarmwright.common.formatting import counted, shortened
-from swarmwright.common.sort_keys import sort_key
+from swarmwright.common.values import sort_key
 from swarmwright.experiment.settings import SIZES
 
 if TYPE_CHECKING:

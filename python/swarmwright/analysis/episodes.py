@@ -1,16 +1,44 @@
 """Episodes that the evaluations of a run took: what they cost to simulate."""
 
-from typing import TypeAlias
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.analysis.after_evaluations import by_generation
+from swarmwright.common.formatting import counted
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.runs.failures import taken as taken_by
 from swarmwright.runs.failures import taken_in
+from swarmwright.runs.instances import by_instance
 from swarmwright.runs.run import Run
+
+
+def fitness_at(run: Run, evaluations: int | None = None) -> tuple[float, int]:
+    """Return the best fitness after so many evaluations, NaN if there was none, and after how many it is.
+
+    These are fewer where the run has fewer, or where only finished generations count, see `by_generation`.
+    evaluations: None: at the run's end.
+    """
+    history = run.history
+    if evaluations is not None:
+        history = [one for one in history if one.evaluations <= evaluations]
+    done, best = (history[-1].evaluations, history[-1].best_so_far) if history else (0, math.nan)
+    if evaluations is not None and done < min(evaluations, run.evaluations) and not by_generation(run):
+        # Within a generation, the record has evaluations in the order in which the method asked for them.
+        end = min(evaluations, run.evaluations)
+        best, done = float(np.fmax(best, run._store.best_fitness(done, end))), end
+    return best if math.isfinite(best) else math.nan, done
+
+
+def by_generation(run: Run) -> bool:
+    """Whether the best of a run is known at the end of generations only: its fitness may become another."""
+    return run.experiment.ranking.reevaluate or by_instance(run.experiment)
+
 
 _Numbers: TypeAlias = NDArray[np.int64]
 
@@ -86,3 +114,91 @@ def episodes_to_begin(run: Run) -> int:
 def limit(run: Run, at: int | None, at_episodes: int | None) -> int | None:
     """Return how many evaluations of a run are compared, by their number or that of episodes; None: all."""
     return at if at_episodes is None else evaluations_within(run, at_episodes)
+
+
+Kind = Literal["unfinished", "empty", "unreadable", "missing"]
+_NAMED = 5
+"""Runs that a note names."""
+_STATES = {"running": "still running", "interrupted": "interrupted", "killed": "killed", "failed": "failed"}
+"""States of a run that has not finished, in words."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A run that does not count in a comparison."""
+
+    path: Path
+    """Its folder."""
+    kind: Kind
+    """Why: it has not finished, has no finished generation, cannot be read, or is missing in its sweep."""
+    reason: str
+    """The same in words, such as `failed after 40 evaluations`."""
+    label: str = ""
+    """Its group; empty where that is not known."""
+    seed: int | None = None
+    """Seed of the run; None where that is not known."""
+    evaluations: int = 0
+    """Evaluations that it has."""
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            "run": str(self.path), "group": self.label or None, "seed": self.seed, "reason": self.reason,
+            "evaluations": self.evaluations,
+        }  # fmt: skip
+
+
+def left_out(
+    run: Run, label: str, at: int | None, at_episodes: int | None, *, unfinished: bool
+) -> LeftOut | None:
+    """Return a run as one that does not count, with the reason; None where it counts.
+
+    Args:
+        run: which.
+        label: of its group.
+        at: evaluations after which runs are compared: a run that has so many counts, whatever came of it.
+        at_episodes: the same with episodes.
+        unfinished: whether runs that have not finished count with what they have.
+    """
+    seed = run.experiment.seed
+    if not run.history:
+        return LeftOut(run.path, "empty", "holds no finished generation", label, seed)
+    done = run.evaluations
+    enough = (at is not None and done >= at) or (
+        at_episodes is not None and episodes_of(run, done) >= at_episodes
+    )
+    if unfinished or enough:
+        return None
+    if run.interrupted:
+        state = _STATES[run.state]
+    elif run.ended_since_opened:
+        state = "opened before it ended"
+    else:
+        return None
+    reason = f"{state}, {counted(done, 'evaluation')}"
+    return LeftOut(run.path, "unfinished", reason, label, seed, done)
+
+
+def notes(left: Sequence[LeftOut]) -> list[str]:
+    """Return which runs are left out, and how they would count."""
+    found = []
+    unfinished = [one for one in left if one.kind == "unfinished"]
+    if unfinished:
+        found.append(
+            f"{_runs(unfinished)} left out because {'it has' if len(unfinished) == 1 else 'they have'} not "
+            f"finished: {_named(unfinished)}; `swarmwright resume RUN` continues a run, --at N compares all "
+            "runs that have N evaluations, and --unfinished counts runs with what they have"
+        )
+    others = [one for one in left if one.kind != "unfinished"]
+    if others:
+        found.append(f"{_runs(others)} left out: {_named(others)}")
+    return found
+
+
+def _runs(left: Sequence[LeftOut]) -> str:
+    return f"{counted(len(left), 'run')} {'is' if len(left) == 1 else 'are'}"
+
+
+def _named(left: Sequence[LeftOut]) -> str:
+    more = f" and {len(left) - _NAMED:,} more" if len(left) > _NAMED else ""
+    return "; ".join(f"{one.path} ({one.reason})" for one in left[:_NAMED]) + more

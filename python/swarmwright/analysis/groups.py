@@ -9,8 +9,8 @@ from typing import Any
 from swarmwright.analysis.labels import Wording, kind_of, name_of, telling
 from swarmwright.analysis.sweep_folders import keys_of_grid
 from swarmwright.common.errors import InputError
-from swarmwright.common.flatten import flat
 from swarmwright.common.formatting import shortened
+from swarmwright.common.values import flat
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.robots import mission_name, mission_of, robot_of
 from swarmwright.runs.run import Run

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 
 from swarmwright.analysis.groups import flattened_of
 from swarmwright.analysis.significance import LEVEL, SignedRank, signed_rank
-from swarmwright.analysis.table import columns, number
-from swarmwright.analysis.table_files import CSV, check
+from swarmwright.analysis.table import CSV, check, columns, number
 from swarmwright.common.arguments import checked, path_of
-from swarmwright.common.by_value import ComparedByValue
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_text
 from swarmwright.common.formatting import counted, p_value
@@ -27,6 +25,7 @@ from swarmwright.common.html import preformatted
 from swarmwright.common.problems import shown
 from swarmwright.common.statistics import Estimate, estimate
 from swarmwright.common.untrusted import one_line
+from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.runs.choice import choose

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.correlation import doubled_midranks
+from swarmwright.common.statistics import doubled_midranks
 
 Values = NDArray[np.float64]
 

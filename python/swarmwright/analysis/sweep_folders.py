@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from swarmwright.analysis.left_out import LeftOut
+from swarmwright.analysis.episodes import LeftOut
 from swarmwright.common.arguments import listed, path_of
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import contents

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.analysis.groups import as_written, differing_keys, flattened_of, written_missions
-from swarmwright.analysis.option_columns import option_columns
+from swarmwright.analysis.table import option_columns
 from swarmwright.common.errors import InputError
 from swarmwright.runs.export import csv_lines, tables, write
 from swarmwright.runs.run import Run

@@ -11,10 +11,9 @@ from swarmwright.cli._output import Output, complain
 from swarmwright.cli._runs import reading_progress
 
 if TYPE_CHECKING:
-    from swarmwright.analysis.comparison import Comparison
+    from swarmwright.analysis.comparison import Comparison, Order
+    from swarmwright.analysis.episodes import LeftOut
     from swarmwright.analysis.indicators import By
-    from swarmwright.analysis.left_out import LeftOut
-    from swarmwright.analysis.order import Order
     from swarmwright.runs.run import Run
 
 

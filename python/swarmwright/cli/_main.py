@@ -14,7 +14,7 @@ from swarmwright.cli import _output
 from swarmwright.cli._commands import program
 from swarmwright.cli._signals import INTERRUPTED, terminate_like_interrupt
 from swarmwright.common import untrusted
-from swarmwright.common.open_files import more_open_files
+from swarmwright.common.processes import more_open_files
 from swarmwright.simulations.user_code.trust import asking
 
 FAILED = 1

@@ -23,7 +23,7 @@ from swarmwright.cli._log import Log, log_options
 from swarmwright.cli._options import ExistingPath, Prefix, WholeNumber, json_option
 from swarmwright.cli._output import Output
 from swarmwright.common.errors import InputError
-from swarmwright.common.open_files import allow_more_open_files
+from swarmwright.common.processes import allow_more_open_files
 from swarmwright.experiment.broker_address import PREFIX_VARIABLE
 
 if TYPE_CHECKING:

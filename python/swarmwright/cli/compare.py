@@ -112,7 +112,7 @@ def command(
     evaluates a single controller.
     """
     from swarmwright.analysis.paired import Match
-    from swarmwright.analysis.table_files import CSV, check
+    from swarmwright.analysis.table import CSV, check
     from swarmwright.cli._experiments import experiment_of
     from swarmwright.cli._progress import episodes as shown_episodes
     from swarmwright.cli.evaluate import NOT_EVALUATED, settable

@@ -12,7 +12,7 @@ from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
     from swarmwright.cli._comparison import Compared
-    from swarmwright.display.figures.publishers import Page
+    from swarmwright.display.figures.style import Page
     from swarmwright.runs.metric_curves import Names
 
 
@@ -85,7 +85,7 @@ def command(
     count: they are named, tables have their number, and the exit status is 1.
     """
     from swarmwright.cli._comparison import Compared, single_run
-    from swarmwright.display.figures.publishers import Page, on
+    from swarmwright.display.figures.style import Page, on
 
     what = Compared.of(options)
     page = Page.of(style, width, title)
@@ -145,7 +145,7 @@ def _draw_several(
 ) -> int:
     from swarmwright.cli._comparison import show_comparison
     from swarmwright.display.figures import style
-    from swarmwright.display.figures.publishers import on
+    from swarmwright.display.figures.style import on
 
     style.check(file)
     comparison, status = show_comparison(output, runs, what)

@@ -209,7 +209,7 @@ def list_(
     the fitness of their best candidate on held-out seeds, and runs with failed evaluations their number.
     """
     from swarmwright import InputError, Run
-    from swarmwright.common.flatten import flat
+    from swarmwright.common.values import flat
     from swarmwright.runs.folders import RUNS
     from swarmwright.runs.store import FILE, StoreReader
 
@@ -404,15 +404,15 @@ def compare(
     have their number, and the exit status is 1. `swarmwright plot` draws it as well. `swarmwright compare`
     compares two controllers instead, `swarmwright evaluate --controller` evaluates a single one.
     """
-    from swarmwright.analysis import table_files
+    from swarmwright.analysis import table
     from swarmwright.cli._comparison import Compared, show_comparison
 
     output = Output(as_json=as_json)
     what = Compared.of(options)
-    asked = ((csv_file, table_files.CSV), (latex_file, table_files.LATEX))
+    asked = ((csv_file, table.CSV), (latex_file, table.LATEX))
     files = [(file, ending) for file, ending in asked if file is not None]
     for file, ending in files:
-        table_files.check(file, ending)
+        table.check(file, ending)
     comparison, status = show_comparison(output, runs, what)
     for file, _ in files:
         output.text(f"The table is in {comparison.export(file)}")

@@ -132,7 +132,7 @@ def command(
     sizes).
     """
     from swarmwright import transfer
-    from swarmwright.analysis.table_files import CSV, check
+    from swarmwright.analysis.table import CSV, check
     from swarmwright.cli._comparison import run_folders
     from swarmwright.cli._progress import episodes
     from swarmwright.display.figures import style

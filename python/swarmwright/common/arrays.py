@@ -1,4 +1,4 @@
-"""Arrays: 32-bit floats from what callers give and as numbers that are written; results that stay."""
+"""Arrays that all parts share: their types, copies, and the order of candidates by fitness."""
 
 import numbers
 from typing import Any
@@ -66,3 +66,19 @@ def read_only_array(array: NDArray[Any]) -> NDArray[Any]:
     """Return the array itself, which from now on cannot be changed."""
     array.flags.writeable = False
     return array
+
+
+Fitness = NDArray[np.float64]
+"""A number for each candidate, more is better, NaN where the evaluation failed."""
+Genome = NDArray[np.float32]
+"""One genome: float32, shape (genome_size,)."""
+Genomes = NDArray[np.float32]
+"""Several genomes: float32, shape (candidates, genome_size)."""
+Limits = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""A lower and an upper limit for each gene: float64, shape (genome_size,) each."""
+
+
+def best_first(fitness: Fitness) -> NDArray[np.intp]:
+    """Return indices from the best to the worst; equal ones by index, failed ones (NaN) last, by index."""
+    order: NDArray[np.intp] = np.argsort(-fitness, kind="stable")  # NaN sorts last
+    return order

@@ -1,6 +1,12 @@
-"""Kinds of agents of a simulation."""
+"""Agents of a simulation: their kinds, their sensors and actuators, specifications of teams."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
+
+from swarmwright import _engine
+from swarmwright.common.errors import engine_errors
+from swarmwright.common.ranges import Range
 
 Names = tuple[str | None, ...]
 """Of numbers that are recorded for all agents; None for one that a kind does not have."""
@@ -36,3 +42,55 @@ class Kind:
     agents: int
     sensors: Names
     actuators: Names
+
+
+TEAM = "team"
+"""The kind of such specifications."""
+
+
+def is_team(specification: Mapping[str, Any]) -> bool:
+    """Whether groups of agents have controllers of their own."""
+    return specification.get("kind") == TEAM
+
+
+def parts_of(specification: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the controller of each group of a team, with its weights; empty for other controllers.
+
+    Raises InputError for a specification that is not one.
+    """
+    if not is_team(specification):
+        return {}
+    found, first = {}, 0
+    with engine_errors("controller: "):
+        for group in specification["groups"]:
+            last = first + _engine.genome_size(group["controller"])
+            found[str(group["name"])] = {
+                **group["controller"],
+                "weights": list(specification["weights"][first:last]),
+            }
+            first = last
+    return found
+
+
+def problem_of(channels: Any) -> str | None:  # noqa: ANN401 - whatever a file says
+    """Return what is wrong with channels as `catalogue.channels` describes them; None when nothing is."""
+    if not isinstance(channels, Mapping) or not isinstance(channels.get("groups", {}), Mapping):
+        return "a mapping was expected"
+    for where in (channels, *channels.get("groups", {}).values()):
+        if not isinstance(where, Mapping):
+            return "groups: a mapping for each group was expected"
+        for which in ("sensor", "actuator"):
+            for about in ("names", "units", "ranges"):
+                found = where.get(f"{which}_{about}", [])
+                if not isinstance(found, list):
+                    return f"{which}_{about}: a list was expected"
+                if about != "ranges" and not all(isinstance(one, str) for one in found):
+                    return f"{which}_{about}: texts were expected"
+            try:
+                _ = [Range.of(one) for one in where.get(f"{which}_ranges", [])]
+            except ValueError as error:
+                return f"{which}_ranges: {error}"
+    seconds = channels.get("step_seconds")
+    if seconds is not None and not (isinstance(seconds, int | float) and 0 < seconds < float("inf")):
+        return f"step_seconds: {seconds!r} found, expected seconds above 0, or null"
+    return None

@@ -1,6 +1,9 @@
 """Typed options: the one source of validation, JSON Schema and reference pages."""
 
-from typing import TYPE_CHECKING, dataclass_transform
+import ast
+import inspect
+import textwrap
+from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform, get_args
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -30,3 +33,55 @@ class Options(BaseModel, metaclass=Frozen):
         validate_default=True,
         allow_inf_nan=False,
     )
+
+
+Model = TypeVar("Model", bound=Options)
+
+
+def described(model: type[Model]) -> type[Model]:
+    """Give every field of a model, and of models in it, its description, and return the model.
+
+    A description given by `Field(description=..)` stays.
+    """
+    texts: dict[str, str] = {}
+    for owner in reversed(model.__mro__):
+        if issubclass(owner, Options) and owner is not Options:
+            texts |= _docstrings(owner)
+    changed = False
+    for name, field in model.model_fields.items():
+        for inner in _models(field.annotation):
+            described(inner)
+            changed = True
+        if field.description is None and name in texts:
+            field.description = texts[name]
+            changed = True
+    if changed:
+        model.model_rebuild(force=True)
+    return model
+
+
+def _models(annotation: Any) -> list[type[Options]]:  # noqa: ANN401 - any type
+    """Return the models that an annotation like `Timeouts | None` names."""
+    if isinstance(annotation, type) and issubclass(annotation, Options):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models(part)]
+
+
+def _docstrings(owner: type) -> dict[str, str]:
+    try:
+        source = inspect.getsource(owner)
+    except (OSError, TypeError):  # made in an interactive session
+        return {}
+    (definition,) = ast.parse(textwrap.dedent(source)).body
+    assert isinstance(definition, ast.ClassDef)
+    found = {}
+    for field, text in zip(definition.body, definition.body[1:], strict=False):
+        if (
+            isinstance(field, ast.AnnAssign)
+            and isinstance(field.target, ast.Name)
+            and isinstance(text, ast.Expr)
+            and isinstance(text.value, ast.Constant)
+            and isinstance(text.value.value, str)
+        ):
+            found[field.target.id] = inspect.cleandoc(text.value.value)
+    return found

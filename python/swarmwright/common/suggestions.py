@@ -1,6 +1,7 @@
-"""Did you mean: near misses of names."""
+"""Near misses of names: the same name written differently, and did you mean."""
 
-from collections.abc import Iterable
+import unicodedata
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 _MOST_NAMES = 1000
@@ -54,3 +55,23 @@ def unknown_key(key: str, known: Iterable[str]) -> str:
     """Say that a file has no such key, with the nearest known one or the list of all, in their order."""
     keys = list(known)
     return f"unknown key{did_you_mean(key, keys) or '; known keys: ' + ', '.join(keys)}"
+
+
+def folded(name: str) -> str:
+    """Return a name as it is compared: `goal x`, `goal_x` and `goalX` are the same.
+
+    Letters and digits of all scripts count, others do not; it is empty for a name without any.
+    """
+    return "".join(one for one in unicodedata.normalize("NFKC", name).casefold() if one.isalnum())
+
+
+def alike(name: str, names: Sequence[str]) -> list[int]:
+    """Return the indices of the names that a name may stand for: exactly the same ones, or else alike ones.
+
+    More than one: the name is ambiguous. A name without letters and digits is like no other one.
+    """
+    same = [index for index, one in enumerate(names) if one == name]
+    if same:
+        return same
+    key = folded(name)
+    return [index for index, one in enumerate(names) if folded(one) == key] if key else []

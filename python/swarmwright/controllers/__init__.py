@@ -6,10 +6,10 @@ included; `REPRESENTATIONS.get("layered")` is the class of one. An experiment ma
 class derived from `Representation`: docs/how-to/own-representation.md.
 """
 
+from swarmwright.common.arrays import Genome, Genomes, Limits
 from swarmwright.common.options import Options
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.common.registry import Registry
-from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.controllers._base import Representation, RepresentationOptions
 from swarmwright.controllers.kinds import KINDS
 

@@ -6,13 +6,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.arrays import shortest
+from swarmwright.common.arrays import Genome, Genomes, Limits, shortest
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
 from swarmwright.common.plug_in_code import is_plug_in, numbers
 from swarmwright.common.problems import shown
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.common.typing import Genome, Genomes, Limits
 
 MANY = 1 << 22
 """So many numbers may be drawn at once: they take 32 MB."""

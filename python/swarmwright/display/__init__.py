@@ -1,11 +1,8 @@
 """Pictures of episodes: in the terminal, as a still, an animation, a video, a page to play."""
 
 from swarmwright.display._bodies import Bodies
-from swarmwright.display._caption import Caption
-from swarmwright.display._episode import Playable, Recording, record
-from swarmwright.display._part import Part
+from swarmwright.display._episode import COLORS, PARTS, Caption, Part, Playable, Recording, Shown, record
 from swarmwright.display._scene import Body, Light, Patch, Ray, Scale, Scene, Style, Wall
-from swarmwright.display._shown import COLORS, PARTS, Shown
 from swarmwright.display._trace import Trace
 
 __all__ = [

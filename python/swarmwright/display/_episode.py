@@ -1,9 +1,11 @@
-"""Episodes as the display sees them."""
+"""Episodes as the display sees them: recorded, with what is known of the controller and what is drawn."""
 
-from dataclasses import dataclass, replace
-from typing import Protocol
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, Protocol
 
 from swarmwright.common.engine_types import SceneFields
+from swarmwright.common.groups import Kind, is_team
 from swarmwright.display._bodies import Bodies, scene_of
 from swarmwright.display._scene import Scene
 from swarmwright.display._trace import Trace, Tracer
@@ -82,3 +84,65 @@ def record(episode: Playable) -> Recording:
 def _scene(episode: Playable) -> Scene:
     arrays = getattr(episode, "scene_arrays", None)
     return Scene.of(episode.scene()) if arrays is None else scene_of(arrays())
+
+
+@dataclass(frozen=True)
+class Part:
+    """One of the episodes that a page shows beside each other.
+
+    name: what it is called there. controller: the specification of the controller of all agents, for drawings
+    of state machines. sensor_names, actuator_names: of an agent; those without a name are numbered. kinds: of
+    agents, where the simulation has several. step_seconds: of a step in the simulated world, where known.
+    """
+
+    recording: Recording
+    name: str = ""
+    controller: Mapping[str, Any] = field(default_factory=dict)
+    sensor_names: Sequence[str] = ()
+    actuator_names: Sequence[str] = ()
+    kinds: Sequence[Kind] = ()
+    step_seconds: float | None = None
+
+    @classmethod
+    def of(cls, shows: "Recording | Part") -> "Part":
+        """Return an episode, with no more known of it where it is a recording."""
+        return cls(shows) if isinstance(shows, Recording) else shows
+
+    @property
+    def kind_names(self) -> tuple[str, ...]:
+        """The names of the kinds of agents, which bodies of the kind agent have as their state."""
+        groups = self.controller["groups"] if is_team(self.controller) else ()
+        return tuple(dict.fromkeys([*(kind.name for kind in self.kinds), *(one["name"] for one in groups)]))
+
+
+PARTS = ("trails", "rays", "links", "labels")
+"""What can be drawn or left out."""
+
+
+COLORS = ("auto", "state", "value", "controller")
+"""What can give bodies their colours."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is drawn beside bodies: a page shows it at first, and can show all.
+
+    labels: True or False, or None: True, but on a page with more than 100 labelled bodies False at first.
+    colors: what gives bodies their colours: their kind and state, their value, or the state of the agent's
+    controller where that is a state machine. auto: the value where there is one, on a page the controller.
+    """
+
+    trails: bool = True
+    rays: bool = False
+    links: bool = False
+    labels: bool | None = None
+    colors: Literal["auto", "state", "value", "controller"] = "auto"
+
+
+@dataclass(frozen=True)
+class Caption:
+    """A title, and facts below it."""
+
+    title: str = ""
+    facts: tuple[tuple[str, str], ...] = ()
+    """Name and value of each."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.display._bodies import Bodies
-from swarmwright.display._episode import Recording
+from swarmwright.display._episode import Recording, Shown
 from swarmwright.display._look import (
     BORDER,
     FIELD,
@@ -26,7 +26,6 @@ from swarmwright.display._look import (
 )
 from swarmwright.display._robots import LINK_WIDTH, RAY_WIDTH
 from swarmwright.display._scene import Scale, Scene
-from swarmwright.display._shown import Shown
 from swarmwright.display._trace import states_of
 from swarmwright.display.state_colors import state_color
 

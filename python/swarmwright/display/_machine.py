@@ -7,9 +7,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.groups import is_team, parts_of
 from swarmwright.common.machine_texts import condition_words, name_of, words_of
 from swarmwright.common.modules import State, is_modules, is_tree, states_of
-from swarmwright.common.teams import is_team, parts_of
 from swarmwright.display._bodies import Bodies
 from swarmwright.display.state_colors import colored_states
 

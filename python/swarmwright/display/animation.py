@@ -1,15 +1,78 @@
-"""An episode as an animated GIF."""
+"""An episode as an animated GIF, and the frames of moving pictures."""
 
 import io
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
-from swarmwright.display._caption import Caption
-from swarmwright.display._frames import in_between, pace
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.display._bodies import Bodies
+from swarmwright.display._episode import Caption, Part, Shown
 from swarmwright.display._key import scale_of
 from swarmwright.display._look import Looks, floor_color, floors, palette
-from swarmwright.display._part import Part
-from swarmwright.display._shown import Shown
+from swarmwright.display._scene import Scene
 from swarmwright.display.drawing import Picture
+
+_LEAST_SHARE = 0.6
+"""Of a frame's time: steps that last less are left out."""
+
+
+def pace(scenes: int, step_seconds: float, *, frame_seconds: float, most: int) -> tuple[float, float]:
+    """Return frames a step and seconds a frame, such that it looks smooth and stays below `most` frames.
+
+    Frames a step below 1 leave steps out.
+
+    Args:
+        scenes: scenes of the episode, its first one included.
+        step_seconds: how long a step is shown.
+        frame_seconds: how long a frame is shown, about.
+        most: frames.
+    """
+    steps = max(scenes - 1, 1)
+    wanted = step_seconds / frame_seconds
+    # Steps that are much shorter than a frame are not seen one by one.
+    per_step = wanted if wanted < _LEAST_SHARE else max(1.0, float(round(wanted)))
+    if per_step * steps > most:
+        per_step = most / steps
+        if per_step > 1:
+            per_step = float(int(per_step))
+    return per_step, step_seconds / per_step
+
+
+def in_between(scenes: tuple[Scene, ...], per_step: float) -> Iterator[tuple[Scene, float]]:
+    """Yield scenes with their time in steps; bodies glide from one step to the next."""
+    if per_step < 1:
+        last = len(scenes) - 1
+        chosen = sorted({min(last, round(i / per_step)) for i in range(int(last * per_step) + 2)})
+        yield from ((scenes[i], float(i)) for i in chosen)
+        return
+    parts = int(per_step)
+    for index, (before, after) in enumerate(pairwise(scenes)):
+        for part in range(parts):
+            share = part / parts
+            yield between(before, after, share), index + share
+    yield scenes[-1], float(len(scenes) - 1)
+
+
+def between(before: Scene, after: Scene, share: float) -> Scene:
+    """Return the scene a share (0..1) of the way to the next one; states change at the end of the step."""
+    if len(before.bodies) != len(after.bodies):
+        return before
+    a, b = Bodies.of(before.bodies), Bodies.of(after.bodies)
+    # The shorter way around.
+    turn = (b.heading - a.heading + np.pi) % (2 * np.pi) - np.pi
+    x, y = (_interpolated(getattr(a, axis), getattr(b, axis), share) for axis in ("x", "y"))
+    return replace(before, bodies=a.moved(x, y, a.heading + np.float32(share) * turn))
+
+
+def _interpolated(
+    before: NDArray[np.float32], after: NDArray[np.float32], share: float
+) -> NDArray[np.float32]:
+    return (before.astype(np.float64) * (1 - share) + after.astype(np.float64) * share).astype(np.float32)
+
 
 FRAME_SECONDS = 0.06
 """Seconds that a frame is shown, about; viewers show nothing faster than 0.02."""

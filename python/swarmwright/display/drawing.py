@@ -1,44 +1,300 @@
-"""Draws scenes with matplotlib: the map, bodies, and their trails."""
+"""Draws scenes with matplotlib: the map with border, grid and numbers, bodies, trails, texts beside them."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from swarmwright.common.plain_figures import plain
 from swarmwright.display import _robots
 from swarmwright.display._bodies import Bodies
-from swarmwright.display._episode import Recording
-from swarmwright.display._ground import frame, ground_of, lay
+from swarmwright.display._episode import Part, Recording, Shown
 from swarmwright.display._key import Key, scale_of
-from swarmwright.display._labels import Labels
 from swarmwright.display._look import (
     BORDER,
     CELLS,
     FIELD,
+    GRID,
     INK,
     LED,
+    ORANGE,
     PAPER,
     STATES,
     STRETCH,
     Looks,
     agent_size,
+    floor_color,
+    mixed,
     moving,
     rgb,
     value_colors,
+    whole,
 )
 from swarmwright.display._machine import StateColors
-from swarmwright.display._part import Part
-from swarmwright.display._scene import Scene
-from swarmwright.display._shown import Shown
+from swarmwright.display._scene import Patch, Scene
 from swarmwright.display.state_colors import state_color
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.patches import Patch as Drawn
+    from matplotlib.patches import Rectangle
     from numpy.typing import NDArray
     from PIL.Image import Image
+
+
+_MOST_LABELS = 200
+"""Labels that are drawn."""
+_LABEL_CHARACTERS = 24
+"""Letters of a label."""
+_FONT_SIZE_POINTS = 8.0
+"""Of letters, points."""
+_LETTER = 0.6
+"""Width of a letter as a share of the size, about."""
+_GAP_POINTS = 1.5
+"""Points between a body and its label."""
+_SIDES = ((1, 1), (-1, 1), (1, -1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))
+"""Where a label can be beside its body, to the right and upwards, in the order in which places are tried."""
+
+
+class _Box(NamedTuple):
+    """A rectangle, in points from the lower left corner of the map."""
+
+    left: float
+    low: float
+    right: float
+    high: float
+
+    def meets(self, other: "_Box") -> bool:
+        """Whether it has a part in common with another one."""
+        beside = self.right <= other.left or other.right <= self.left
+        return not (beside or self.high <= other.low or other.high <= self.low)
+
+
+class Labels:
+    """Labels of bodies, frame after frame: one stays at its side of its body as long as it can.
+
+    scale: points for each metre. least: radius in points of bodies that are drawn as marks.
+    """
+
+    def __init__(self, scale: float, *, least: float) -> None:
+        self._scale = scale
+        self._least = least
+        self._sides: dict[int, int] = {}
+
+    def draw(self, axes: "Axes", bodies: Bodies) -> "list[Artist]":
+        """Write the labels that have a place; return what was drawn."""
+        from matplotlib.patheffects import withStroke
+
+        field = _Box(0.0, 0.0, axes.get_xlim()[1] * self._scale, axes.get_ylim()[1] * self._scale)
+        room = _Room(bodies, self._scale, self._least, field)
+        texts = [" ".join(text.split())[:_LABEL_CHARACTERS] for text in bodies.labels or ()]
+        artists: list[Artist] = []
+        for index in [index for index, text in enumerate(texts) if text][:_MOST_LABELS]:
+            found = room.take(index, len(texts[index]), self._sides.get(index))
+            if found is None:
+                continue
+            self._sides[index], (right, up) = found
+            artists.append(
+                axes.annotate(
+                    texts[index], (float(bodies.x[index]), float(bodies.y[index])),
+                    xytext=(right, up + 0.15 * _FONT_SIZE_POINTS), textcoords="offset points", va="baseline",
+                    fontsize=_FONT_SIZE_POINTS, color=INK, zorder=5.0, parse_math=False,
+                    path_effects=[withStroke(linewidth=2.0, foreground=PAPER)],
+                )
+            )  # fmt: skip
+        return artists
+
+
+class _Room:
+    """The part of a map that is free for labels. field: the whole of it."""
+
+    def __init__(self, bodies: Bodies, scale: float, least: float, field: _Box) -> None:
+        self._radii = np.maximum(bodies.radius * scale, least).astype(np.float64)
+        self._x, self._y = bodies.x * np.float64(scale), bodies.y * np.float64(scale)
+        # What is not seen cannot be covered, and LEDs lie within robots.
+        self._seen = ~bodies.has(LED, STRETCH)
+        self._largest = float(self._radii[self._seen].max(initial=0.0))
+        self._field = field
+        self._taken: list[_Box] = []
+
+    def take(self, index: int, letters: int, before: int | None) -> tuple[int, tuple[float, float]] | None:
+        """Return the side at which a body's label is, and where, in points from its middle; None for none.
+
+        letters: of the label. before: the side in the frame before, which is tried first.
+        """
+        wide, high = _LETTER * _FONT_SIZE_POINTS * letters, _FONT_SIZE_POINTS
+        reach = wide + high + self._radii[index] + _GAP_POINTS + self._largest
+        x, y = self._x, self._y
+        near = np.flatnonzero(self._seen & (abs(x - x[index]) < reach) & (abs(y - y[index]) < reach))
+        near = near[near != index]
+        for side, box in self._boxes(index, wide, high, before):
+            within = box.left >= 0 and box.low >= 0
+            within &= box.right <= self._field.right and box.high <= self._field.high
+            if not within or any(box.meets(other) for other in self._taken):
+                continue
+            away = np.hypot(
+                x[near] - np.clip(x[near], box.left, box.right), y[near] - np.clip(y[near], box.low, box.high)
+            )
+            if not (away < self._radii[near]).any():
+                self._taken.append(box)
+                return side, (float(box.left - x[index]), float(box.low - y[index]))
+        return None
+
+    def _boxes(self, index: int, wide: float, high: float, before: int | None) -> Iterator[tuple[int, _Box]]:
+        """Yield the sides of a body and the boxes there, that of the frame before first."""
+        for side in sorted(range(len(_SIDES)), key=lambda side: side != before):
+            right, up = _SIDES[side]
+            # A label at a corner of the square around a disc would be far from it.
+            away = self._radii[index] * (0.75 if right and up else 1.0) + _GAP_POINTS
+            left = float(self._x[index] + right * away - wide * (1 - right) / 2)
+            low = float(self._y[index] + up * away - high * (1 - up) / 2)
+            yield side, _Box(left, low, left + wide, low + high)
+
+
+_NUMBERS = 12
+"""Most numbers on a side."""
+_LINES = 64
+"""Most cells on a side whose borders are drawn; more would be illegible."""
+
+
+def frame(axes: "Axes", scene: Scene) -> "Rectangle":
+    """Prepare axes for scenes of this extent; return the part of them that is the map.
+
+    Their numbers are metres in the coordinates of the simulation, or rows and columns from the top left.
+    """
+    from matplotlib.patches import Rectangle
+
+    margin = 0.012 * max(scene.width, scene.height)
+    axes.set_xlim(-margin, scene.width + margin)
+    axes.set_ylim(-margin, scene.height + margin)
+    axes.set_aspect("equal")
+    axes.patch.set_visible(False)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    field = Rectangle((0, 0), scene.width, scene.height, facecolor=FIELD, edgecolor="none", zorder=0)
+    # Where there are walls, a thin frame does not look like one of them.
+    thick = {"edgecolor": BORDER, "linewidth": 1.6, "zorder": 1.9}
+    thin = {"edgecolor": mixed(BORDER, FIELD, 0.5), "linewidth": 0.8, "zorder": 1.65}
+    border = Rectangle((0, 0), scene.width, scene.height, fill=False, **(thin if len(scene.walls) else thick))  # type: ignore[arg-type] # both are as it takes them
+    axes.add_patch(field)
+    axes.add_patch(border)
+    axes.set_axisbelow(True)
+    if scene.grid:
+        _number_cells(axes, scene, field)
+    else:
+        axes.locator_params(integer=True)
+        if any(scene.origin):
+            _number_metres(axes, scene)
+        axes.grid(color=GRID, linewidth=0.6, clip_path=field)
+        _name_unit(axes)
+    axes.tick_params(which="both", length=0, labelsize=9, colors=BORDER)
+    return field
+
+
+def _name_unit(axes: "Axes") -> None:
+    """Write the unit of the numbers where both axes begin."""
+    axes.annotate(
+        "m", (0, 0), xycoords="axes fraction", xytext=(-3.5, -3.5), textcoords="offset points", ha="right",
+        va="top", fontsize=9, color=BORDER,
+    )  # fmt: skip
+
+
+def _number_metres(axes: "Axes", scene: Scene) -> None:
+    """Put numbers of the simulation's own coordinates beside the map."""
+    from matplotlib.ticker import MaxNLocator
+
+    sides = zip((axes.xaxis, axes.yaxis), scene.origin, (scene.width, scene.height), strict=True)
+    for axis, low, extent in sides:
+        numbers = MaxNLocator(_NUMBERS, integer=True).tick_values(low, low + extent)
+        numbers = [number for number in numbers if low <= number <= low + extent]
+        axis.set_ticks(
+            [number - low for number in numbers], [f"{number:g}".replace("-", "\u2212") for number in numbers]
+        )
+
+
+def _number_cells(axes: "Axes", scene: Scene, field: "Rectangle") -> None:
+    """Put the number of a column or a row at the middle of its cells, lines between cells."""
+    columns, rows = round(scene.width), round(scene.height)
+    step = cell_step(max(columns, rows))
+    axes.set_xticks([i + 0.5 for i in range(0, columns, step)], [str(i) for i in range(0, columns, step)])
+    axes.set_yticks([rows - j - 0.5 for j in range(0, rows, step)], [str(j) for j in range(0, rows, step)])
+    if max(columns, rows) <= _LINES:
+        axes.set_xticks(range(columns + 1), minor=True)
+        axes.set_yticks(range(rows + 1), minor=True)
+        axes.grid(which="minor", color=GRID, linewidth=0.5, clip_path=field)
+
+
+def cell_step(cells: int) -> int:
+    """The distance of numbers in cells: 1, 2, 5, 10, 20, ..."""
+    power = 1
+    while True:
+        for factor in (1, 2, 5):
+            if cells / (factor * power) <= _NUMBERS:
+                return factor * power
+        power *= 10
+
+
+def ground_of(scene: Scene) -> tuple[object, ...]:
+    """Return all that lies and stands in a scene, to compare it with another's."""
+    return (scene.floor, tuple(scene.patches), tuple(scene.walls), tuple(scene.lights))
+
+
+def lay(axes: "Axes", scene: Scene) -> "list[Artist]":
+    """Draw floor, walls and lamps; return what was drawn."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Circle, Polygon, Rectangle
+
+    drawn: list[Artist] = []
+    edge: Drawn | None = None
+    floor = [] if scene.floor is None else [whole(scene)]
+    for patch in [*floor, *scene.patches]:
+        shape = _shape(patch)
+        # The grid, at 0.5, is above the floor and below its patches.
+        shape.set(
+            facecolor=floor_color(patch.grey), edgecolor="none", zorder=0.6 if edge or not floor else 0.2
+        )
+        axes.add_patch(shape)
+        if edge is None and floor:
+            edge = shape
+        elif edge is not None:
+            shape.set_clip_path(edge)
+        drawn.append(shape)
+    for light in scene.lights:
+        on = light.intensity > 0
+        glow = 0.05 * max(scene.width, scene.height)
+        for share in (1.0, 0.7, 0.45) if on else ():
+            circle = Circle((light.x, light.y), glow * share, color=ORANGE, alpha=0.14, lw=0, zorder=0.7)
+            drawn.append(axes.add_patch(circle))
+            circle.set_clip_path(Rectangle((0, 0), scene.width, scene.height, transform=axes.transData))
+        style: dict[str, Any] = {
+            "color": ORANGE if on else FIELD,
+            "markeredgecolor": BORDER,
+            "markeredgewidth": 0.8,
+        }
+        lamp = Line2D([light.x], [light.y], marker="o", markersize=6, linestyle="", zorder=1.7, **style)
+        drawn.append(axes.add_line(lamp))
+    for wall in scene.walls:
+        if wall.solid:
+            solid = Polygon(list(wall.points), facecolor=BORDER, edgecolor=BORDER, zorder=1.7, lw=1.0)
+            drawn.append(axes.add_patch(solid))
+        else:
+            xs, ys = zip(*wall.points, strict=True)
+            line = Line2D(xs, ys, color=BORDER, linewidth=2.4, zorder=1.8, solid_joinstyle="round")
+            drawn.append(axes.add_line(line))
+    return drawn
+
+
+def _shape(patch: Patch) -> "Drawn":
+    from matplotlib.patches import Circle, Polygon
+
+    if len(patch.points) == 1:
+        return Circle(patch.points[0], patch.radius)
+    return Polygon(list(patch.points))
+
 
 TRAIL_STEPS = 12
 """Length of a trail in an animation, in steps."""

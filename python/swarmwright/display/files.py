@@ -8,17 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
+from swarmwright.common.groups import is_team
 from swarmwright.common.plain_figures import warning_of_letters
-from swarmwright.common.teams import is_team
 from swarmwright.common.warn_once import warn_once
 from swarmwright.display._bodies import Bodies
-from swarmwright.display._caption import Caption
-from swarmwright.display._episode import Recording
+from swarmwright.display._episode import Caption, Part, Recording, Shown
 from swarmwright.display._look import moving
 from swarmwright.display._machine import groups_of, has_states
-from swarmwright.display._part import Part
 from swarmwright.display._scene import Scene
-from swarmwright.display._shown import Shown
 
 _WRITERS = {".html": "page", ".gif": "animation", ".mp4": "film", ".png": "still"}
 

@@ -11,10 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.display._caption import Caption
-from swarmwright.display._frames import in_between, pace
-from swarmwright.display._part import Part
-from swarmwright.display._shown import Shown
+from swarmwright.display._episode import Caption, Part, Shown
+from swarmwright.display.animation import in_between, pace
 from swarmwright.display.drawing import Picture
 
 if TYPE_CHECKING:

@@ -4,9 +4,7 @@ import io
 from pathlib import Path
 
 from swarmwright.common.plain_figures import plain
-from swarmwright.display._caption import Caption
-from swarmwright.display._part import Part
-from swarmwright.display._shown import Shown
+from swarmwright.display._episode import Caption, Part, Shown
 from swarmwright.display.drawing import Picture
 
 

@@ -1,6 +1,8 @@
 """Checks of an experiment's values, each by itself and with the others."""
 
-from collections.abc import Mapping
+import math
+import re
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any
 
@@ -12,19 +14,106 @@ from swarmwright.common.options import Options
 from swarmwright.common.problems import MISSING, Report, problems_of, shown
 from swarmwright.common.registry import Registry
 from swarmwright.common.simulation_names import is_command
-from swarmwright.common.yaml import Path_
+from swarmwright.common.yaml import Path_, path_of
 from swarmwright.controllers import Representation
 from swarmwright.controllers.kinds.parameter_set import ParameterSetOptions
 from swarmwright.controllers.kinds.team import TeamOptions, check_counts, most, with_groups
+from swarmwright.controllers.networks import NetworkOptions
+from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.document import DEFAULT_KINDS, Checked, Document, Requirements
-from swarmwright.experiment.evolved import problems
-from swarmwright.experiment.parameter_checks import check_parameters
+from swarmwright.experiment.evolved import problems, unknown
+from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.ranking_checks import check_ranking
-from swarmwright.experiment.start_from import genomes_of
+from swarmwright.experiment.start_from import genomes_of, samples_around_start
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.methods.plug_ins import REGISTRIES
+from swarmwright.methods.rankings.multi_fidelity import MultiFidelityOptions
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.catalogue import steers_itself, titles
 from swarmwright.simulations.fitness import FitnessExpression
+
+
+def check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
+    """Check that parameters can be sent as JSON, and that the simulation knows and takes them.
+
+    Args:
+        simulation: that is asked; None where it is not here.
+        parameters: as the experiment has them.
+        report: takes each problem.
+    """
+    for path, problem in _unsendable(parameters, ("parameters",)):
+        report(path, problem)
+        return
+    if simulation is None:
+        return
+    known = catalogue.parameter_names(simulation)
+    for key, problem in unknown(simulation, parameters):
+        report(("parameters", key), problem)
+    everything = catalogue.takes_any(simulation)
+    given = {key: value for key, value in parameters.items() if everything or key in known}
+    mistakes = catalogue.parameter_mistakes(simulation, given)
+    if mistakes is not None:
+        for place, reason in mistakes:
+            _report_parameter(place, reason, given, report)
+        return
+    first = True
+    # The simulation names one at a time: it is removed to find the next. What only its absence makes wrong is
+    # not reported.
+    while (wrong := catalogue.parameters_problem(simulation, given)) is not None:
+        place, _, reason = wrong.removeprefix("parameter ").partition(": ")
+        name = _parameter_of(place)
+        if not (reason and name in given):
+            if first:
+                report((("parameters", name) if reason and name in known else ("parameters",)), wrong)
+            return
+        if first or _is_wrong_alone(simulation, name, given[name], wrong):
+            _report_parameter(place, reason, given, report)
+        del given[name]
+        first = False
+
+
+def _parameter_of(place: str) -> str:
+    """Return the name of the parameter in which a place is."""
+    return re.split(r"[.[]", place, maxsplit=1)[0]
+
+
+def _report_parameter(place: str, reason: str, given: Mapping[str, Any], report: Report) -> None:
+    """Report why a parameter is refused, at its place in the file."""
+    if place == "mission.robots" and _has_own_radius(given):
+        place, reason = "robot.radius", f"{reason}, or a smaller radius"
+    name = _parameter_of(place)
+    if name in given:
+        report(("parameters", *path_of(place)), reason)
+    else:
+        report(("parameters", name), f"parameter {place}: {reason}")
+
+
+def _has_own_radius(parameters: Mapping[str, Any]) -> bool:
+    """Whether the arena's robots have a radius that is given, in a mission that is not written out."""
+    robot, mission = parameters.get("robot"), parameters.get("mission")
+    return isinstance(robot, Mapping) and "radius" in robot and not isinstance(mission, Mapping)
+
+
+def _is_wrong_alone(simulation: str, name: str, value: Any, wrong: str) -> bool:  # noqa: ANN401 - any value of a file
+    """Whether a parameter is wrong whatever the others are."""
+    return catalogue.parameters_problem(simulation, {name: value}) == wrong
+
+
+def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa: ANN401 - any value of a file
+    """Yield what JSON cannot carry."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            if isinstance(key, str):
+                yield from _unsendable(inner, (*path, key))
+            else:
+                yield path, f"a key must be text, not {shown(key)}"
+    elif isinstance(value, list | tuple):
+        for index, inner in enumerate(value):
+            yield from _unsendable(inner, (*path, index))
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield path, f"must be a finite number, not {value}"
+    elif not (value is None or isinstance(value, bool | int | float | str)):
+        yield path, f"a value of the type {type(value).__name__} cannot be sent to a simulation"
 
 
 def check_values(
@@ -310,3 +399,77 @@ def _fill_in(checked: Checked, here: bool, report: Report) -> None:
             if is_command(checked["simulation"]):
                 problem += "; metrics of a command are announced by simulation.metrics: [NAME, ..]"
             report(("fitness",), problem)
+
+
+_REACHED = {"tanh": (-1.0, 1.0), "sigmoid": (0.0, 1.0), "clamp": (0.0, 1.0), "relu": (0.0, math.inf)}
+"""Lowest and highest output of a node, by activation; others have no limits."""
+
+
+def setting_warnings(experiment: Experiment) -> list[str]:
+    """Return sentences on keys that are not at their defaults and have no effect, or an undesired one."""
+    method, validate = experiment.method, experiment.validate
+    found = []
+    if method.operation != "steady_state":
+        found += [
+            f"method.{key} has no effect with operation: {method.operation}"
+            for key in _set_in(method, "in_flight")
+        ]
+    if not validate.transfers:
+        found += [
+            f"validate.{key} has no effect without validate.to, validate.vary or validate.pseudo_reality"
+            for key in _set_in(validate, "seeds", "random")
+        ]
+    if experiment.start_from is not None and samples_around_start(experiment) and validate.episodes == 0:
+        found.append(
+            f"start_from: {method.kind} samples around the controller and does not keep it; with validate: "
+            "false the run does not say whether its best is better"
+        )
+    ranking = experiment.ranking
+    if method.needed_metrics and ranking.seeds == "new":
+        episodes = ranking.episodes
+        found.append(
+            f"ranking.seeds: new lets {method.kind} compare candidates that were evaluated on different "
+            "seeds, and those with easy seeds stay to the end; take seeds: same with more episodes "
+            f"(ranking.episodes is {episodes}), and evaluate the result on held-out seeds"
+        )
+    if isinstance(ranking, MultiFidelityOptions) and ranking.seeds == "new" and (ranking.memory or 1) > 1:
+        found.append(
+            f"ranking.memory: {ranking.memory} with seeds: new corrects fitness by differences between the "
+            "two simulations on other seeds as well; leave it out, or take seeds: same"
+        )
+    return [*found, *_without_influence(experiment)]
+
+
+def _without_influence(experiment: Experiment) -> Iterator[str]:
+    """Yield sentences on settings with which all controllers have the same fitness."""
+    simulation, parameters, controller = experiment.simulation, experiment.parameters, experiment.controller
+    if steers_agents(experiment) and simulation in titles() and steers_itself(simulation, parameters):
+        yield (
+            f"controller: {controller.kind} steers agents, but those of {simulation} steer themselves with "
+            "these parameters, and all candidates have the same fitness; change the parameters, or evolve "
+            "them with controller: {kind: parameter_set}"
+        )
+    if isinstance(controller, NetworkOptions) and controller.last_activation in _REACHED:
+        (low, high), (least, most) = controller.outputs, _REACHED[controller.last_activation]
+        if most <= low or high <= least:
+            reached = f"{least:g} to {most:g}" if math.isfinite(most) else f"{least:g} or more"
+            yield (
+                f"controller.output_range: [{low:g}, {high:g}] is beyond all outputs of "
+                f"{controller.last_activation}, {reached}: actuators have one value, whatever the controller"
+            )
+    mission = parameters.get("mission")
+    metrics = mission.get("metrics") if isinstance(mission, Mapping) else None
+    for name, metric in metrics.items() if isinstance(metrics, Mapping) else ():
+        if isinstance(metric, Mapping) and metric.get("kind") == "returns":
+            sources = metric.get("sources")
+            if isinstance(sources, list) and metric.get("nest") in sources:
+                yield (
+                    f"parameters.mission.metrics.{name}: its nest {metric['nest']!r} is also one of its "
+                    "sources, and no robot is counted; name another patch"
+                )
+
+
+def _set_in(options: Options, *keys: str) -> Iterator[str]:
+    """Yield the keys with other values than the defaults, which files of runs have written out."""
+    fields = type(options).model_fields
+    return (key for key in keys if getattr(options, key) != fields[key].default)

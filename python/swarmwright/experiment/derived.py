@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.read_only import plain
+from swarmwright.common.values import plain
 from swarmwright.common.yaml import Source, read
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.experiment.broker_address import environment_prefix

@@ -381,3 +381,7 @@ class Document(Options):
 
 DEFAULT_KINDS = {"controller": "layered", "method": "nnga", "ranking": "absolute"}
 """The kind of a section that names none."""
+
+
+STORE = "run.sqlite"
+"""Name of the store in a run folder."""

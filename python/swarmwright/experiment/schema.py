@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from swarmwright.common.descriptions import described
-from swarmwright.common.options import Options
+from swarmwright.common.options import Options, described
 from swarmwright.experiment.document import DEFAULT_KINDS, Document
 from swarmwright.experiment.launchers import LAUNCHERS
 from swarmwright.methods.plug_ins import REGISTRIES

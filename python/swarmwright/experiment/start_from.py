@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.common.arrays import shortest
+from swarmwright.common.arrays import Genomes, shortest
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import shown
-from swarmwright.common.typing import Genomes
 from swarmwright.controllers import Representation
 from swarmwright.controllers.controller import Controller, genome_beside
 from swarmwright.controllers.kinds import words_of

@@ -12,10 +12,9 @@ from swarmwright.common.simulation_names import is_python
 from swarmwright.common.suggestions import unknown
 from swarmwright.common.yaml import Path_, Source, dotted_path, read
 from swarmwright.experiment.derived import steers_agents
-from swarmwright.experiment.document import Validate
+from swarmwright.experiment.document import STORE, Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, with_source
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
-from swarmwright.experiment.run_folder import STORE
 from swarmwright.methods.rankings.absolute import AbsoluteOptions
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.methods.rankings.transferability import TransferabilityOptions

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, ValidationError
 
+from swarmwright.common.arrays import Fitness, Genomes
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import problems_of
-from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.common.yaml import dotted_path
 from swarmwright.controllers import Representation
 from swarmwright.methods import Method, MethodOptions

@@ -12,11 +12,10 @@ from swarmwright.common.problems import Report, shown
 from swarmwright.common.simulation_names import LIBRARIES, is_python
 from swarmwright.common.yaml import Path_, Source
 from swarmwright.experiment.checks import check_values
-from swarmwright.experiment.document import DEFAULT_KINDS, Checked
+from swarmwright.experiment.document import DEFAULT_KINDS, STORE, Checked
 from swarmwright.experiment.launcher_entries import entries_of, names_launchers
 from swarmwright.experiment.misplaced import with_right_place
 from swarmwright.experiment.parameter_files import is_mission, resolve
-from swarmwright.experiment.run_folder import STORE
 from swarmwright.experiment.start_from import entries
 from swarmwright.experiment.unavailable import UnavailableMethod, UnreadRanking
 from swarmwright.methods.plug_ins import REGISTRIES

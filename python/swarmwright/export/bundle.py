@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from swarmwright.common.arguments import checked
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.files import read_bytes
+from swarmwright.common.groups import TEAM
 from swarmwright.common.revision import revision
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.common.teams import TEAM
 from swarmwright.controllers.source.text import check_prefix, decimals
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, file_bytes

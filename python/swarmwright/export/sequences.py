@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.common.by_value import ComparedByValue
 from swarmwright.common.errors import InputError, engine_errors
+from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.kinds import kind_of, part
 
 RANDOM_SEQUENCES = 10_000

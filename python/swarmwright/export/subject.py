@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError, engine_errors
+from swarmwright.common.groups import is_team, parts_of
 from swarmwright.common.ranges import CONVERSION, Range, ranges_of, shortest_decimal
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.common.teams import is_team, parts_of
 from swarmwright.common.warn_once import warn_once
 from swarmwright.controllers.kinds import kind_of, words_of
 from swarmwright.controllers.source import Evolved

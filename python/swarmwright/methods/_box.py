@@ -3,7 +3,7 @@
 import numpy as np
 from pydantic import Field
 
-from swarmwright.common.typing import Genomes, Limits
+from swarmwright.common.arrays import Genomes, Limits
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._numbers import center_and_reach, discrete, limits

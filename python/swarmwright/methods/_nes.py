@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import Field
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Genome
 from swarmwright.common.random_numbers import Streams
-from swarmwright.common.typing import Genome
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import Gaussian, Numbers, logarithm

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.typing import Fitness
+from swarmwright.common.arrays import Fitness
 
 Values = NDArray[np.float64]
 """Of each candidate (a row) several values (columns)."""

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.random_numbers import Streams
-from swarmwright.common.typing import Fitness, Genome, Genomes
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions
 

@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.options import Options
-from swarmwright.common.typing import Fitness, Genome, Genomes
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions, by_metric
 from swarmwright.methods._numbers import center_and_reach

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.random_numbers import Streams
-from swarmwright.common.typing import Fitness, Genome, Genomes
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions, by_metric
 from swarmwright.methods.archive import Values, crowding, ranks

@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from swarmwright.common.typing import Fitness, Genome, Genomes
+from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import Method, MethodOptions
 

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Fitness, Genomes
 from swarmwright.common.errors import engine_errors
 from swarmwright.common.processes import use_threads
-from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.methods._base import Method
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.flatten import flat
 from swarmwright.common.problems import shown
+from swarmwright.common.values import flat
 from swarmwright.common.yaml import dump, read
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, stored_experiment
 from swarmwright.runs.store import StoreReader

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.arrays import Fitness
 from swarmwright.common.errors import InputError
 from swarmwright.common.statistics import means
-from swarmwright.common.typing import Fitness
 from swarmwright.methods.archive import Archive, Axis, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options

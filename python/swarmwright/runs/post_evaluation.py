@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.arguments import checked
-from swarmwright.common.arrays import read_only_array
-from swarmwright.common.by_value import ComparedByValue
+from swarmwright.common.arrays import Genomes, read_only_array
 from swarmwright.common.errors import InputError
 from swarmwright.common.html import facts
 from swarmwright.common.statistics import Estimate, estimate, quantile
-from swarmwright.common.typing import Genomes
+from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.methods.rankings import Ranking

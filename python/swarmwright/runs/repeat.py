@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.arguments import checked
-from swarmwright.common.by_value import ComparedByValue
+from swarmwright.common.values import ComparedByValue
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.methods.rankings.race import Race
 from swarmwright.runs.code import used_for

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright.common.arguments import simulation_seed
 from swarmwright.common.errors import InputError
-from swarmwright.common.flatten import flat
 from swarmwright.common.modules import label_of
+from swarmwright.common.values import flat
 from swarmwright.controllers.controller import Controller
 from swarmwright.controllers.kinds import words_of
 from swarmwright.display import Caption

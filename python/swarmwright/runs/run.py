@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, SupportsIndex, get_args
 from swarmwright.common.arguments import checked, flag, path_of
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.html import facts, picture, png_of
-from swarmwright.common.place import Place
+from swarmwright.common.processes import Place
 from swarmwright.common.statistics import Summary
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.budget import Ended
@@ -408,8 +408,7 @@ class Run:
         Raises InputError when the run has no finished generation or has not recorded a metric, for another
         style, width or ending, or when the file cannot be written.
         """
-        from swarmwright.display.figures.publishers import Page, on
-        from swarmwright.display.figures.style import check, save
+        from swarmwright.display.figures.style import Page, check, on, save
 
         if path is not None:
             check(Path(path))

@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.arrays import Genome
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_text
 from swarmwright.common.html import table
 from swarmwright.common.statistics import Estimate, estimate
-from swarmwright.common.typing import Genome
 from swarmwright.common.warn_once import warn_once
 from swarmwright.controllers import Representation
 from swarmwright.experiment.derived import reports_slow

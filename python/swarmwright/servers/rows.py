@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Fitness, Genomes
 from swarmwright.common.engine_types import AttemptFields, Outcome
 from swarmwright.common.statistics import Summary
-from swarmwright.common.typing import Fitness, Genomes
 
 
 class Evaluated(NamedTuple):

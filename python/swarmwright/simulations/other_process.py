@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.common import hash_seed
+from swarmwright.common import processes
 from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.simulations.host import Host, Seen
@@ -146,7 +146,7 @@ def outcomes(simulation: type | str, trial: Trial, seeds: Sequence[str]) -> list
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
-                env={**os.environ, hash_seed.VARIABLE: seed},
+                env={**os.environ, processes.VARIABLE: seed},
                 text=True,
             )
             stack.callback(process.wait)

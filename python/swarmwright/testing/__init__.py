@@ -11,14 +11,13 @@
 A check raises AssertionError that says what is violated. The same checks run over everything built in.
 """
 
-from swarmwright.testing._batches import check_batch_simulation
 from swarmwright.testing._conformance import check_optimizer, check_server
 from swarmwright.testing._launchers import check_launcher
 from swarmwright.testing._methods import check_method
 from swarmwright.testing._modules import check_behaviour, check_condition
 from swarmwright.testing._rankings import check_ranking
 from swarmwright.testing._representations import check_representation
-from swarmwright.testing._simulations import check_simulation
+from swarmwright.testing._simulations import check_batch_simulation, check_simulation
 
 __all__ = [
     "check_batch_simulation",

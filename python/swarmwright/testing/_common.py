@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.descriptions import described
-from swarmwright.common.options import Options
+from swarmwright.common.arrays import Fitness, Genomes
+from swarmwright.common.options import Options, described
 from swarmwright.common.registry import Registry
-from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.methods import Method
 

@@ -1,22 +1,311 @@
 """Checks of methods."""
 
+import json
 import random
+import subprocess
+import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
+from hashlib import sha256
+from importlib import import_module
+from typing import Any, Literal
 
 import numpy as np
 
+from swarmwright.common.arrays import Fitness, Genome, Genomes, Limits
 from swarmwright.common.errors import InputError
-from swarmwright.common.typing import Fitness, Genomes
-from swarmwright.controllers import REPRESENTATIONS, Representation
+from swarmwright.common.random_numbers import Stream
+from swarmwright.controllers import REPRESENTATIONS, Representation, RepresentationOptions
 from swarmwright.methods import METHODS, Method
 from swarmwright.testing._common import check_options, representation, synthetic_metrics, without_options
-from swarmwright.testing._replay import check_replay
-from swarmwright.testing._samples import BoundedGenes, Choices
-from swarmwright.testing._steady import check_steady_state
+
+_GENES = 12
+_VALUES = 4
+
+
+class _Options(RepresentationOptions):
+    """No options."""
+
+    kind: Literal["sample"] = "sample"
+
+
+class _Sample(Representation):
+    """Genes drawn anew by mutations, exchanged one by one by crossovers; without a controller."""
+
+    kind = "sample"
+    options_model = _Options
+
+    def __init__(self) -> None:
+        super().__init__(_Options(), sensors=1, actuators=1)
+
+    @property
+    def genome_size(self) -> int:
+        """Number of genes."""
+        return _GENES
+
+    def architecture(self) -> dict[str, Any]:
+        """Return nothing: these genomes are not run."""
+        raise NotImplementedError
+
+    def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
+        """Return a copy in which genes are drawn anew with `probability`."""
+        chosen = stream.unit(_GENES) < probability * min(severity, 1.0)
+        return np.where(chosen, self.initial(stream), genome).astype(np.float32)
+
+    def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
+        """Return a copy of `mother` with half of the genes of `father`."""
+        return np.where(stream.unit(_GENES) < 0.5, mother, father).astype(np.float32)
+
+    def distance(self, one: Genome, other: Genome) -> float:
+        """Return how many genes differ."""
+        return float((one != other).sum())
+
+
+class BoundedGenes(_Sample):
+    """Genes in 0..1, but for the last three: at least 2, at most -2, and free."""
+
+    @property
+    def bounds(self) -> Limits:
+        """Lowest and highest value of each gene."""
+        lower, upper = np.zeros(_GENES), np.ones(_GENES)
+        lower[-3:] = [2, -np.inf, -np.inf]
+        upper[-3:] = [np.inf, -2, np.inf]
+        return lower, upper
+
+    @property
+    def initial_range(self) -> Limits:
+        """Where genes start."""
+        lower, upper = np.zeros(_GENES), np.ones(_GENES)
+        lower[-3:], upper[-3:] = [2, -3, -1], [3, -2, 1]
+        return lower, upper
+
+    def initial(self, stream: Stream) -> Genome:
+        """Return genes uniform in their initial range."""
+        lower, upper = self.initial_range
+        return (lower + (upper - lower) * stream.unit(_GENES)).astype(np.float32)
+
+
+class Choices(_Sample):
+    """Genes that are one of 0, 1, 2, 3, in no order."""
+
+    continuous = False
+
+    @property
+    def bounds(self) -> Limits:
+        """Lowest and highest value of each gene."""
+        return np.zeros(_GENES), np.full(_GENES, _VALUES - 1.0)
+
+    def initial(self, stream: Stream) -> Genome:
+        """Return random choices."""
+        return np.array(stream.integers(_VALUES, _GENES), dtype=np.float32)
+
+
+_STEADY_GENERATIONS = 3
+
+
+def check_steady_state(component: type[Method], subject: Representation) -> None:
+    """Check a method in steady state, or that it rejects steady state."""
+    # Metrics are told for whole generations only.
+    if not component.steady_state or component.options_model().needed_metrics:
+        _check_refusal(component, subject)
+        return
+    for in_flight in (1, 5, 10_000):
+        asked = _ask_early(_steady_new(component, subject, in_flight))
+        assert len(asked) == _budget(component, subject), "budget is not what was evaluated"
+        assert _steady_bytes(asked) == _steady_bytes(_ask_late(_steady_new(component, subject, in_flight))), (
+            f"with in_flight {in_flight}, genomes depend on when they are asked for"
+        )
+        assert _steady_bytes(asked) != _steady_bytes(
+            _ask_late(_steady_new(component, subject, in_flight, seed=2))
+        )
+    _check_window(_steady_new(component, subject, 3))
+    _check_turns(_steady_new(component, subject, 3))
+    _steady_check_failures(_steady_new(component, subject, 4))
+    _steady_check_target(component, subject)
+
+
+def _steady_new(component: type[Method], subject: Representation, in_flight: int, seed: int = 1) -> Method:
+    options = component.options_model(
+        generations=_STEADY_GENERATIONS, operation="steady_state", in_flight=in_flight
+    )
+    return component(options, subject, seed=seed)
+
+
+def _budget(component: type[Method], subject: Representation) -> int:
+    method = _steady_new(component, subject, 1)
+    size = method.generation_size
+    assert method.budget == size * _STEADY_GENERATIONS, "budget must be generations x generation_size"
+    return method.budget
+
+
+def _steady_bytes(asked: list[Genome]) -> list[bytes]:
+    return [genome.tobytes() for genome in asked]
+
+
+def _value(genome: Genome) -> float:
+    return -float(np.abs(genome.astype(np.float64)).max())
+
+
+def _checked(method: Method, index: int, genome: Genome, expected: int) -> Genome:
+    assert index == expected, f"candidate {index} came after candidate {expected - 1}"
+    assert genome.dtype == np.float32, f"ask_next returns {genome.dtype}, not float32"
+    assert genome.shape == (method.representation.genome_size,), f"ask_next returns shape {genome.shape}"
+    lower, upper = method.representation.bounds
+    assert np.isfinite(genome).all(), "ask_next returns numbers that are not finite"
+    assert ((lower <= genome) & (genome <= upper)).all(), "ask_next returns genes outside of bounds"
+    return genome.copy()
+
+
+def _ask_early(method: Method) -> list[Genome]:
+    """Ask for all there are, tell one, and so on."""
+    asked: list[Genome] = []
+    while not method.done:
+        while method.can_ask:
+            index, genome = method.ask_next()
+            asked.append(_checked(method, index, genome, len(asked)))
+            genome[:] = np.nan
+        method.tell_next(_value(asked[method.evaluations]))
+        assert not np.isinf(method.population_fitness).any()
+    return asked
+
+
+def _ask_late(method: Method) -> list[Genome]:
+    """Ask only when there is nothing to tell."""
+    asked: list[Genome] = []
+    waiting: deque[float] = deque()
+    while not method.done:
+        if not waiting:
+            index, genome = method.ask_next()
+            asked.append(_checked(method, index, genome, len(asked)))
+            waiting.append(_value(genome))
+        method.tell_next(waiting.popleft())
+    return asked
+
+
+def _check_window(method: Method) -> None:
+    asked = 0
+    while method.can_ask:
+        method.ask_next()
+        asked += 1
+    assert asked == method.options.in_flight, f"{asked} in flight, not {method.options.in_flight}"
+    _refused(method.ask_next, "asking beyond in_flight must raise InputError")
+    method.tell_next(1.0)
+    assert method.can_ask, "after a result, the next candidate can be asked for"
+
+
+def _check_turns(method: Method) -> None:
+    _refused(lambda: method.tell_next(1.0), "telling before asking must raise InputError")
+    _refused(method.ask, "ask must raise InputError in steady state")
+    method.ask_next()
+    method.tell_next(1.0)
+    _refused(lambda: method.tell_next(1.0), "telling twice must raise InputError")
+
+
+def _steady_check_failures(method: Method) -> None:
+    while not method.done:
+        while method.can_ask:
+            _, genome = method.ask_next()
+        index = method.evaluations
+        broken = index < method.generation_size or index % 3
+        method.tell_next(np.inf if broken else _value(genome))
+    assert np.isnan(method.population_fitness).any() or np.isfinite(method.population_fitness).all()
+
+
+def _steady_check_target(component: type[Method], subject: Representation) -> None:
+    options = component.options_model(operation="steady_state", target=-1e9)
+    method = component(options, subject, seed=1)
+    _, genome = method.ask_next()
+    method.tell_next(_value(genome))
+    assert method.done, "a target that is reached must end the method"
+    _refused(method.ask_next, "asking when done must raise InputError")
+
+
+def _check_refusal(component: type[Method], subject: Representation) -> None:
+    assert component.generational_because, "generational_because must say why there is no steady state"
+    try:
+        _steady_new(component, subject, 1)
+    except InputError as error:
+        if not str(error).startswith("method.operation: "):
+            raise AssertionError(f"the message must name method.operation: {error}") from error
+        return
+    raise AssertionError(f"{component.kind} has no steady_state, and takes operation: steady_state")
+
+
+def _refused(action: Callable[[], object], otherwise: str) -> None:
+    try:
+        action()
+    except InputError:
+        return
+    raise AssertionError(otherwise)
+
+
+_CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from swarmwright.testing import _replay; _replay.main()"  # noqa: E501 - one line of a command
+
+
+def check_replay(method: Method) -> None:
+    """Check that the conversation of a new method, told again in a new process, gives the same genomes."""
+    told: list[list[float | None]] = []
+    asked: list[str] = []
+    while not method.done:
+        genomes = method.ask()
+        asked.append(sha256(genomes.tobytes()).hexdigest())
+        fitness = -np.abs(genomes.astype(np.float64)).max(axis=1)
+        fitness[len(told) % 3 :: 5] = np.nan
+        method.tell(fitness, metrics=synthetic_metrics(method, genomes, fitness))
+        told.append([None if np.isnan(value) else value for value in fitness.tolist()])
+    kind = type(method)
+    subject = method.representation
+    conversation = {
+        "method": [kind.__module__, kind.__qualname__],
+        "options": method.options.model_dump(),
+        "representation": [type(subject).__module__, type(subject).__qualname__],
+        "controller": subject.options.model_dump(),
+        "sizes": {"sensors": subject.sensors, "actuators": subject.actuators},
+        "seed": method.seed,
+        "told": told,
+    }
+    process = subprocess.run(
+        [sys.executable, "-P", "-c", _CODE, json.dumps(sys.path)],
+        input=json.dumps(conversation),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert process.returncode == 0, f"the method cannot be told again in a new process:\n{process.stderr}"
+    again = json.loads(process.stdout)
+    first = next(
+        (index for index, pair in enumerate(zip(asked, again, strict=True)) if len({*pair}) > 1), None
+    )
+    assert first is None, f"told again in a new process, generation {first} has other genomes"
+
+
+def main() -> None:
+    """Replay the conversation given on standard input; write the genomes asked for."""
+    conversation: dict[str, Any] = json.load(sys.stdin)
+    representation, kind = _find(*conversation["representation"]), conversation["options"]["kind"]
+    component: Any = METHODS.get(kind) if METHODS.is_in_file(kind) else _find(*conversation["method"])
+    subject = representation(
+        representation.options_model(**conversation["controller"]), **conversation["sizes"]
+    )
+    method = component(component.options_model(**conversation["options"]), subject, seed=conversation["seed"])
+    asked = []
+    for told in conversation["told"]:
+        genomes, fitness = method.ask(), _fitness(told)
+        asked.append(sha256(genomes.tobytes()).hexdigest())
+        method.tell(fitness, metrics=synthetic_metrics(method, genomes, fitness))
+    json.dump(asked, sys.stdout)
+
+
+def _fitness(values: Sequence[float | None]) -> Fitness:
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def _find(module: str, name: str) -> Any:  # noqa: ANN401 - any class
+    return getattr(import_module(module), name)
+
 
 _GENERATIONS = 6
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Genome, Genomes
 from swarmwright.common.modules import PYTHON_KIND, weight_count
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.common.typing import Genome, Genomes
 from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.controllers.controller import Controller
 from swarmwright.testing._common import SHAPES, check_options, representation

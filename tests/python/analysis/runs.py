@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright import Experiment, Run
-from swarmwright.common.place import Place
+from swarmwright.common.processes import Place
 from swarmwright.common.statistics import Summary, figures_of, summarize
 from swarmwright.runs.store import Record
 from swarmwright.runs.store.table import RecordTable

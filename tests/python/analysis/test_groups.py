@@ -8,7 +8,7 @@ import pytest
 
 from swarmwright import compare
 from swarmwright.analysis.groups import group
-from swarmwright.analysis.option_columns import option_columns
+from swarmwright.analysis.table import option_columns
 from swarmwright.analysis.tasks import by_task
 from swarmwright.simulations.user_code.copying import Copy, digest_of
 from swarmwright.simulations.user_code.parts import Part

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pymoo.indicators.hv import Hypervolume
 
-from swarmwright.analysis.hypervolume import hypervolume
+from swarmwright.analysis.indicators import hypervolume
 
 
 def test_of_two_objectives() -> None:

@@ -3,7 +3,7 @@ from typing import Any
 
 from swarmwright.analysis.groups import differing_keys, group
 from swarmwright.analysis.labels import abbreviations, labels_of
-from swarmwright.common.flatten import flat
+from swarmwright.common.values import flat
 from tests.python.analysis.runs import KnownRun
 
 FORMULAS = [

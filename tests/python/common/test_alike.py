@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmwright.common.alike import alike, folded
+from swarmwright.common.suggestions import alike, folded
 
 
 @pytest.mark.parametrize("name", ["goal x", "goal_x", "goalX", "Goal-X", "goal ｘ"])

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
-from swarmwright.common.correlation import rank_correlation
+from swarmwright.common.statistics import rank_correlation
 
 VALUES = st.integers(-5, 5).map(float)
 

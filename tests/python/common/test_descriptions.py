@@ -2,8 +2,7 @@
 
 from pydantic import Field
 
-from swarmwright.common.descriptions import described
-from swarmwright.common.options import Options
+from swarmwright.common.options import Options, described
 
 
 class Inner(Options):

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from swarmwright.common import hash_seed
+from swarmwright.common import processes
 
 
 @pytest.mark.parametrize(
@@ -15,18 +15,18 @@ from swarmwright.common import hash_seed
 def test_started_processes_have_the_seed_of_the_environment_or_a_fixed_one(
     given: dict[str, str], expected: str
 ) -> None:
-    assert hash_seed.of_started(given) == expected
-    assert hash_seed.variables(given) == {"PYTHONHASHSEED": expected}
+    assert processes.of_started(given) == expected
+    assert processes.variables(given) == {"PYTHONHASHSEED": expected}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("given", ["0", "5", "random", None])
 def test_the_seed_of_a_process_is_known(given: str | None) -> None:
-    environment = {name: value for name, value in os.environ.items() if name != hash_seed.VARIABLE}
+    environment = {name: value for name, value in os.environ.items() if name != processes.VARIABLE}
     if given is not None:
-        environment[hash_seed.VARIABLE] = given
-    code = "from swarmwright.common import hash_seed; print(hash_seed.of_this_process())"
+        environment[processes.VARIABLE] = given
+    code = "from swarmwright.common import hash_seed; print(processes.of_this_process())"
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     )
-    assert done.stdout.strip() == (given or hash_seed.RANDOM)
+    assert done.stdout.strip() == (given or processes.RANDOM)

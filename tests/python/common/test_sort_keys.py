@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from swarmwright.common.sort_keys import sort_key
+from swarmwright.common.values import sort_key
 
 
 def test_mappings_are_sorted_by_the_size_of_numbers_wherever_they_are() -> None:

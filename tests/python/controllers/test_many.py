@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarmwright.common.arrays import Genome, Genomes
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.common.typing import Genome, Genomes
 from swarmwright.controllers import REPRESENTATIONS, Representation, _base
 from swarmwright.controllers.kinds import mealy_fsm
 from swarmwright.controllers.kinds.mealy_fsm import MealyFsm, MealyFsmOptions

@@ -7,10 +7,8 @@ from typing import Any
 import pytest
 
 from swarmwright import _engine
-from swarmwright.display._episode import Recording, record
+from swarmwright.display._episode import Part, Recording, Shown, record
 from swarmwright.display._look import Looks
-from swarmwright.display._part import Part
-from swarmwright.display._shown import Shown
 from swarmwright.display.page._data import page_data
 
 WALLS = {"rectangle": [4, 4]}

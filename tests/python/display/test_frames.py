@@ -5,7 +5,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from swarmwright.display import Body, Scene
-from swarmwright.display._frames import between, in_between, pace
+from swarmwright.display.animation import between, in_between, pace
 
 MOST = 400
 

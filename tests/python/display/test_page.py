@@ -20,7 +20,7 @@ from selenium.webdriver.support.ui import Select
 from swarmwright.display import Body, Caption, Recording, Scene, pictures, record
 from swarmwright.display.files import save
 from swarmwright.display.page import page
-from swarmwright.display.page._series import packed
+from swarmwright.display.page._data import packed
 from tests.python.display.browser import chromium
 
 CAPTION = Caption("minisim: <best> & {{facts}}", (("controller", "layered, 4-8-1, tanh"), ("seed", "1")))

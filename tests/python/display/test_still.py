@@ -9,8 +9,7 @@ from PIL import Image
 from swarmwright import Controller, Experiment, _engine
 from swarmwright.common.random_numbers import Stream
 from swarmwright.display import Body, Recording, Scene, Wall, record
-from swarmwright.display._ground import cell_step
-from swarmwright.display.drawing import LEFT, RIGHT, STATUS, WIDTH, Picture
+from swarmwright.display.drawing import LEFT, RIGHT, STATUS, WIDTH, Picture, cell_step
 from swarmwright.display.files import save
 
 

@@ -9,8 +9,7 @@ import pytest
 from swarmwright import _engine
 from swarmwright.common.modules import State, Transition, weights_of
 from swarmwright.display._bodies import scene_of
-from swarmwright.display._text import SIGNS, with_states
-from swarmwright.display.terminal import CLEAR_BELOW, HIDE_CURSOR, SHOW_CURSOR, play
+from swarmwright.display.terminal import CLEAR_BELOW, HIDE_CURSOR, SHOW_CURSOR, SIGNS, play, with_states
 
 
 class Terminal(io.StringIO):

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, optimize
-from swarmwright.experiment.setting_warnings import setting_warnings
+from swarmwright.experiment.checks import setting_warnings
 
 STEADY = {"operation": "steady_state"}
 TRANSFERRED = {"vary": {"parameters.speedDefenders": [0.4, 0.8]}}

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.typing import Genomes
+from swarmwright.common.arrays import Genomes
 from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.methods import METHODS, Method
 

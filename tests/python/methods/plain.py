@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.common.order import best_first
+from swarmwright.common.arrays import Fitness, Genome, Genomes, best_first
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.common.typing import Fitness, Genome, Genomes
 from swarmwright.controllers import Representation
-from swarmwright.methods._nnga_steady import SteadyMembers
 from swarmwright.methods.cea2d import Cea2d
-from swarmwright.methods.nnga import Nnga, NngaOptions
+from swarmwright.methods.nnga import Nnga, NngaOptions, SteadyMembers
 
 MANY = ("initials", "mutations", "crossovers", "matings", "distances_among")
 

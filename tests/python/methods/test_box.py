@@ -11,7 +11,7 @@ from pymoo.core.termination import NoTermination
 
 from swarmwright.methods._box import Box
 from swarmwright.methods.pso import Pso
-from swarmwright.testing._samples import BoundedGenes
+from swarmwright.testing._methods import BoundedGenes
 from tests.python.methods.functions import (
     Function,
     conversation,

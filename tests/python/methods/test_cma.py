@@ -14,7 +14,7 @@ from swarmwright import Experiment, _engine, evaluate
 from swarmwright.common.random_numbers import Streams
 from swarmwright.methods import METHODS
 from swarmwright.methods._cma import Cma
-from swarmwright.testing._samples import BoundedGenes
+from swarmwright.testing._methods import BoundedGenes
 from tests.python.methods.functions import (
     Points,
     conversation,

@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from swarmwright import InputError
-from swarmwright.common.typing import Genomes
+from swarmwright.common.arrays import Genomes
 from swarmwright.methods import METHODS, Method
 from swarmwright.methods.archive import Archive
 from swarmwright.methods.map_elites import MapElites

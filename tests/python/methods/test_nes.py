@@ -11,7 +11,7 @@ from swarmwright._engine import utilities
 from swarmwright.methods._nes import Nes
 from swarmwright.methods.snes import Snes
 from swarmwright.methods.xnes import Xnes
-from swarmwright.testing._samples import BoundedGenes
+from swarmwright.testing._methods import BoundedGenes
 from tests.python.methods.functions import Points, evaluations_to, new, rosenbrock, sphere, ten_genes
 
 KINDS = ["snes", "xnes"]

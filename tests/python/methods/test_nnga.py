@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from swarmwright.common.arrays import Genome, Genomes
 from swarmwright.common.errors import InputError
-from swarmwright.common.typing import Genome, Genomes
 from swarmwright.controllers.kinds.layered import Layered, LayeredOptions
 from swarmwright.methods import METHODS
 from swarmwright.methods.nnga import Nnga, NngaOptions, Shares

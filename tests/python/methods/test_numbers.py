@@ -6,7 +6,7 @@ from scipy.stats import kstest
 
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.methods._numbers import limits
-from swarmwright.testing._samples import BoundedGenes
+from swarmwright.testing._methods import BoundedGenes
 
 GOLDEN = ["-0x1.f44acc0000000p-2", "0x1.f997b40000000p-1", "-0x1.def4be0000000p-1", "0x1.b7721e0000000p+0"]
 

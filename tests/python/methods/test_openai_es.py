@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from swarmwright import Experiment, evaluate
 from swarmwright.methods.openai_es import OpenaiEs, OpenaiEsOptions
-from swarmwright.testing._samples import BoundedGenes
+from swarmwright.testing._methods import BoundedGenes
 from tests.python.methods.functions import Points, conversation, new, rosenbrock, sphere, ten_genes
 
 

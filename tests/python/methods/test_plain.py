@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from swarmwright.common.typing import Genomes
+from swarmwright.common.arrays import Genomes
 from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.methods.cea2d import Cea2d, Cea2dOptions
 from swarmwright.methods.nnga import Nnga, NngaOptions

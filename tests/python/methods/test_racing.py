@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from swarmwright import InputError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import Representation
-from swarmwright.methods._race import Entrant, Race, Rules
-from swarmwright.methods.racing import Racing, RacingOptions, alike
-from swarmwright.methods.rankings.race_tests import ranks_of
+from swarmwright.methods.racing import Entrant, Race, Racing, RacingOptions, Rules, alike
+from swarmwright.methods.rankings.race import ranks_of
 from swarmwright.testing import check_method
 from swarmwright.testing._common import representation
-from swarmwright.testing._samples import Choices
+from swarmwright.testing._methods import Choices
 from tests.python.methods.functions import ten_genes
 
 RULES = Rules(test="friedman", level=0.05, first_test=5, each_test=1, patience=2, survivors=1)

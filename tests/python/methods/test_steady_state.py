@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError
-from swarmwright.common.typing import Genome
+from swarmwright.common.arrays import Genome
 from swarmwright.methods import METHODS
 from tests.python.methods.functions import new, sphere
 

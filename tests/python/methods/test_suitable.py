@@ -10,7 +10,7 @@ from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.controllers.kinds.layered import Layered, LayeredOptions
 from swarmwright.methods import METHODS
 from swarmwright.methods.plug_ins import REGISTRIES
-from swarmwright.testing._samples import Choices
+from swarmwright.testing._methods import Choices
 from tests.python.methods.functions import new
 from tests.python.methods.needed import method_of
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Controller
-from swarmwright.common.typing import Genome
+from swarmwright.common.arrays import Genome
 from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.methods import Method
 from tests.python.methods.functions import new

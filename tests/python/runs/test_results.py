@@ -19,8 +19,8 @@ from swarmwright import (
     repeat,
     transfer,
 )
-from swarmwright.common.by_value import ComparedByValue
 from swarmwright.common.html import facts
+from swarmwright.common.values import ComparedByValue
 from swarmwright.results import Observation
 from tests.python.records import EXPERIMENT
 

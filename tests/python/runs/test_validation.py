@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from swarmwright import Experiment, InputError, Run, Simulation, compare, evaluate, optimize, resume
 from swarmwright.cli._commands import program
 from swarmwright.cli._validation import validation_lines
-from swarmwright.experiment.setting_warnings import setting_warnings
+from swarmwright.experiment.checks import setting_warnings
 from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, kept_values, unseen_seeds
 from swarmwright.runs.store import StoreReader, StoreWriter
 from swarmwright.runs.store.database import seal_facts

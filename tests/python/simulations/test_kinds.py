@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Controller, Experiment, InputError, Run, export_controller, optimize, post_evaluate
-from swarmwright.experiment.kinds import kinds
+from swarmwright.experiment.robots import kinds
 from swarmwright.simulations import catalogue
 from tests.python.records import same_record
 

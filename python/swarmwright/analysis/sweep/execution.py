@@ -1,22 +1,178 @@
 """Execution of a sweep's runs, sequentially or in parallel, with progress reports."""
 
+import json
 import logging
+import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import Any
 
-from swarmwright.analysis.left_out import LeftOut
-from swarmwright.analysis.sweep import record
+from swarmwright import _engine
+from swarmwright.analysis.episodes import LeftOut
 from swarmwright.analysis.sweep.file import Sweep
-from swarmwright.analysis.sweep.jobs import shares
+from swarmwright.analysis.sweep.recorded import with_names
 from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, UnreadableRunError, reason
+from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.analysis.sweep_folders import as_missing, as_unreadable
-from swarmwright.common.errors import InputError
+from swarmwright.common.errors import InputError, PlugInError
+from swarmwright.common.files import write_whole
+from swarmwright.common.plug_in_code import reported
+from swarmwright.experiment.derived import with_environment
+from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.experiment.launcher_entries import written
+from swarmwright.methods import METHODS
 from swarmwright.runs import picture
 from swarmwright.runs.optimization.generation import Generation
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import FILE as STORE
-from swarmwright.servers.evaluation.base import HERE, Servers
+from swarmwright.runs.store.folder import SWEEP
+from swarmwright.servers.broker.credentials import from_keyring
+from swarmwright.servers.evaluation import here
+from swarmwright.servers.evaluation.base import HERE, Servers, chosen
+from swarmwright.servers.supervision.local_servers import automatic_count, processors
+from swarmwright.simulations import catalogue
+
+_LISTEN = 1.0
+"""Seconds for servers on a broker to say that they are there."""
+_ASSUMED_POPULATION = 50
+"""Candidates of a generation where their number depends on what only a server knows."""
+
+
+def shares(
+    experiments: Sequence[Experiment],
+    runs: int,
+    jobs: int | None,
+    *,
+    broker: str | None,
+    servers: Servers | None,
+) -> list[Servers | None]:
+    """Return for each run that goes on at a time which servers it starts; None: none, it uses the broker's.
+
+    Without `jobs`, there are as many as can work in parallel without sharing a resource:
+
+    - evaluated in this process: a run for each processor;
+    - servers that are started: a run for each of them, with a separate broker;
+    - servers on a broker: as many runs as they can serve, where each takes as many as its generation has
+      evaluations.
+
+    Args:
+        experiments: of the variants.
+        runs: that are to be done.
+        jobs: how many at a time.
+        broker: whose servers are used.
+        servers: which are started, instead of the first experiment's.
+
+    Raises:
+        InputError: fewer servers are to be started than runs go on at a time.
+    """
+    first = experiments[0]
+    wanted = chosen(first, servers)
+    if broker is None and wanted == "auto" and here.in_process_is_better(first):
+        wanted = "local"
+    if any(one.simulation.startswith("__main__:") for one in experiments):
+        jobs = 1  # a class of this session, which no other process finds
+    most = max(runs, 1)
+    if broker is None and wanted in HERE:
+        jobs = min(jobs or processors(), most)
+        if wanted == "in-process" or not all(here.has_workers(one.simulation) for one in experiments):
+            return [wanted] * jobs
+        wanted = max(processors(), jobs)  # all runs together, not each of them
+    if isinstance(wanted, tuple):  # one run after the other has all of them
+        return [written(wanted)]
+    if broker is not None and not isinstance(servers, int):
+        return [None] * min(jobs or _served(experiments, broker), most)
+    count = wanted if isinstance(wanted, int) else max(automatic_count(), jobs or 1)
+    if jobs is None:
+        jobs = count if broker is None else 1
+    if jobs > count:
+        raise InputError(
+            f"jobs: {jobs} runs at a time need as many servers, and {count} are to be started; give a larger "
+            "number of servers, or fewer jobs"
+        )
+    jobs = min(jobs, most)
+    return [count // jobs + (place < count % jobs) for place in range(jobs)]
+
+
+def _served(experiments: Sequence[Experiment], broker: str) -> int:
+    """Return how many runs the servers on a broker can serve at a time."""
+    from_keyring(broker)
+    first = experiments[0]
+    found = _engine.servers(broker, prefix=with_environment(first).prefix, wait=_LISTEN)
+    titles = {catalogue.title(one.simulation) for one in experiments}
+    able = [
+        one for one in found if one.get("state") != "lost" and titles <= set(one.get("simulations") or ())
+    ]
+    return max(1, len(able) // max(_at_a_time(one) for one in experiments))
+
+
+def _at_a_time(experiment: Experiment) -> int:
+    """Return how many evaluations of a run can be made at a time, each on another server."""
+    options = experiment.method
+    if options.operation == "steady_state":
+        return int(options.in_flight) * experiment.ranking.episodes
+    representation = candidates = None
+    # InputError: where only a server knows the numbers of sensors and actuators. What fails in a plug-in is
+    # reported by the runs that use it.
+    with suppress(InputError, PlugInError), reported():
+        representation = experiment.representation()
+    with suppress(InputError, PlugInError), reported():
+        candidates = METHODS.get(options.kind).first_generation(options, representation)
+    return (candidates or _ASSUMED_POPULATION) * experiment.ranking.episodes
+
+
+_LEFT_OUT = (ELSEWHERE - {"validate"}) | {"seed"}
+
+
+def write(sweep: Sweep, tasks: Sequence[Task]) -> None:
+    """Write the record, instead of that of an earlier sweep; nothing where it is there already.
+
+    Raises InputError where it cannot be written.
+    """
+    file = sweep.out / SWEEP
+    data = f"{json.dumps(_plain(sweep, tasks), default=str, ensure_ascii=False, indent=1)}\n".encode()
+    try:
+        if file.is_file() and file.read_bytes() == data:
+            return
+        sweep.out.mkdir(parents=True, exist_ok=True)
+        write_whole(file, data)
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written: {os.strerror(error.errno or 0)}") from error
+
+
+def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
+    experiments = [_recorded_variant(one) for one in sweep.variants]
+    first = experiments[0]
+    common = {
+        key: value
+        for key, value in first.items()
+        if all(key in one and one[key] == value for one in experiments)
+    }
+    runs: dict[int, list[str]] = {}
+    for task in tasks:
+        runs.setdefault(id(task.variant), []).append(task.folder.name)
+    return {
+        "file": None if sweep.file is None else str(sweep.file),
+        "settings": list(sweep.settings),
+        "seeds": list(sweep.seeds),
+        "experiment": common,
+        "variants": [
+            {
+                "label": variant.label,
+                "keys": list(variant.keys),
+                "experiment": {key: value for key, value in one.items() if key not in common},
+                "runs": runs.get(id(variant), []),
+            }
+            for variant, one in zip(sweep.variants, experiments, strict=True)
+        ],
+    }
+
+
+def _recorded_variant(variant: Variant) -> dict[str, Any]:
+    """Return what the record has of a variant: a sweep that is repeated by it keeps the names of code."""
+    experiment = variant.experiment
+    kept = {key: value for key, value in experiment.to_mapping().items() if key not in _LEFT_OUT}
+    return with_names(kept, variant.names)
 
 
 class Listener:
@@ -157,7 +313,7 @@ def conduct(
     noting = _Noting(outcome, listener)
     before = [_finished_run(task) for task in tasks]  # report errors before anything is started
     try:
-        record.write(sweep, tasks)
+        write(sweep, tasks)
     except InputError as error:  # a folder that may be read alone: finished runs are compared nevertheless
         logging.getLogger("swarmwright").warning("%s", error)
     left = []

@@ -8,24 +8,27 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.analysis.comparison import Comparison, compare_all, compare_opened, held_out_known
-from swarmwright.analysis.comparison_checks import check_options
-from swarmwright.analysis.episodes import episodes_of
+from swarmwright.analysis.comparison import (
+    Comparison,
+    Order,
+    check_options,
+    compare_all,
+    compare_opened,
+    held_out_known,
+)
+from swarmwright.analysis.episodes import LeftOut, episodes_of, left_out
 from swarmwright.analysis.groups import as_written, differing_keys, flattened_of, written_missions
 from swarmwright.analysis.indicators import By, measure, quick_indicators
-from swarmwright.analysis.left_out import LeftOut, left_out
-from swarmwright.analysis.option_columns import option_columns
-from swarmwright.analysis.order import Order
 from swarmwright.analysis.sweep.execution import Listener, conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.analysis.sweep.run import Task, tasks
 from swarmwright.analysis.sweep_folders import variant_of
+from swarmwright.analysis.table import option_columns
 from swarmwright.common.arguments import checked, path_of
 from swarmwright.common.errors import InputError
 from swarmwright.common.formatting import duration
-from swarmwright.common.html import facts, table
-from swarmwright.common.notebook import Text, in_notebook
+from swarmwright.common.html import Text, facts, in_notebook, table
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs.metric_curves import Names
 from swarmwright.runs.run import Run

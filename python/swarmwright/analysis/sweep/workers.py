@@ -16,7 +16,7 @@ from typing import IO, Any
 from swarmwright.analysis.sweep.execution import Listener, finished
 from swarmwright.analysis.sweep.run import Task
 from swarmwright.analysis.sweep.variants import Variant
-from swarmwright.common import hash_seed
+from swarmwright.common import processes
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.runs.optimization.generation import Generation
 from swarmwright.runs.run import Run
@@ -43,7 +43,7 @@ class _Process:
         self._rest = b""
         self._stderr: IO[bytes] = TemporaryFile()  # noqa: SIM115 - closed in `close`
         self.events, writing = os.pipe()
-        environment = {"RAYON_NUM_THREADS": str(threads), **os.environ, **hash_seed.variables()}
+        environment = {"RAYON_NUM_THREADS": str(threads), **os.environ, **processes.variables()}
         try:
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "swarmwright.analysis.sweep.worker", str(writing)],

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from swarmwright.analysis.groups import RunGroup
 from swarmwright.analysis.significance import Difference, difference, holm
-from swarmwright.analysis.table_files import CSV, check
+from swarmwright.analysis.table import CSV, check
 from swarmwright.analysis.tasks import by_task
 from swarmwright.common.arguments import checked
-from swarmwright.common.by_value import ComparedByValue
 from swarmwright.common.files import write_text
 from swarmwright.common.html import preformatted
+from swarmwright.common.values import ComparedByValue
 from swarmwright.runs.transfer.transferred import Transferred
 
 if TYPE_CHECKING:

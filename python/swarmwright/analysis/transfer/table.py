@@ -10,8 +10,7 @@ from swarmwright.common.untrusted import one_line
 
 if TYPE_CHECKING:
     from swarmwright.analysis.transfer.result import Transfer
-    from swarmwright.common.correlation import Correlation
-    from swarmwright.common.statistics import Estimate
+    from swarmwright.common.statistics import Correlation, Estimate
     from swarmwright.runs.transfer.transferred import Transferred
 
 _CANDIDATES = 15

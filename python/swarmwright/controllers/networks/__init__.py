@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Genome, Genomes, Limits
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.controllers._base import Representation, RepresentationOptions
 
 OUTPUT_RANGE = {

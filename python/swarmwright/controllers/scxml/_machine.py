@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.common.alike import alike
 from swarmwright.common.errors import InputError
-from swarmwright.common.problem_lines import ProblemLines
-from swarmwright.common.suggestions import unknown
+from swarmwright.common.problems import ProblemLines
+from swarmwright.common.suggestions import alike, unknown
 from swarmwright.controllers.scxml._chart import Assignment, Event, State, Transition, combinations
 from swarmwright.controllers.scxml._conditions import (
     Above,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import read_bytes
-from swarmwright.common.problem_lines import ProblemLines
+from swarmwright.common.problems import ProblemLines
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.xml import Element
 from swarmwright.common.xml import read as read_xml

@@ -10,12 +10,12 @@ import numpy as np
 
 from swarmwright.common.formatting import counted, p_value, shortened
 from swarmwright.display.figures.curves import Curve, bands, best_so_far, indicator_so_far, together
-from swarmwright.display.figures.publishers import current
 from swarmwright.display.figures.style import (
     AXES,
     INK,
     PAPER,
     SOFT,
+    current,
     drawable,
     dress,
     entitle,

@@ -8,7 +8,6 @@ import numpy as np
 
 from swarmwright.common.formatting import counted
 from swarmwright.display.figures.curves import bands, together
-from swarmwright.display.figures.publishers import current
 from swarmwright.display.figures.run import title_of
 from swarmwright.display.figures.style import (
     AXES,
@@ -16,6 +15,7 @@ from swarmwright.display.figures.style import (
     INK,
     SOFT,
     above_axes,
+    current,
     drawable,
     dress,
     entitle,

@@ -7,8 +7,6 @@ import numpy as np
 
 from swarmwright.common.formatting import counted
 from swarmwright.common.modules import label_of
-from swarmwright.display.figures.cut import far_below
-from swarmwright.display.figures.publishers import current
 from swarmwright.display.figures.style import (
     AXES,
     COLORS,
@@ -16,9 +14,11 @@ from swarmwright.display.figures.style import (
     PAPER,
     SOFT,
     above_axes,
+    current,
     drawable,
     dress,
     entitle,
+    far_below,
     fitting_columns,
     new_figure,
     points,

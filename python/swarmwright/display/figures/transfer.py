@@ -4,7 +4,7 @@ import textwrap
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.formatting import counted
-from swarmwright.common.sort_keys import sort_key
+from swarmwright.common.values import sort_key
 from swarmwright.display.figures.style import INK, SOFT, dress, entitle, look, new_figure, points, styled
 
 if TYPE_CHECKING:

@@ -8,11 +8,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.display._caption import Caption
-from swarmwright.display._episode import Recording
+from swarmwright.display._episode import Caption, Part, Recording, Shown
 from swarmwright.display._look import Looks, css
-from swarmwright.display._part import Part
-from swarmwright.display._shown import Shown
 from swarmwright.display.page._data import page_data, picture_data
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swarmwright.display._caption import Caption
+from swarmwright.display._episode import Caption
 from swarmwright.display._look import BORDER, INK, PAPER
 from swarmwright.display.animation import FRAME_SECONDS as GIF_SECONDS
 from swarmwright.display.animation import LAST_FRAME_SECONDS, MOST_FRAMES

@@ -14,11 +14,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
-from swarmwright.common.alike import alike
 from swarmwright.common.errors import InputError
 from swarmwright.common.groups import DeclaredGroup
 from swarmwright.common.simulation_names import SIMULATORS
-from swarmwright.common.suggestions import did_you_mean, nearest
+from swarmwright.common.suggestions import alike, did_you_mean, nearest
 from swarmwright.common.untrusted import one_line
 from swarmwright.common.yaml import dump, parse, without_places
 from swarmwright.controllers import REPRESENTATIONS

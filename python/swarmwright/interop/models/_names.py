@@ -7,8 +7,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from swarmwright.common.alike import alike, folded
-from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.suggestions import alike, did_you_mean, folded
 from swarmwright.interop.models._parts import Place, Problems
 from swarmwright.simulations import catalogue
 

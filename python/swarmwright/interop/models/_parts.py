@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from swarmwright.common.problem_lines import ProblemLines
+from swarmwright.common.problems import ProblemLines
 from swarmwright.controllers.scxml import StateMachine
 
 _LARGEST_INTEGER = 1 << 24

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape, unescape
 
-from swarmwright.common import json_source
-from swarmwright.common.alike import alike
+from swarmwright.common import json_text
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import read_bytes
+from swarmwright.common.suggestions import alike
 from swarmwright.controllers import scxml
 from swarmwright.export.scxml import Scxml
 from swarmwright.export.subject import Subject, subject_of
@@ -139,7 +139,7 @@ def _machine(machine: scxml.StateMachine, subject: Subject) -> str | bytes:
 
 def _optimised(part: Part, value: Callable[[str], Any]) -> str | None:
     """Return OptimisedParameters with a `value` for each, between min and max."""
-    document: Any = json_source.read(part.path).values
+    document: Any = json_text.read(part.path).values
     by_name: Mapping[str, Optimised] = {one.name: one for one in part.optimised}
     found = False
     for entry in document["parameters"]:

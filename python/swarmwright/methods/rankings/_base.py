@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
+from swarmwright.common.arrays import Fitness
 from swarmwright.common.options import Options
 from swarmwright.common.plug_in_code import is_plug_in, numbers
 from swarmwright.common.problems import shown
-from swarmwright.common.typing import Fitness
 
 
 def _failed(value: Any) -> Any:  # noqa: ANN401 - whatever the file says

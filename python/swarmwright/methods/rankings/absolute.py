@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from swarmwright import _engine
-from swarmwright.common.typing import Fitness
+from swarmwright.common.arrays import Fitness
 from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from swarmwright.common.order import best_first
+from swarmwright.common.arrays import best_first
 from swarmwright.common.statistics import mean
 from swarmwright.methods.rankings.slow_simulation import (
     Episodes,

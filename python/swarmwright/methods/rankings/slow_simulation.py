@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
+from swarmwright.common.arrays import Fitness
 from swarmwright.common.problems import shown
-from swarmwright.common.typing import Fitness
 from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 METRIC = "slow_fitness"

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from swarmwright.common.order import best_first
-from swarmwright.common.typing import Fitness
+from swarmwright.common.arrays import Fitness, best_first
 from swarmwright.methods.rankings.slow_simulation import (
     Episodes,
     Ranked,

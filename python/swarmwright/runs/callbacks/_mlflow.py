@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.arguments import checked
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.common.flatten import flat
+from swarmwright.common.values import flat
 from swarmwright.runs import picture
 from swarmwright.runs.callbacks._base import Callback, figures, held_out
 

@@ -6,9 +6,9 @@ The record is that of the ordinary loop to the byte. What was computed beyond th
 from typing import NamedTuple, Self
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Fitness, Genomes
 from swarmwright.common.errors import engine_errors
 from swarmwright.common.statistics import Figures
-from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.controllers import Representation
 from swarmwright.methods import Method
 from swarmwright.methods.rankings import Ranking

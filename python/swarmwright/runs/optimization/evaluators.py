@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.typing import Fitness, Genomes
+from swarmwright.common.arrays import Fitness, Genomes
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.race import Race

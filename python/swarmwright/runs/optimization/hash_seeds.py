@@ -5,7 +5,7 @@ import logging
 from typing import Any
 
 from swarmwright.common.errors import SwarmwrightError
-from swarmwright.common.hash_seed import RANDOM
+from swarmwright.common.processes import RANDOM
 from swarmwright.common.simulation_names import is_command, is_python
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.servers.evaluation.base import Backend

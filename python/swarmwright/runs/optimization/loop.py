@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.arrays import Fitness, Genomes
 from swarmwright.common.errors import InputError, PlugInError, RunError
 from swarmwright.common.plug_in_code import count, is_plug_in, numbers, place
 from swarmwright.common.statistics import means
-from swarmwright.common.typing import Fitness, Genomes
 from swarmwright.common.untrusted import one_line
 from swarmwright.controllers import Representation
 from swarmwright.experiment.budget import Ended

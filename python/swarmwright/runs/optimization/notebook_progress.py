@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from swarmwright.common.formatting import duration
-from swarmwright.common.notebook import Text, in_notebook
+from swarmwright.common.html import Text, in_notebook
 from swarmwright.runs.optimization.generation import Generation, OnGeneration
 from swarmwright.servers.evaluation.base import Progress
 

@@ -15,12 +15,12 @@ import numpy as np
 
 from swarmwright.common.arguments import checked, path_of
 from swarmwright.common.errors import InputError, PlugInError, RunError, reworded
-from swarmwright.common.place import Place
 from swarmwright.common.plug_in_code import reported
-from swarmwright.common.processes import use_threads
+from swarmwright.common.processes import Place, use_threads
 from swarmwright.common.simulation_names import is_python
 from swarmwright.common.warn_once import warn_once
 from swarmwright.controllers import Representation
+from swarmwright.experiment.checks import setting_warnings
 from swarmwright.experiment.derived import (
     check_new,
     has_python_modules,
@@ -29,7 +29,6 @@ from swarmwright.experiment.derived import (
     steers_agents,
 )
 from swarmwright.experiment.experiment import Experiment, checked_again, experiment_of
-from swarmwright.experiment.setting_warnings import setting_warnings
 from swarmwright.runs import picture
 from swarmwright.runs.code import Continuation, continuation, copy_of, parts_of
 from swarmwright.runs.folders import check_names, default_folder, is_replaceable, is_run, remove_run

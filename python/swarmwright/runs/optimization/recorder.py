@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Genomes
 from swarmwright.common.errors import PlugInError, RunError
-from swarmwright.common.typing import Genomes
 from swarmwright.runs.optimization.account import Account
 from swarmwright.runs.optimization.generation import OnGeneration, Told, goes_on
 from swarmwright.runs.store import StoreWriter

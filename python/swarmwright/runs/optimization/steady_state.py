@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.typing import Genome, Genomes
+from swarmwright.common.arrays import Genome, Genomes
 from swarmwright.experiment.budget import Ended
 from swarmwright.runs.optimization.ahead import Produced
 from swarmwright.runs.optimization.generation import OnGeneration, Told

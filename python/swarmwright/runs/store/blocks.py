@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.common.by_value import ComparedByValue
+from swarmwright.common.values import ComparedByValue
 from swarmwright.servers.rows import Evaluated
 
 _BLOCK = 1 << 22

@@ -12,8 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.common.open_files import more_open_files, no_more_files
-from swarmwright.experiment.run_folder import STORE
+from swarmwright.common.processes import more_open_files, no_more_files
+from swarmwright.experiment.document import STORE
 from swarmwright.runs.store import digests
 
 FILE = STORE

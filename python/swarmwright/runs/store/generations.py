@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.common.arrays import best_first
 from swarmwright.common.errors import InputError
-from swarmwright.common.order import best_first
 from swarmwright.common.statistics import Summary
 from swarmwright.runs.store import digests
 from swarmwright.runs.store.blocks import COLUMNS, EvaluationsDigest, Record, Sample, decoded, of_columns

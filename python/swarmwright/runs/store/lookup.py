@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.common.by_value import ComparedByValue
+from swarmwright.common.arrays import Genome, best_first
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.json_text import loads
-from swarmwright.common.order import best_first
-from swarmwright.common.typing import Genome
+from swarmwright.common.values import ComparedByValue
 from swarmwright.runs.store.best_of_equals import BestOfEquals
 from swarmwright.runs.store.blocks import Record, joined
 from swarmwright.runs.store.generations import Generations, Row

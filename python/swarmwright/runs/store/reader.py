@@ -12,12 +12,12 @@ from typing import Any, Self, SupportsIndex
 
 import numpy as np
 
-from swarmwright.common.channels import problem_of
+from swarmwright.common.arrays import Genome
 from swarmwright.common.errors import InputError
+from swarmwright.common.groups import problem_of
 from swarmwright.common.json_text import loads
-from swarmwright.common.place import Place
+from swarmwright.common.processes import Place
 from swarmwright.common.statistics import Summary
-from swarmwright.common.typing import Genome
 from swarmwright.runs.store import journal, pieces
 from swarmwright.runs.store.best_of_equals import BestOfEquals
 from swarmwright.runs.store.blocks import Record, joined

@@ -8,9 +8,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.common.arrays import Genomes
 from swarmwright.common.errors import InputError, RunError, reworded
 from swarmwright.common.random_numbers import Streams
-from swarmwright.common.typing import Genomes
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import Target, unfit
 from swarmwright.runs.post_evaluation import evaluated

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.by_value import ComparedByValue
-from swarmwright.common.correlation import Correlation, rank_correlation
-from swarmwright.common.statistics import Estimate, estimate
+from swarmwright.common.statistics import Correlation, Estimate, estimate, rank_correlation
+from swarmwright.common.values import ComparedByValue
 from swarmwright.methods.rankings import Ranking
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from swarmwright import _engine
 from swarmwright.common.errors import engine_errors
-from swarmwright.common.open_files import allow_more_open_files
+from swarmwright.common.processes import allow_more_open_files
 from swarmwright.servers.broker.credentials import CREDENTIALS
 
 _PASSWORD_BYTES = 32

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Genomes
 from swarmwright.common.engine_types import AttemptFields
 from swarmwright.common.errors import InputError, PlugInError, SimulationError
 from swarmwright.common.plug_in_code import is_plug_in, numbers, place
-from swarmwright.common.typing import Genomes
 from swarmwright.common.yaml import dotted_path
 from swarmwright.controllers import Representation
 from swarmwright.experiment.document import MOST_SERVERS

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from swarmwright import _engine
 from swarmwright.common.arguments import checked, function, listed, mapping, simulation_seed
 from swarmwright.common.arrays import float32_of
-from swarmwright.common.by_value import same
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.processes import use_threads
+from swarmwright.common.values import same
 from swarmwright.controllers.controller import ControlledEpisodes, Controller
 from swarmwright.display import Caption, Recording, Scene
 from swarmwright.display.files import save

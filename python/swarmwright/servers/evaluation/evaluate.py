@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.common.arguments import checked, instance, simulation_seed
 from swarmwright.common.arrays import float32_of
-from swarmwright.common.by_value import ComparedByValue
 from swarmwright.common.errors import InputError
 from swarmwright.common.plug_in_code import reported
 from swarmwright.common.random_numbers import Stream
 from swarmwright.common.simulation_names import is_python
 from swarmwright.common.untrusted import one_line
+from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.derived import has_python_modules, place_of, steers_agents
 from swarmwright.experiment.evolved import unknown

@@ -1,7 +1,7 @@
 """Whether an experiment is evaluated in this process, and whether its simulation can run here."""
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.notebook import in_notebook
+from swarmwright.common.html import in_notebook
 from swarmwright.common.simulation_names import SIMULATORS, is_command, is_python, simulator_file
 from swarmwright.common.warn_once import warn_once
 from swarmwright.experiment.derived import has_python_modules, place_of

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.common import hash_seed
+from swarmwright.common import processes
 from swarmwright.common.engine_types import AttemptFields
 from swarmwright.common.errors import SimulationError, engine_errors
 from swarmwright.common.processes import use_threads
@@ -56,7 +56,7 @@ class InProcessBackend:
         self.actuators: int = announced["actuators"]
         self.description = "in this process"
         self.is_foreign = False
-        self.hash_seed: str | None = hash_seed.of_this_process()
+        self.hash_seed: str | None = processes.of_this_process()
         self._simulation = experiment.simulation
         self.parameters = experiment.parameters
         self._expression = fitness_expression(experiment)

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Fitness
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.processes import use_threads
-from swarmwright.common.typing import Fitness
 from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.experiment.derived import evaluation_key
 from swarmwright.experiment.experiment import Experiment

@@ -18,7 +18,7 @@ from swarmwright.display.pictures import Pictured, PictureRecording
 from swarmwright.display.pictures import record as record_pictures
 from swarmwright.display.pictures import save as save_pictures
 from swarmwright.experiment.derived import fitness_expression
-from swarmwright.experiment.kinds import kinds
+from swarmwright.experiment.robots import kinds
 from swarmwright.servers.evaluation import remote
 from swarmwright.servers.evaluation.evaluate import check_fit
 from swarmwright.servers.evaluation.module_code import is_in_python

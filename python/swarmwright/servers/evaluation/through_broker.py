@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.common import hash_seed
+from swarmwright.common import processes
 from swarmwright.common.engine_types import AttemptFields, Report
 from swarmwright.common.errors import RunError, SimulationError, engine_errors
 from swarmwright.common.simulation_names import is_command
@@ -67,7 +67,7 @@ class BrokerBackend:
         self.metrics = metrics_of(self._expression, metrics)
         self.description = where
         self.is_foreign = servers is None
-        self.hash_seed = None if servers is None else hash_seed.of_started()
+        self.hash_seed = None if servers is None else processes.of_started()
 
         try:
             with engine_errors():

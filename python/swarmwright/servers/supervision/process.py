@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from swarmwright.common import hash_seed
+from swarmwright.common import processes
 from swarmwright.servers.supervision.progress import Progress
 from swarmwright.servers.supervision.server_exit import ServerExit, split
 
@@ -86,7 +86,7 @@ class Process:
                 # For what it draws when asked to.
                 env={
                     **os.environ,
-                    **hash_seed.variables(),
+                    **processes.variables(),
                     "COLUMNS": str(shutil.get_terminal_size().columns),
                     **environment,
                 },

@@ -27,7 +27,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from swarmwright.common import hash_seed
+from swarmwright.common import processes
 from swarmwright.common.formatting import counted
 from swarmwright.common.suggestions import did_you_mean, nearest
 from swarmwright.simulations.command.work_files import size_of
@@ -126,7 +126,7 @@ class Processes:
         what = {
             "command": list(command),
             "folder": str(folder),
-            "environment": {**hash_seed.variables(), **environment, _MARK: self._mark},
+            "environment": {**processes.variables(), **environment, _MARK: self._mark},
             "largest": largest,
         }
         try:

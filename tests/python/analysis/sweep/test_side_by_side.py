@@ -11,7 +11,7 @@ import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, _engine
 from swarmwright.analysis.sweep import Sweep, Variant, tasks
-from swarmwright.analysis.sweep.jobs import shares
+from swarmwright.analysis.sweep.execution import shares
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.common.errors import PlugInError
 from swarmwright.methods import METHODS

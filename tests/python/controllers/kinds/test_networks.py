@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from swarmwright import Controller, Experiment, InputError, _engine
+from swarmwright.common.arrays import Genome
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.common.typing import Genome
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.controllers.kinds import words_of
 from swarmwright.controllers.kinds.layered import Layered, LayeredOptions

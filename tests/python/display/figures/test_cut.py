@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmwright.display.figures.cut import cut
+from swarmwright.display.figures.style import cut
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 

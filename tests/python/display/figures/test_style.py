@@ -7,9 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from swarmwright import InputError, compare
-from swarmwright.display.figures.publishers import STYLES, Page, on
 from swarmwright.display.figures.run import draw
-from swarmwright.display.figures.style import dress, entitle, new_figure, save
+from swarmwright.display.figures.style import STYLES, Page, dress, entitle, new_figure, on, save
 from swarmwright.runs.diversity import diversity
 from tests.python.analysis.runs import KnownRun
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmwright.common.order import best_first
+from swarmwright.common.arrays import best_first
 from swarmwright.methods.rankings.absolute import Absolute, AbsoluteOptions
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e300, max_value=1e300)

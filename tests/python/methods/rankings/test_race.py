@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swarmwright.methods.rankings.race import Race, RaceOptions, _below
-from swarmwright.methods.rankings.race_tests import survivors
+from swarmwright.methods.rankings.race import Race, RaceOptions, _below, survivors
 from swarmwright.testing import check_ranking
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from swarmwright.methods.rankings.race_tests import (
+from swarmwright.methods.rankings.race import (
     Test,
     chi_squared_tail,
     conover,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, callbacks, optimize
-from swarmwright.common.flatten import flat
+from swarmwright.common.values import flat
 
 EXPERIMENT = Experiment.from_mapping(
     {

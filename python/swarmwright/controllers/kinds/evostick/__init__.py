@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from swarmwright.common.arrays import Genome, Genomes, Limits
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.controllers._base import RepresentationOptions
 from swarmwright.controllers.networks import NodeNetwork
 

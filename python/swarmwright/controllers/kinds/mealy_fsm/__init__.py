@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
-from swarmwright.common.arrays import shortest
+from swarmwright.common.arrays import Genome, Genomes, Limits, shortest
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import shown
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.controllers._base import MANY, Representation, RepresentationOptions, in_parts
 
 _MOST_LEVELS = 1000

@@ -24,11 +24,11 @@ from pydantic import (
 )
 
 from swarmwright.common import machine_mappings, modules
+from swarmwright.common.arrays import Genome, Genomes, Limits
 from swarmwright.common.errors import InputError
 from swarmwright.common.modules import RANGES
 from swarmwright.common.problems import problems_of
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.common.yaml import path_of, read
 from swarmwright.controllers._base import Representation, RepresentationOptions, in_parts
 from swarmwright.controllers.kinds.modules.automode import is_command_line, machine_of, tree_of

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
-from swarmwright.common.arrays import shortest
+from swarmwright.common.arrays import Genome, Genomes, Limits, shortest
 from swarmwright.common.options import Options
 from swarmwright.common.problems import shown
 from swarmwright.common.random_numbers import Stream, Streams
-from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.controllers._base import Representation, RepresentationOptions, around, in_parts
 
 _LARGEST_INTEGER = 1 << 24

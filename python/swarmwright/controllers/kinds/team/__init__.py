@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, PrivateAttr, ValidationInfo, model_validator
 
+from swarmwright.common.arrays import Genome, Genomes, Limits
 from swarmwright.common.errors import InputError
-from swarmwright.common.groups import DeclaredGroup
+from swarmwright.common.groups import TEAM, DeclaredGroup
 from swarmwright.common.options import Options
 from swarmwright.common.random_numbers import Stream
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.common.teams import TEAM
-from swarmwright.common.typing import Genome, Genomes, Limits
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.controllers._base import Representation, RepresentationOptions
 from swarmwright.controllers.kinds import words_of

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.teams import parts_of
+from swarmwright.common.groups import parts_of
 from swarmwright.controllers.drawing import Drawing
 from swarmwright.controllers.kinds import drawn
 from swarmwright.display.figures.style import new_figure

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 from swarmwright import _engine
 from swarmwright.common.errors import InputError, engine_errors
-from swarmwright.common.open_files import allow_more_open_files
+from swarmwright.common.processes import allow_more_open_files
 from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.servers.broker.mosquitto import Account, access_rules
 from swarmwright.servers.broker.private import new_account, start_private
