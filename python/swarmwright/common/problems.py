@@ -27,56 +27,6 @@ _WANTED = {
     "model_type": "a mapping (key: value)",
     "model_attributes_type": "a mapping (key: value)",
 }
-_OTHER_NAMES = {
-    "noise step": "sigma sigma0 std",
-    "noise": "noise_std",
-    "step": "stepsize step_size",
-    "decay": "weight_decay l2_coeff",
-    "probability": "mutation_rate",
-    "population": "popsize pop_size population_size pop num_population mu lambda",
-    "generations": "n_gen ngen maxiter max_iter "
-    "iterations num_generations max_generations n_generations epochs",
-    "evaluations": "maxfevals max_evaluations n_evals n_eval max_evals n_trials",
-    "evaluations generations": "budget",
-    "seconds": "time max_time",
-    "seconds timeouts": "timeout",
-    "target": "ftarget fitness_threshold goal",
-    "restart": "restarts",
-    "hidden": "layers hidden_layers hidden_size hidden_sizes num_hidden n_hidden nodes",
-    "episodes": "n_episodes num_episodes trials repeats",
-    "seed": "random_state random_seed rng_seed",
-    "simulation": "env environment simulator problem",
-    "method": "algorithm optimizer optimiser solver",
-    "controller": "network representation policy",
-    "servers": "workers n_jobs processes num_workers",
-    "kind": "name type",
-    "validate": "validation test held_out post_evaluation",
-    "start_from": "warm_start initial init x0 resume_from checkpoint",
-}
-"""What a key may be called here, the likelier one first: what other libraries call it."""
-ALIASES: Mapping[str, tuple[str, ...]] = {
-    other: tuple(ours.split()) for ours, others in _OTHER_NAMES.items() for other in others.split()
-}
-"""What other libraries call a key -> the names that it may have here."""
-_OF_KIND = {
-    "openai_es": {"step": "lr learning_rate"},
-    "pgpe": {"step": "lr learning_rate center_learning_rate", "rate": "stdev_learning_rate"},
-    "snes": {"rate": "lr learning_rate"},
-    "xnes": {"rate": "lr learning_rate"},
-    "de": {
-        "factor": "f mutation_factor differential_weight scale_factor",
-        "rate": "cr crossover_rate crossover_probability",
-        "base": "strategy variant",
-        "mutate": "mutation_rate",
-    },
-    "pso": {
-        "inertia": "w omega inertia_weight",
-        "own": "c1 phip cognitive",
-        "social": "c2 phig",
-        "fastest": "v_max vmax max_velocity max_velocity_rate",
-    },
-}
-"""Kind of a section -> what keys of that kind are called elsewhere, before what all of them are called."""
 _LIMITS = {
     "greater_than_equal": ("ge", "at least"),
     "greater_than": ("gt", "greater than"),
@@ -198,12 +148,7 @@ def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
     if model is None:
         return "unknown key"
     keys = [field.alias or name for name, field in model.model_fields.items()]
-    folded, kind = key.casefold(), getattr(model.model_fields.get("kind"), "default", None)
-    of_kind = [name for name, others in _OF_KIND.get(str(kind), {}).items() if folded in others.split()]
-    other = next((name for name in (*of_kind, *ALIASES.get(folded, ())) if name in keys), None)
-    if other is not None:
-        return f"unknown key; it is called '{other}' here"
-    if folded == "files" and "servers" in keys:
+    if key.casefold() == "files" and "servers" in keys:
         return (
             "unknown key; files that the simulation reads are named in the section servers, such as "
             "servers: {launcher: process, count: 4, files: [map.json]}"

@@ -22,14 +22,20 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     A name that begins or ends with the word, speedAgents for speed, is nearer than one that is spelt alike.
     """
     names = list(known)
-    by_folded = {candidate.casefold(): candidate for candidate in names}
-    folded = name.casefold()
-    if folded in by_folded:
-        return by_folded[folded]
-    longer = [candidate for candidate in names[:_MOST_NAMES] if _has_word(candidate, folded)]
-    if longer:
-        return min(longer, key=len)
-    near = get_close_matches(folded, list(by_folded)[:_MOST_NAMES], n=1, cutoff=0.6)
+    same = alike(name, names)
+    if same:
+        return names[same[0]]
+    longer = [candidate for candidate in names[:_MOST_NAMES] if _has_word(candidate, name.casefold())]
+    return min(longer, key=len) if longer else similar(name, names[:_MOST_NAMES])
+
+
+def similar(name: str, known: Iterable[str], cutoff: float = 0.6) -> str | None:
+    """Return the one of `known` with the most similar spelling; None when none is similar.
+
+    cutoff: least similarity, 0 to 1.
+    """
+    by_folded = {candidate.casefold(): candidate for candidate in known}
+    near = get_close_matches(name.casefold(), by_folded, n=1, cutoff=cutoff)
     return by_folded[near[0]] if near else None
 
 

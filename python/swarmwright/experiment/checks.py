@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Iterator, Mapping
-from difflib import get_close_matches
 from typing import Any
 
 from pydantic import ValidationError
@@ -201,7 +200,7 @@ def _right_form(path: Path_, values: Mapping[str, Any]) -> str:
         return ""
     if kind.endswith(".py") and REGISTRIES[str(path[0])].in_files:
         return f"; a class in a file is named like {kind}:Class"
-    near = kind if kind in names else next(iter(get_close_matches(kind, names, n=1)), None)
+    near = suggestions.nearest(kind, names)
     return "" if near is None else f"; write {{kind: {near}}}"
 
 

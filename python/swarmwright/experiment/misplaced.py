@@ -7,7 +7,6 @@ from typing import Any
 from pydantic import BaseModel
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.problems import ALIASES
 from swarmwright.common.suggestions import nearest
 from swarmwright.experiment.document import (
     DEFAULT_KINDS,
@@ -34,8 +33,6 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
 }
 _UNKNOWN = ("unknown key", "unknown parameter of ")
 """How messages about keys begin that are not known where they stand."""
-_CALLED = "it is called"
-"""What is said of a key that has another name here."""
 
 
 def with_right_place(
@@ -50,7 +47,7 @@ def with_right_place(
         values: all of the experiment, as the file says.
         parameters: names of the simulation's parameters, as far as they are known.
     """
-    if not message.startswith(_UNKNOWN) or _CALLED in message:
+    if not message.startswith(_UNKNOWN):
         return message
     subject = message.partition("; ")[0]
     kinds = _kinds_with(key, section)
@@ -77,10 +74,8 @@ def right_places(
     if section != "parameters" and key in parameters:
         yield f"parameters.{key}"
     for name, model in _models(values):
-        keys = _keys(model)
-        meant = next((one for one in (key, *ALIASES.get(key.casefold(), ())) if one in keys), None)
-        if name != section and meant is not None and meant != "kind":
-            yield f"{name}.{meant}"
+        if name != section and key != "kind" and key in _keys(model):
+            yield f"{name}.{key}"
 
 
 def _keys_of(section: str, values: Mapping[str, Any]) -> Collection[str]:

@@ -6,12 +6,12 @@ import operator
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Any
 
 from swarmwright.common import metric_names
 from swarmwright.common.errors import InputError
 from swarmwright.common.ranges import Range, ranges_of
+from swarmwright.common.suggestions import similar
 from swarmwright.simulations.base import Described, Simulation
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.groups import Group
@@ -160,11 +160,11 @@ def misspelt(kind: type[Described]) -> list[str]:
     for name, value in given.items():
         if name.startswith("_") or hasattr(base, name):
             continue
-        alike = get_close_matches(name, known, 1, _MISSPELT_LIKENESS)
-        if alike and _sort(value) == _sort(known[alike[0]]):
+        near = similar(name, known, _MISSPELT_LIKENESS)
+        if near is not None and _sort(value) == _sort(known[near]):
             found.append(
                 f"{kind.__name__}.{name}: is not an attribute of {base.__name__}, and has no effect by "
-                f"itself; did you mean {alike[0]!r}?"
+                f"itself; did you mean {near!r}?"
             )
     return found
 

@@ -83,41 +83,12 @@ def test_only_the_simulation_is_required() -> None:
             "my.yaml:2: method: must be a mapping (key: value), not 'cmaes'; write {kind: cma_es}",
         ),
         (
-            "method: {kind: cma_es, sigma: 0.3}\n",
-            "my.yaml:2: method.sigma: unknown key; it is called 'step' here",
-        ),
-        (
-            "method: {kind: openai_es, sigma: 0.3}\n",
-            "my.yaml:2: method.sigma: unknown key; it is called 'noise' here",
-        ),
-        ("method: {popsize: 9}\n", "my.yaml:2: method.popsize: unknown key; it is called 'population' here"),
-        ("method: {name: pso}\n", "my.yaml:2: method.name: unknown key; it is called 'kind' here"),
-        ("random_seed: 9\n", "my.yaml:2: random_seed: unknown key; it is called 'seed' here"),
-        (
             "files: [map.json]\n",
             "my.yaml:2: files: unknown key; files that the simulation reads are named in",
-        ),
-        # The same name means different things to different methods.
-        (
-            "method: {kind: openai_es, learning_rate: 1}\n",
-            "my.yaml:2: method.learning_rate: unknown key; it is called 'step' here",
-        ),
-        (
-            "method: {kind: xnes, learning_rate: 1}\n",
-            "my.yaml:2: method.learning_rate: unknown key; it is called 'rate' here",
         ),
         (
             "method: {kind: cma_es, learning_rate: 1}\n",
             "my.yaml:2: method.learning_rate: unknown key; known keys: kind, generations, ",
-        ),
-        ("method: {kind: de, CR: 0.5}\n", "my.yaml:2: method.CR: unknown key; it is called 'rate' here"),
-        ("method: {kind: de, F: 0.5}\n", "my.yaml:2: method.F: unknown key; it is called 'factor' here"),
-        ("method: {kind: pso, w: 0.5}\n", "my.yaml:2: method.w: unknown key; it is called 'inertia' here"),
-        ("method: {kind: pso, c1: 2}\n", "my.yaml:2: method.c1: unknown key; it is called 'own' here"),
-        ("method: {kind: pso, c2: 2}\n", "my.yaml:2: method.c2: unknown key; it is called 'social' here"),
-        (
-            "method: {kind: pso, v_max: 1}\n",
-            "my.yaml:2: method.v_max: unknown key; it is called 'fastest' here",
         ),
         (
             "controller:\n  hidden:\n    - 8\n    - eight\n",

@@ -13,7 +13,6 @@ BASE = "simulation: minisim\nmethod: {kind: nnga, population: 6}\n"
     ("setting", "words"),
     [
         ("population=30", "unknown key; it belongs to another section: method.population"),
-        ("popsize=30", "unknown key; it belongs to another section: method.population"),
         ("numAgents=3", "unknown key; it belongs to another section: parameters.numAgents"),
         ("episodes=3", "it belongs to another section: ranking.episodes or validate.episodes"),
         ("hidden=[4]", "it belongs to another section: controller.hidden"),
@@ -26,7 +25,6 @@ BASE = "simulation: minisim\nmethod: {kind: nnga, population: 6}\n"
         ),
         ("method.inertia=1", "unknown key; it is an option of other kinds: pso"),
         ("controller.weights=1", "unknown key; did you mean 'weight_range'?"),
-        ("env=minisim", "unknown key; it is called 'simulation' here"),
         ("methd=nnga", "unknown key; did you mean 'method'?"),
         (
             "ranking.episode=3",

@@ -23,13 +23,12 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from swarmwright.common import processes
 from swarmwright.common.formatting import counted
-from swarmwright.common.suggestions import did_you_mean, nearest
+from swarmwright.common.suggestions import did_you_mean, nearest, similar
 from swarmwright.simulations.command.work_files import size_of
 
 
@@ -257,8 +256,8 @@ def _program_hint(program: str, folder: Path) -> str:
     meant = nearest(program, beside)
     if meant is not None:
         return f"; did you mean '{beside[meant]}', which is there?"
-    near = get_close_matches(program, _programs(), n=1, cutoff=_SIMILAR_SPELLING)
-    return f"; did you mean '{near[0]}'?" if near else ""
+    near = similar(program, _programs(), _SIMILAR_SPELLING)
+    return "" if near is None else f"; did you mean '{near}'?"
 
 
 def _files_of(folder: Path) -> list[str]:

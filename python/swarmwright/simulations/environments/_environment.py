@@ -32,7 +32,6 @@ import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from difflib import get_close_matches
 from enum import Enum, auto
 from typing import Any, ClassVar, NamedTuple, NoReturn, Self, TypeVar
 
@@ -42,6 +41,7 @@ from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError, SimulationError
 from swarmwright.common.ranges import Range
+from swarmwright.common.suggestions import similar
 from swarmwright.common.tracebacks import located
 from swarmwright.common.untrusted import paths_elsewhere
 from swarmwright.common.warn_once import warn_once
@@ -565,8 +565,8 @@ class Environment(Simulation):
         if self.environment:
             return self.environment
         kind = type(self)
-        alike = get_close_matches("environment", vars(kind), 1)
-        hint = f"; there is {alike[0]!r}, is it a typing error?" if alike else ""
+        near = similar("environment", vars(kind))
+        hint = "" if near is None else f"; there is {near!r}, is it a typing error?"
         raise InputError(f"{kind.__name__}: has no attribute 'environment', the environment's name{hint}")
 
     def described_with(self, parameters: dict[str, Any]) -> Self:
