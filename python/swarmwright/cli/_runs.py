@@ -388,8 +388,8 @@ def _audit_words(audit: Mapping[str, int]) -> str:
 
 def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines of a state machine or behaviour tree, for a team of each group's controller."""
-    from swarmwright.common.groups import parts_of
     from swarmwright.controllers.kinds import words_of
+    from swarmwright.controllers.teams import parts_of
 
     if is_modules(specification):
         yield from controller_text(specification).splitlines()

@@ -15,13 +15,13 @@ from swarmwright.common.arguments import checked, mapping, path_of
 from swarmwright.common.arrays import float32_of
 from swarmwright.common.errors import InputError, engine_errors, explained
 from swarmwright.common.files import read_bytes, write_text
-from swarmwright.common.groups import is_team, parts_of
 from swarmwright.common.json_text import loads
 from swarmwright.common.modules import ACTUATORS, PYTHON_KIND, SENSORS
 from swarmwright.common.problems import shown
 from swarmwright.controllers.kinds import kind_of
 from swarmwright.controllers.modules.machine import Swarm
 from swarmwright.controllers.modules.registered import find
+from swarmwright.controllers.teams import is_team, parts_of
 
 _LARGEST_FILE_BYTES = 1 << 28
 """Bytes of a file."""

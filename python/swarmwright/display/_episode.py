@@ -1,14 +1,15 @@
 """Episodes as the display sees them: recorded, with what is known of the controller and what is drawn."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 from swarmwright.common.engine_types import SceneFields
-from swarmwright.common.groups import Kind, is_team
+from swarmwright.common.groups import Kind
 from swarmwright.display._bodies import Bodies, scene_of
 from swarmwright.display._scene import Scene
 from swarmwright.display._trace import Trace, Tracer
+from swarmwright.display.machines import Machines
 
 
 class Playable(Protocol):
@@ -90,14 +91,14 @@ def _scene(episode: Playable) -> Scene:
 class Part:
     """One of the episodes that a page shows beside each other.
 
-    name: what it is called there. controller: the specification of the controller of all agents, for drawings
-    of state machines. sensor_names, actuator_names: of an agent; those without a name are numbered. kinds: of
-    agents, where the simulation has several. step_seconds: of a step in the simulated world, where known.
+    name: what it is called there. machines: of the controllers of its agents. sensor_names, actuator_names:
+    of an agent; those without a name are numbered. kinds: of agents, where the simulation has several.
+    step_seconds: of a step in the simulated world, where known.
     """
 
     recording: Recording
     name: str = ""
-    controller: Mapping[str, Any] = field(default_factory=dict)
+    machines: Machines = field(default_factory=Machines)
     sensor_names: Sequence[str] = ()
     actuator_names: Sequence[str] = ()
     kinds: Sequence[Kind] = ()
@@ -111,8 +112,8 @@ class Part:
     @property
     def kind_names(self) -> tuple[str, ...]:
         """The names of the kinds of agents, which bodies of the kind agent have as their state."""
-        groups = self.controller["groups"] if is_team(self.controller) else ()
-        return tuple(dict.fromkeys([*(kind.name for kind in self.kinds), *(one["name"] for one in groups)]))
+        groups = self.machines.groups or ()
+        return tuple(dict.fromkeys([*(kind.name for kind in self.kinds), *(one.name for one in groups)]))
 
 
 PARTS = ("trails", "rays", "links", "labels")

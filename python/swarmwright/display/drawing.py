@@ -31,8 +31,8 @@ from swarmwright.display._look import (
     value_colors,
     whole,
 )
-from swarmwright.display._machine import StateColors
 from swarmwright.display._scene import Patch, Scene
+from swarmwright.display.machines import StateColors
 from swarmwright.display.state_colors import state_color
 
 if TYPE_CHECKING:
@@ -339,7 +339,7 @@ class Picture:
         self._valued = self._states is None and self._shown.colors != "state"
         self._state_colors: StateColors | None = None
         if self._states is not None:
-            self._state_colors = StateColors.of(part.controller, self._states, Bodies.of(first.bodies))
+            self._state_colors = StateColors.of(part.machines, self._states, Bodies.of(first.bodies))
         self._changing = self._states is not None or (self._valued and scale_of(recording) is not None)
         names = self._state_colors.labels if self._state_colors is not None else ()
         self.states = len(names)

@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.groups import is_team
 from swarmwright.common.plain_figures import warning_of_letters
 from swarmwright.common.warn_once import warn_once
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Caption, Part, Recording, Shown
 from swarmwright.display._look import moving
-from swarmwright.display._machine import groups_of, has_states
 from swarmwright.display._scene import Scene
 
 _WRITERS = {".html": "page", ".gif": "animation", ".mp4": "film", ".png": "still"}
@@ -74,14 +72,13 @@ def _check_states(parts: Sequence[Part]) -> None:
     traces = [part.recording.trace for part in parts]
     if any(trace is not None and trace.states is not None for trace in traces):
         return
-    controller = parts[0].controller
-    kind = controller.get("kind")
-    if kind is None or has_states(controller) or groups_of(controller):
+    machines = parts[0].machines
+    if not machines.kind or machines.machine or machines.colored_groups:
         why = "this episode does not say them"
-    elif is_team(controller):
+    elif machines.groups is not None:
         why = "no controller of this team has any"
     else:
-        why = f"a controller of the kind {kind} has none"
+        why = f"a controller of the kind {machines.kind} has none"
     raise InputError(
         f"colors: controller shows the states of state machines (modules, mealy_fsm), and {why}; "
         "there are auto, state and value"

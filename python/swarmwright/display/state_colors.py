@@ -1,10 +1,5 @@
 """Colours of the states of controllers on a light ground, the same in diagrams, videos and pages."""
 
-from collections.abc import Mapping
-from typing import Any
-
-from swarmwright.common.modules import is_modules, states_of
-
 STATE_COLORS = (
     "#0072B2", "#880044", "#99BB00", "#9900FF", "#CC7799", "#555500", "#55BBEE", "#FF6666",
     "#221188", "#BB55FF", "#AAEE77", "#663300", "#DD2244", "#881177", "#DDCC99", "#0033FF",
@@ -17,18 +12,6 @@ colour vision."""
 
 DISTINCT_STATES = 8
 """How many of the first of STATE_COLORS can be told apart with every kind of colour vision."""
-
-
-_MOST_STATES = 64
-"""States of a machine whose states are drawn one by one."""
-
-
-def colored_states(specification: Mapping[str, Any]) -> int:
-    """Return how many states of a controller have colours: 0 without states, or with too many."""
-    if is_modules(specification):
-        return len(states_of(specification))
-    states = int(specification["states"]) if specification.get("kind") == "mealy_fsm" else 0
-    return states if states <= _MOST_STATES else 0
 
 
 def state_color(state: int) -> str:

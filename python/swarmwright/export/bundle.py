@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from swarmwright.common.arguments import checked
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.files import read_bytes
-from swarmwright.common.groups import TEAM
 from swarmwright.common.revision import revision
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.controllers.source.text import check_prefix, decimals
+from swarmwright.controllers.teams import TEAM
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.sequences import Sequences

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError, engine_errors
-from swarmwright.common.groups import is_team, parts_of
 from swarmwright.common.ranges import CONVERSION, Range, ranges_of, shortest_decimal
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean
@@ -21,6 +20,7 @@ from swarmwright.common.warn_once import warn_once
 from swarmwright.controllers.kinds import kind_of, words_of
 from swarmwright.controllers.source import Evolved
 from swarmwright.controllers.source.text import plain
+from swarmwright.controllers.teams import is_team, parts_of
 from swarmwright.export.arena_words import actuator_meaning, robot_in, sensor_meaning
 from swarmwright.export.sequences import Sequences, possible_overflows, random_sequences
 from swarmwright.runs.choice import choose

@@ -7,6 +7,7 @@ from PIL import Image
 
 from swarmwright import InputError
 from swarmwright.common import warn_once
+from swarmwright.controllers.machines import machines_of
 from swarmwright.display import Body, Part, Recording, Scene, Shown, record
 from swarmwright.display.files import FORMATS, save
 from tests.python.display.test_page_swarm import MODULES, NETWORK, TEAM
@@ -50,7 +51,7 @@ NETWORKS = {**TEAM, "groups": TEAM["groups"][1:2], "weights": NETWORK["weights"]
 def test_colours_of_states_need_states(
     crossing: Any, tmp_path: Path, ending: str, controller: dict[str, Any], why: str
 ) -> None:
-    part = Part(record(crossing), "", controller)
+    part = Part(record(crossing), "", machines_of(controller))
     with pytest.raises(InputError, match=f"^colors: controller shows .*{why}; there are auto"):
         save([part], tmp_path / f"x{ending}", shown=Shown(colors="controller"))
     assert not any(tmp_path.iterdir())

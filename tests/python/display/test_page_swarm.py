@@ -15,6 +15,7 @@ from selenium.webdriver.support.ui import Select
 
 from swarmwright.common.groups import Kind
 from swarmwright.common.modules import State, Transition, weights_of
+from swarmwright.controllers.machines import machines_of
 from swarmwright.display import (
     Bodies,
     Body,
@@ -118,7 +119,7 @@ def open_page(browser: Chrome, folder: Path, *parts: Part, **how: Any) -> None:
 
 @pytest.fixture
 def opened(browser: Chrome, tmp_path: Path) -> Chrome:
-    open_page(browser, tmp_path, Part(swarm(), "", MODULES, ["proximity x"]))
+    open_page(browser, tmp_path, Part(swarm(), "", machines_of(MODULES), ["proximity x"]))
     return browser
 
 
@@ -224,7 +225,7 @@ def test_an_agent_has_rows_of_what_its_kind_has(browser: Chrome, tmp_path: Path)
         Kind("scouts", 2, (*left, long, "ground 0", "ground 1", None), right),
         Kind("guards", 4, (*("proximity",) * 5, *(None,) * 4), (None, "lamp")),
     ]
-    open_page(browser, tmp_path, Part(swarm(), "", MODULES, kinds=kinds))
+    open_page(browser, tmp_path, Part(swarm(), "", machines_of(MODULES), kinds=kinds))
     rows = "return player.inspector.rows.map(({ name, actuator }) => [name, actuator]);"
     press(browser, "n")
     assert text(browser, "who") == "Agent 0, scouts"
@@ -285,7 +286,7 @@ def test_the_active_state_lights_up(opened: Chrome) -> None:
 
 
 def test_a_tree_is_drawn_as_one(browser: Chrome, tmp_path: Path) -> None:
-    open_page(browser, tmp_path, Part(swarm(), "", TREE))
+    open_page(browser, tmp_path, Part(swarm(), "", machines_of(TREE)))
     leaves = [leaf.text.split("\n") for leaf in browser.find_elements(By.CSS_SELECTOR, "#diagram .leaf")]
     assert leaves == [
         ["black floor", "(probability 0.5)"],
@@ -312,7 +313,7 @@ def test_groups_of_a_team_have_their_machines(browser: Chrome, tmp_path: Path) -
     recording = swarm(7)
     assert recording.trace is not None
     without = replace(recording, trace=replace(recording.trace, states=None))
-    open_page(browser, tmp_path, Part(without, "", TEAM))
+    open_page(browser, tmp_path, Part(without, "", machines_of(TEAM)))
     group = Select(browser.find_element(By.ID, "group"))
     assert [option.text for option in group.options] == ["scouts", "carriers"]
     assert text(browser, "which") == "the states of agents are not recorded"
@@ -346,7 +347,7 @@ def test_states_of_a_team_are_those_of_each_group(browser: Chrome, tmp_path: Pat
     states = recording.trace.states.copy()
     states[:, 2:5] = -1
     recording = replace(recording, trace=replace(recording.trace, states=states))
-    open_page(browser, tmp_path, Part(recording, "", TEAM))
+    open_page(browser, tmp_path, Part(recording, "", machines_of(TEAM)))
 
     def numbers() -> list[str]:
         return [number.text for number in browser.find_elements(By.CSS_SELECTOR, "#diagram .number")]
@@ -390,7 +391,9 @@ def test_sixteen_states_have_colours_of_their_own(browser: Chrome, tmp_path: Pat
     assert recording.trace is not None
     states = np.tile(np.arange(16, dtype=np.int16), (STEPS + 1, 1))
     recording = replace(recording, trace=replace(recording.trace, states=states))
-    open_page(browser, tmp_path, Part(recording, "", modules(16, 4, 16)), shown=Shown(labels=False))
+    open_page(
+        browser, tmp_path, Part(recording, "", machines_of(modules(16, 4, 16))), shown=Shown(labels=False)
+    )
     colors = browser.execute_script(
         "return [...document.querySelectorAll('#diagram circle')].map((one) => getComputedStyle(one).stroke);"
     )
@@ -405,7 +408,9 @@ def test_sixteen_states_have_colours_of_their_own(browser: Chrome, tmp_path: Pat
 
 
 def test_colours_and_the_legend_say_the_same(browser: Chrome, tmp_path: Path) -> None:
-    open_page(browser, tmp_path, Part(swarm(values=True), "", MODULES), shown=Shown(labels=False))
+    open_page(
+        browser, tmp_path, Part(swarm(values=True), "", machines_of(MODULES)), shown=Shown(labels=False)
+    )
     colors = Select(browser.find_element(By.ID, "colors"))
     assert [option.text for option in colors.options] == [
         "state of the controller",
@@ -543,13 +548,13 @@ def test_sensors_of_one_kind_have_the_same_limits(browser: Chrome, tmp_path: Pat
     sensors[:, :, 6] = 0.5
     sensors[:, :, 8] = -2
     recording = replace(recording, trace=replace(recording.trace, sensors=sensors))
-    open_page(browser, tmp_path, Part(recording, "", MODULES, names))
+    open_page(browser, tmp_path, Part(recording, "", machines_of(MODULES), names))
     press(browser, "n")
     limits = "return player.inspector.rows.map(({ low, high }) => [low, high]);"
     assert browser.execute_script(limits)[:9] == [[0, 1]] * 6 + [[0, 0.5]] * 2 + [[-2, 0]]
     hint = "player.inspector.hint(26 + 2 * 20 + 5); return player.part.timeline.title;"
     assert browser.execute_script(hint) == "proximity 2: 0 to 1"
-    open_page(browser, tmp_path, Part(recording, "", MODULES))
+    open_page(browser, tmp_path, Part(recording, "", machines_of(MODULES)))
     press(browser, "n")
     assert browser.execute_script(limits)[2][1] == pytest.approx(0.05), "numbers alone tell of no kind"
 
@@ -687,7 +692,11 @@ def test_what_can_be_chosen_is_seen_with_the_map(opened: Chrome) -> None:
 
 def test_several_episodes_stand_beside_each_other(browser: Chrome, tmp_path: Path) -> None:
     short = swarm(3, steps=20)
-    parts = [Part(swarm(), "first", MODULES), Part(short, "second", MODULES), Part(swarm(2), "third")]
+    parts = [
+        Part(swarm(), "first", machines_of(MODULES)),
+        Part(short, "second", machines_of(MODULES)),
+        Part(swarm(2), "third"),
+    ]
     open_page(browser, tmp_path, *parts)
     captions = [caption.text for caption in browser.find_elements(By.TAG_NAME, "figcaption")]
     assert captions == ["1\nfirst\n0", "2\nsecond\n0", "3\nthird\n0"]
@@ -709,7 +718,7 @@ def test_several_episodes_stand_beside_each_other(browser: Chrome, tmp_path: Pat
 @pytest.mark.slow
 def test_ten_thousand_robots(browser: Chrome, tmp_path: Path) -> None:
     recording = swarm(10_000, steps=450)
-    open_page(browser, tmp_path, Part(recording, "", MODULES))
+    open_page(browser, tmp_path, Part(recording, "", machines_of(MODULES)))
     data = json.loads(browser.execute_script("return document.getElementById('episode').textContent"))
     (episode,) = data["episodes"]
     assert episode["stride"] == 2, "scenes are left out"

@@ -13,6 +13,7 @@ from matplotlib.path import Path as Line
 from PIL import Image
 
 from swarmwright import InputError
+from swarmwright.controllers.machines import machines_of
 from swarmwright.display import Bodies, Body, Part, Ray, Recording, Scale, Scene, Shown, Style
 from swarmwright.display._look import (
     BLUE,
@@ -186,7 +187,7 @@ def test_trails_end_at_the_edge_of_the_map() -> None:
 def test_robots_have_the_colour_of_their_controllers_state(step: int, state: int) -> None:
     recording = swarm()
     shown = Shown(trails=False, colors="controller")
-    picture = Picture(Part(recording, "", MODULES), dpi=100, shown=shown)
+    picture = Picture(Part(recording, "", machines_of(MODULES)), dpi=100, shown=shown)
     assert legend(picture)[:3] == ["agent", "0 exploration", "1 stop"]
     image = picture.image(recording.scenes[step], float(step)).crop((0, 0, 700, 600))
     assert [count(image, state_color(one)) > 300 for one in (0, 1)] == [state == 0, state == 1]
@@ -231,7 +232,7 @@ def _named(recording: Recording, names: Sequence[str]) -> Recording:
 def test_groups_of_a_team_have_colours_of_their_own() -> None:
     recording = _named(swarm(), ["carriers"] * 3 + ["scouts"] * 3)
     assert recording.trace is not None
-    part = Part(recording, "", TEAM)
+    part = Part(recording, "", machines_of(TEAM))
     picture = Picture(part, dpi=100, shown=Shown(trails=False, colors="controller"))
     assert legend(picture)[:5] == [
         "agent", "scouts 0 exploration", "scouts 1 stop", "carriers 0 exploration", "carriers 1 stop",
@@ -252,7 +253,7 @@ def test_no_two_entries_of_a_legend_look_alike() -> None:
 
 def test_kinds_of_agents_stand_alone_in_legends() -> None:
     recording = _named(swarm(), ["scouts", "scouts, stopped"] + ["lost"] * 4)
-    assert legend(Picture(Part(recording, "", TEAM), dpi=100))[:3] == [
+    assert legend(Picture(Part(recording, "", machines_of(TEAM)), dpi=100))[:3] == [
         "scouts", "scouts, stopped", "agent, lost",
     ]  # fmt: skip
 
@@ -340,7 +341,7 @@ def test_dark_colours_are_lightened_on_dark_pages() -> None:
 
 
 def test_several_episodes_are_for_pages(tmp_path: Path) -> None:
-    parts = [Part(swarm(2), "a", MODULES), Part(swarm(3), "b", MODULES)]
+    parts = [Part(swarm(2), "a", machines_of(MODULES)), Part(swarm(3), "b", machines_of(MODULES))]
     with pytest.raises(InputError, match=r"x.gif: several episodes .* by a page, FILE.html"):
         save(parts, tmp_path / "x.gif")
     save(parts[:1], tmp_path / "x.png", shown=Shown(colors="controller"))

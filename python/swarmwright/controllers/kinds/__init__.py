@@ -16,6 +16,8 @@ from swarmwright.controllers.drawing import Drawing
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from swarmwright.display.machines import Machine
+
 
 @dataclass(frozen=True)
 class Kind:
@@ -36,6 +38,8 @@ class Kind:
     """Adds an `Evolved` controller to a `source.in_onnx.Graph`."""
     words: str = "activations:words"
     """Returns a specification in a few words."""
+    machine: str = ""
+    """Returns the `Machine` of a specification, as films and pages show it; None for one too large."""
     visits: str = ""
     """Of kinds with tables: returns which rows of these steps of self-tests visit."""
     swarm: str = ""
@@ -93,6 +97,7 @@ KINDS: dict[str, Kind] = {
         python="kinds.mealy_fsm.code:python",
         onnx="kinds.mealy_fsm.code:onnx",
         words="kinds.mealy_fsm.tables:words",
+        machine="kinds.mealy_fsm.tables:machine",
         visits="kinds.mealy_fsm.tables:visits",
     ),
     "modules": Kind(
@@ -101,6 +106,7 @@ KINDS: dict[str, Kind] = {
         c="kinds.modules.code:c",
         python="kinds.modules.code:python",
         words="kinds.modules.tables:words",
+        machine="kinds.modules.tables:machine",
         random_sensor=8,
     ),
     "neat": Kind(
@@ -118,6 +124,7 @@ KINDS: dict[str, Kind] = {
         c="kinds.modules.code:c",
         python="kinds.modules.code:python",
         words="kinds.modules.tables:words",
+        machine="kinds.modules.tables:machine",
         swarm="modules.machine:Swarm",
         random_sensor=8,
     ),
@@ -147,3 +154,10 @@ def drawn(drawing: Drawing) -> "Figure":
         raise InputError(f"controller: one of the kind {drawing.specification.get('kind')!r} cannot be drawn")
     figure: Figure = part(draw)(drawing)
     return figure
+
+
+def machine_of(specification: Mapping[str, Any]) -> "Machine | None":
+    """Return the state machine of a controller that is no team; None where it has none to be shown."""
+    address = kind_of(specification).machine
+    found: Machine | None = part(address)(specification) if address else None
+    return found

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.groups import is_team
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Part, Shown
 from swarmwright.display._key import directed, scale_of
@@ -27,9 +26,9 @@ from swarmwright.display._look import (
     moving,
     whole,
 )
-from swarmwright.display._machine import groups_of, machine_of
 from swarmwright.display._scene import Patch, Scene
 from swarmwright.display._trace import Trace
+from swarmwright.display.machines import Machine
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -195,7 +194,7 @@ def _episode(part: Part) -> dict[str, Any]:
         "trace": None if trace is None else _trace(trace, keys, part),
         "states": None if trace is None else states_data(trace, keys),
         "machine": None if trace is None else machine_data(trace, part),
-        "groups": groups_of(part.controller),
+        "groups": part.machines.colored_groups,
     }
 
 
@@ -410,11 +409,11 @@ def states_data(trace: Trace, keys: Sequence[int]) -> dict[str, Any] | None:
     }
 
 
-def machine_data(trace: Trace, part: Part) -> dict[str, Any] | None:
+def machine_data(trace: Trace, part: Part) -> Machine | None:
     """Return the state machine of an episode's agents; None for a team, or a controller without states.
 
     states: name and words of each; transitions: [from, to, words]; form: "tree" for a behaviour tree.
     """
-    if trace.states is None or is_team(part.controller):
+    if trace.states is None or part.machines.groups is not None:
         return None
-    return machine_of(part.controller, int(trace.states.max(initial=0)))
+    return part.machines.of_all(int(trace.states.max(initial=0)))

@@ -11,6 +11,7 @@ from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers.controller import Controller
 from swarmwright.controllers.kinds import words_of
+from swarmwright.controllers.machines import machines_of
 from swarmwright.controllers.modules.played import PlayedEpisode
 from swarmwright.display import Caption, Part, Playable, Recording, record
 from swarmwright.display.files import save
@@ -168,7 +169,8 @@ class ShownEpisode:
             seconds = catalogue.step_seconds(self.experiment.simulation)
         except InputError:
             seconds = None
-        return Part(recording, name, self.controller.specification, sensors, actuators, of, seconds)
+        machines = machines_of(self.controller.specification)
+        return Part(recording, name, machines, sensors, actuators, of, seconds)
 
     def save(
         self,

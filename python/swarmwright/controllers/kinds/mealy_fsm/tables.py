@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.controllers.source import Evolved
+from swarmwright.display.machines import Machine
 
 
 def machine_tables(controller: Evolved) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -56,3 +57,25 @@ def visits(
 def words(specification: Mapping[str, Any]) -> str:
     """Return the kind and the number of states."""
     return f"{specification['kind']}, {specification.get('states')} states"
+
+
+_MOST_STATES = 64
+"""States of a machine whose states are drawn one by one."""
+
+
+def machine(specification: Mapping[str, Any]) -> Machine | None:
+    """Return the states, and how much of what is sensed leads from one to another."""
+    count = int(specification["states"])
+    if count > _MOST_STATES:
+        return None
+    table = np.array(specification["weights"], dtype=np.float64)
+    targets = table.reshape(count, -1, 1 + specification["actuators"])[:, :, 0]
+    targets = np.clip(np.floor(targets), 0, count - 1).astype(int)
+    return {
+        "states": [{"name": "", "words": f"state {index}"} for index in range(count)],
+        "transitions": [
+            (source, int(target), f"{int(amount)} of {targets.shape[1]} cases")
+            for source in range(count)
+            for target, amount in zip(*np.unique(targets[source], return_counts=True), strict=True)
+        ],
+    }

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common import modules
+from swarmwright.common import machine_texts, modules
 from swarmwright.controllers.source import Evolved
+from swarmwright.display.machines import Machine
 
 
 def machine_weights(controller: Evolved) -> NDArray[np.float32]:
@@ -36,3 +37,32 @@ def words(specification: Mapping[str, Any]) -> str:
     """Return the kind and the form."""
     form = "behaviour tree" if modules.is_tree(specification) else "state machine"
     return f"{specification['kind']} ({form})"
+
+
+def machine(specification: Mapping[str, Any]) -> Machine:
+    """Return the states and transitions, or the subtrees, in words."""
+    found = modules.states_of(specification)
+    if modules.is_tree(specification):
+        return {
+            "form": "tree",
+            "states": [
+                {
+                    "name": machine_texts.name_of(one.behaviour),
+                    "words": machine_texts.words_of(one),
+                    "condition": machine_texts.condition_words(one),
+                }
+                for one in found
+            ],
+            "transitions": [],
+        }
+    return {
+        "states": [
+            {"name": machine_texts.name_of(state.behaviour), "words": machine_texts.words_of(state)}
+            for state in found
+        ],
+        "transitions": [
+            (index, one.target, machine_texts.words_of(one).partition(": ")[2])
+            for index, state in enumerate(found)
+            for one in state.transitions
+        ],
+    }

@@ -13,13 +13,14 @@ from pydantic import ConfigDict, Field, PrivateAttr, ValidationInfo, model_valid
 
 from swarmwright.common.arrays import Genome, Genomes, Limits
 from swarmwright.common.errors import InputError
-from swarmwright.common.groups import TEAM, DeclaredGroup
+from swarmwright.common.groups import DeclaredGroup
 from swarmwright.common.options import Options
 from swarmwright.common.random_numbers import Stream
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.controllers._base import Representation, RepresentationOptions
 from swarmwright.controllers.kinds import words_of
+from swarmwright.controllers.teams import TEAM
 
 _DEFAULT_KIND = "layered"
 _LARGEST_COUNT = 1_000_000

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.groups import parts_of
 from swarmwright.controllers.drawing import Drawing
-from swarmwright.controllers.kinds import drawn
+from swarmwright.controllers.kinds import drawn, machine_of
+from swarmwright.controllers.teams import parts_of
 from swarmwright.display.figures.style import new_figure
-from swarmwright.display.state_colors import colored_states
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,7 +27,8 @@ def draw(drawing: Drawing) -> "Figure":
     for name, part in parts_of(drawing.specification).items():
         whole_title = f"{title}, {name}" if title else name
         one = drawn(Drawing(part, whole_title, _of_group(drawing.simulation or {}, name), first_color=color))
-        color += colored_states(part)
+        machine = machine_of(part)
+        color += 0 if machine is None else len(machine["states"])
         one.set_dpi(_DOTS_PER_INCH)
         canvas = FigureCanvasAgg(one)
         canvas.draw()  # type: ignore[no-untyped-call]

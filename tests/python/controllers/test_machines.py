@@ -1,11 +1,13 @@
 """State machines as pages and legends have them."""
 
-from swarmwright.display._machine import groups_of, machine_of
+from swarmwright.controllers.kinds import machine_of
+from swarmwright.controllers.machines import machines_of
+from swarmwright.display.machines import Machines
 from tests.python.display.test_page_swarm import MODULES, NETWORK, TEAM, TREE
 
 
 def test_machines_of_modules_have_behaviours_and_conditions() -> None:
-    assert machine_of(MODULES, 0) == {
+    assert machine_of(MODULES) == {
         "states": [
             {"name": "exploration", "words": "exploration (rwm 3)"},
             {"name": "stop", "words": "stop"},
@@ -18,7 +20,7 @@ def test_machines_of_modules_have_behaviours_and_conditions() -> None:
 
 
 def test_subtrees_of_a_tree_have_a_condition_and_a_behaviour() -> None:
-    assert machine_of(TREE, 0) == {
+    assert machine_of(TREE) == {
         "form": "tree",
         "states": [
             {
@@ -33,17 +35,20 @@ def test_subtrees_of_a_tree_have_a_condition_and_a_behaviour() -> None:
 
 
 def test_groups_of_a_team_have_machines_of_their_own() -> None:
-    groups = groups_of(TEAM)
+    groups = machines_of(TEAM).colored_groups
     assert groups is not None
     assert [(group["name"], group["first"], group["end"]) for group in groups] == [
         ("scouts", 0, 2),
         ("carriers", 5, None),
     ], "a network between them is no machine"
-    assert groups[0]["machine"] == {**machine_of(MODULES, 0), "first_color": 0}
+    assert groups[0]["machine"] == {**(machine_of(MODULES) or {}), "first_color": 0}
     assert groups[1]["machine"]["first_color"] == 2, "each group has its own colours"
     assert groups[1]["machine"]["form"] == "tree"
-    assert groups_of(MODULES) is None
-    assert groups_of({**TEAM, "groups": TEAM["groups"][1:2], "weights": NETWORK["weights"]}) is None
+    assert machines_of(MODULES).groups is None
+    assert (
+        machines_of({**TEAM, "groups": TEAM["groups"][1:2], "weights": NETWORK["weights"]}).colored_groups
+        is None
+    )
 
 
 def test_a_mealy_machine_has_the_number_of_cases_of_each_transition() -> None:
@@ -53,7 +58,8 @@ def test_a_mealy_machine_has_the_number_of_cases_of_each_transition() -> None:
         "kind": "mealy_fsm", "sensors": 1, "actuators": 1, "states": 2, "thresholds": [[0.1, 0.2]],
         "weights": [number for row in rows for number in row],
     }  # fmt: skip
-    machine = machine_of(specification, 0)
+    machine = machine_of(specification)
+    assert machine is not None
     assert [state["words"] for state in machine["states"]] == ["state 0", "state 1"]
     assert machine["transitions"] == [
         (0, 0, "1 of 3 cases"),
@@ -64,7 +70,7 @@ def test_a_mealy_machine_has_the_number_of_cases_of_each_transition() -> None:
 
 
 def test_of_an_unknown_controller_the_states_are_known_that_agents_were_in() -> None:
-    assert machine_of({}, 2) == {
+    assert Machines().of_all(2) == {
         "states": [{"name": "", "words": f"state {index}"} for index in range(3)],
         "transitions": [],
     }

@@ -1,0 +1,34 @@
+"""Specifications of several controllers in one: of the kind `team`."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from swarmwright import _engine
+from swarmwright.common.errors import engine_errors
+
+TEAM = "team"
+"""The kind of such specifications."""
+
+
+def is_team(specification: Mapping[str, Any]) -> bool:
+    """Whether groups of agents have controllers of their own."""
+    return specification.get("kind") == TEAM
+
+
+def parts_of(specification: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the controller of each group of a team, with its weights; empty for other controllers.
+
+    Raises InputError for a specification that is not one.
+    """
+    if not is_team(specification):
+        return {}
+    found, first = {}, 0
+    with engine_errors("controller: "):
+        for group in specification["groups"]:
+            last = first + _engine.genome_size(group["controller"])
+            found[str(group["name"])] = {
+                **group["controller"],
+                "weights": list(specification["weights"][first:last]),
+            }
+            first = last
+    return found

@@ -1,0 +1,120 @@
+"""The state machines and trees of controllers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.display._bodies import Bodies
+
+Machine = Mapping[str, Any]
+"""`states`: the `name` and `words` of each; `transitions`: (from, to, words) of each.
+
+A tree has the `form` "tree", subtrees in the place of states, with their `condition` in words, and no
+transitions.
+"""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Agents of a team with the same controller.
+
+    first, end: between which agents they are; end is None for all others, first where it is not known.
+    machine: None for a controller without states.
+    """
+
+    name: str
+    first: int | None
+    end: int | None
+    machine: Machine | None
+
+
+@dataclass(frozen=True)
+class Machines:
+    """The state machines of the controllers of an episode.
+
+    kind: of the controller, for messages; empty where it is not known. machine: that of all agents, None for
+    a controller that has none, or one too large to be drawn. groups: those of a team, None for any other
+    controller.
+    """
+
+    kind: str = ""
+    machine: Machine | None = None
+    groups: tuple[Group, ...] | None = None
+
+    @cached_property
+    def colored_groups(self) -> list[dict[str, Any]] | None:
+        """The groups of a team that have state machines, with these; None where there are none.
+
+        The `first_color` of a machine is the index of the colour of its state 0: the colours of a group
+        follow those of the groups before.
+        """
+        color = 0
+        found = []
+        for group in self.groups or ():
+            if group.machine is not None:
+                machine = {**group.machine, "first_color": color}
+                color += len(machine["states"])
+                found.append({"name": group.name, "first": group.first, "end": group.end, "machine": machine})
+        return found or None
+
+    def of_all(self, highest: int) -> Machine:
+        """Return the machine of all agents.
+
+        highest: the last state that an agent was in, for machines of which no more is known.
+        """
+        if self.machine is not None:
+            return self.machine
+        names = [{"name": "", "words": f"state {index}"} for index in range(highest + 1)]
+        return {"states": names, "transitions": []}
+
+
+@dataclass(frozen=True)
+class StateColors:
+    """The colours of the states of controllers: each group of a team has its own.
+
+    labels: what legends call each colour. first: (agents,), index of the colour of an agent's state 0.
+    """
+
+    labels: tuple[str, ...]
+    first: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, machines: Machines, states: NDArray[np.signedinteger[Any]], bodies: Bodies) -> Self:
+        """Return the colours of an episode.
+
+        machines: of the controllers. states: (scenes, agents), -1 for agents whose
+        controllers have none. bodies: at the first scene, whose names say of which group an agent is.
+        """
+        first = np.zeros(states.shape[1], dtype=np.int64)
+        groups = machines.colored_groups
+        if groups is None:
+            found = machines.of_all(-1)["states"] if machines.groups is None else []
+            names = [state["name"] for state in found]
+            names += [""] * (int(states.max(initial=0)) + 1 - len(names))
+            return cls(tuple(_label(index, name) for index, name in enumerate(names)), first)
+        agents = np.arange(len(first))
+        for group in reversed(groups):
+            begin, end = group["first"], group["end"]
+            if begin is not None:
+                first[(agents >= begin) & (agents < (len(first) if end is None else end))] = group["machine"][
+                    "first_color"
+                ]
+        of_body = bodies.agents()
+        for group in groups:
+            named = np.array([group["name"] in look for look in bodies.looks], dtype=bool)
+            of_group = of_body[named[bodies.look]] if len(named) else of_body[:0]
+            first[of_group[(of_group >= 0) & (of_group < len(first))]] = group["machine"]["first_color"]
+        labels = [
+            f"{group['name']} {_label(index, state['name'])}"
+            for group in groups
+            for index, state in enumerate(group["machine"]["states"])
+        ]
+        return cls(tuple(labels), first)
+
+
+def _label(index: int, name: str) -> str:
+    return f"{index} {name}" if name else f"state {index}"
