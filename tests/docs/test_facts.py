@@ -10,7 +10,12 @@ from ruamel.yaml import YAML
 import swarmwright
 from swarmwright import _engine
 from swarmwright.cli._commands import program
-from swarmwright.common.modules import BEHAVIOUR_PARAMETERS, BEHAVIOURS, CONDITION_PARAMETERS, CONDITIONS
+from swarmwright.controllers.modules.grammar import (
+    BEHAVIOUR_PARAMETERS,
+    BEHAVIOURS,
+    CONDITION_PARAMETERS,
+    CONDITIONS,
+)
 from swarmwright.runs.monitoring.prometheus import COUNTS
 
 

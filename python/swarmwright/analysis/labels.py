@@ -5,7 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
-from swarmwright.common.modules import label_of
+from swarmwright.common.simulation_names import label_of
 from swarmwright.common.values import flat
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations.user_code.parts import SECTIONS

@@ -17,9 +17,10 @@ from swarmwright.cli._validation import (
     validation_lines,
 )
 from swarmwright.common.formatting import counted, duration
-from swarmwright.common.machine_texts import controller_text
-from swarmwright.common.modules import is_modules, label_of
+from swarmwright.common.simulation_names import label_of
 from swarmwright.common.untrusted import one_line
+from swarmwright.controllers.modules.grammar import is_modules
+from swarmwright.controllers.modules.machine_texts import controller_text
 from swarmwright.simulations.user_code.copying import display_name
 
 if TYPE_CHECKING:

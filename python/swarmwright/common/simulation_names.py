@@ -185,6 +185,16 @@ def is_command(name: str) -> bool:
     return SimulationName.parse(name).is_command
 
 
+def label_of(name: str) -> str:
+    """Return what a plug-in is called that an experiment names: its class, where a file stands before it."""
+    return SimulationName.parse(name).member if is_in_file(name) else name
+
+
+def is_in_file(name: str) -> bool:
+    """Return whether an experiment names a plug-in by its file: `path/to/file.py:Class`."""
+    return SimulationName.parse(name).file is not None
+
+
 def _program(definition: dict[str, Any]) -> str:
     """Return what a command is called: its title, or the script or program that it starts."""
     if "title" in definition:

@@ -16,9 +16,9 @@ from swarmwright.common.arrays import float32_of
 from swarmwright.common.errors import InputError, engine_errors, explained
 from swarmwright.common.files import read_bytes, write_text
 from swarmwright.common.json_text import loads
-from swarmwright.common.modules import ACTUATORS, PYTHON_KIND, SENSORS
 from swarmwright.common.problems import shown
 from swarmwright.controllers.kinds import kind_of
+from swarmwright.controllers.modules.grammar import ACTUATORS, PYTHON_KIND, SENSORS
 from swarmwright.controllers.modules.machine import Swarm
 from swarmwright.controllers.modules.registered import find
 from swarmwright.controllers.teams import is_team, parts_of

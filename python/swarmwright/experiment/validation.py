@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.common.errors import InputError, SwarmwrightError
-from swarmwright.common.modules import is_in_file
 from swarmwright.common.problems import Report, shown
-from swarmwright.common.simulation_names import LIBRARIES, is_python
+from swarmwright.common.simulation_names import LIBRARIES, is_in_file, is_python
 from swarmwright.common.yaml import Path_, Source
 from swarmwright.experiment.checks import check_values
 from swarmwright.experiment.document import DEFAULT_KINDS, STORE, Checked

@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common import modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.ranges import shortest_decimal
 from swarmwright.controllers.kinds import KINDS, kind_of, part
+from swarmwright.controllers.modules import grammar
 from swarmwright.controllers.source.text import MARK, plain, table, templates
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
@@ -141,7 +141,7 @@ def not_exported(subject: Subject, form: str, known: Iterable[str]) -> InputErro
     kinds = ", ".join(sorted(known))
     reason = f"controller: the kind {subject.kind!r} cannot be exported to {form}, only {kinds}"
     if kind_of(subject.specification).swarm:
-        catalogue = modules.Catalogue.of(subject.specification)
+        catalogue = grammar.Catalogue.of(subject.specification)
         own = [one.name for one in (*catalogue.behaviours, *catalogue.conditions) if not one.built_in]
         reason = (
             f"controller: its modules {', '.join(own)} are code in Python, which {form} does not run; "

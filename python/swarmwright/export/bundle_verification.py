@@ -21,8 +21,8 @@ from swarmwright.common import archives
 from swarmwright.common.arguments import checked
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.json_text import loads
-from swarmwright.common.modules import PYTHON_KIND
 from swarmwright.common.untrusted import one_line
+from swarmwright.controllers.modules.grammar import PYTHON_KIND
 from swarmwright.controllers.source.text import check_prefix
 from swarmwright.experiment.experiment import recorded_experiment
 from swarmwright.export import EXPORTERS

@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common import machine_mappings, machine_texts, modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.yaml import read
 from swarmwright.controllers.kinds.modules.automode import text_of
+from swarmwright.controllers.modules import grammar, machine_mappings, machine_texts
 from swarmwright.controllers.modules.registered import module
 from swarmwright.export._base import Exporter, Files, facts
 from swarmwright.export.sequences import Sequences
@@ -27,23 +27,23 @@ class Machine(Exporter):
 
     form: ClassVar[str] = "machine"
 
-    _known: modules.Catalogue | None = None
+    _known: grammar.Catalogue | None = None
     """Modules of what was written."""
 
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return the machine and its drawings."""
-        if not modules.is_modules(subject.specification):
+        if not grammar.is_modules(subject.specification):
             raise InputError(
                 f"controller: one of the kind {subject.kind!r} is not a machine of behaviours and "
                 "conditions; only the kind modules is"
             )
         specification = subject.specification
-        self._known = modules.Catalogue.of(specification)
-        states = modules.states_of(specification)
+        self._known = grammar.Catalogue.of(specification)
+        states = grammar.states_of(specification)
         text = "\n".join(f"# {line}" for line in machine_texts.controller_text(specification).splitlines())
-        content = _tree_yaml(states) if modules.is_tree(specification) else _yaml(states)
+        content = _tree_yaml(states) if grammar.is_tree(specification) else _yaml(states)
         dot, mermaid = (machine_texts.controller_diagram(specification, one) for one in ("dot", "mermaid"))
-        command = text_of(states, tree=modules.is_tree(specification))
+        command = text_of(states, tree=grammar.is_tree(specification))
         return {
             **({f"{prefix}.automode": f"{command}\n"} if command else {}),
             f"{prefix}.yaml": f"{facts(subject, '# ', _EDITABLE)}\n#\n{text}\n\n{content}",
@@ -55,16 +55,16 @@ class Machine(Exporter):
         """Read the machine, and run it by the engine, or in Python where that has modules of it."""
         values = read(folder / f"{prefix}.yaml").values
         tree = "subtrees" in values
-        most = 1 if tree else modules.MOST_TRANSITIONS
+        most = 1 if tree else grammar.MOST_TRANSITIONS
         catalogue = _catalogue(values) if self._known is None else self._known
         if tree:
-            states = machine_mappings.subtrees_from(values, modules.MOST_SUBTREES, catalogue)
+            states = machine_mappings.subtrees_from(values, grammar.MOST_SUBTREES, catalogue)
         else:
-            states = machine_mappings.states_from(values, modules.MOST_STATES, most, catalogue)
-        own: dict[str, Any] = {"kind": modules.KIND}
+            states = machine_mappings.states_from(values, grammar.MOST_STATES, most, catalogue)
+        own: dict[str, Any] = {"kind": grammar.KIND}
         if catalogue.in_python:
             own = {
-                "kind": modules.PYTHON_KIND,
+                "kind": grammar.PYTHON_KIND,
                 "behaviours": [one.as_mapping() for one in catalogue.behaviours],
                 "conditions": [one.as_mapping() for one in catalogue.conditions],
             }
@@ -72,30 +72,30 @@ class Machine(Exporter):
             "version": 1,
             **own,
             "form": "tree" if tree else "machine",
-            "sensors": modules.SENSORS,
-            "actuators": modules.ACTUATORS,
+            "sensors": grammar.SENSORS,
+            "actuators": grammar.ACTUATORS,
             "states": len(states),
             "transitions": most,
-            "weights": modules.weights_of(states, len(states), most, catalogue),
+            "weights": grammar.weights_of(states, len(states), most, catalogue),
         }
         return Sequences.computed(
             specification, sequences.first, sequences.sensors, sequences.accepted
         ).actuators
 
 
-def _catalogue(machine: dict[str, Any]) -> modules.Catalogue:
+def _catalogue(machine: dict[str, Any]) -> grammar.Catalogue:
     """Return the engine's modules, and those in Python that a machine names."""
     entries = machine.get("subtrees") or machine["states"]
     transitions = [one for entry in entries for one in entry.get("transitions", [])]
     behaviours = [entry["behaviour"] for entry in entries]
     conditions = [one["condition"] for one in (*entries, *transitions) if "condition" in one]
-    return modules.Catalogue(
-        tuple(module("behaviour", one) for one in dict.fromkeys([*modules.BEHAVIOURS, *behaviours])),
-        tuple(module("condition", one) for one in dict.fromkeys([*modules.CONDITIONS, *conditions])),
+    return grammar.Catalogue(
+        tuple(module("behaviour", one) for one in dict.fromkeys([*grammar.BEHAVIOURS, *behaviours])),
+        tuple(module("condition", one) for one in dict.fromkeys([*grammar.CONDITIONS, *conditions])),
     )
 
 
-def _tree_yaml(subtrees: tuple[modules.State, ...]) -> str:
+def _tree_yaml(subtrees: tuple[grammar.State, ...]) -> str:
     rows = (
         f"  - {{{', '.join(f'{name}: {part}' for name, part in entry.items())}}}"
         for entry in machine_mappings.tree_mapping_of(subtrees)["subtrees"]
@@ -103,7 +103,7 @@ def _tree_yaml(subtrees: tuple[modules.State, ...]) -> str:
     return "\n".join(["subtrees:", *rows]) + "\n"
 
 
-def _yaml(states: tuple[modules.State, ...]) -> str:
+def _yaml(states: tuple[grammar.State, ...]) -> str:
     lines = ["states:"]
     for entry in machine_mappings.mapping_of(states)["states"]:
         begin = "  - "

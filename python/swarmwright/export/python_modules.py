@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.common import modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.tracebacks import place_of
 from swarmwright.controllers.kinds import kind_of
 from swarmwright.controllers.kinds.modules.tables import catalogue_of, own_modules
+from swarmwright.controllers.modules import grammar
 from swarmwright.controllers.modules.registered import Kind, implementation
 from swarmwright.controllers.source.text import MARK, plain
 from swarmwright.export._base import Files, facts, render
@@ -104,8 +104,8 @@ def own_python(subject: Subject, prefix: str) -> OwnPython:
                     "names": ", ".join(repr(name) for name in ["swarmwright", *sorted(imported)]),
                     "behaviours": "\n".join(kinds["behaviour"]),
                     "conditions": "\n".join(kinds["condition"]),
-                    "first_behaviour": str(len(modules.BEHAVIOURS)),
-                    "first_condition": str(len(modules.CONDITIONS)),
+                    "first_behaviour": str(len(grammar.BEHAVIOURS)),
+                    "first_condition": str(len(grammar.CONDITIONS)),
                     "transitions": str(int(subject.specification["transitions"])),
                 },
             ),
@@ -145,7 +145,7 @@ def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _source_of(kind: Kind, known: modules.Module) -> _Source:
+def _source_of(kind: Kind, known: grammar.Module) -> _Source:
     """Return the source of a class. Raises InputError where it is not, or no longer, what was loaded."""
     from swarmwright.simulations.loading import file_of  # noqa: PLC0415 - what imports the code of users
 
@@ -175,7 +175,7 @@ def _copied(path: Path) -> _Source | None:
     return _Source(kept.main, kept.module, files, kept.digests, distributions([part]))
 
 
-def _as_it_is(kind: Kind, known: modules.Module, path: Path) -> _Source:
+def _as_it_is(kind: Kind, known: grammar.Module, path: Path) -> _Source:
     part = Part.of_file("", "", path) if known.file else Part.of_module("", "", kind.__module__)
     if part is None:
         raise InputError(f"{known.name}: {kind.__module__} has no source in Python, so it cannot be exported")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright.common.arguments import simulation_seed
 from swarmwright.common.errors import InputError
-from swarmwright.common.modules import label_of
+from swarmwright.common.simulation_names import label_of
 from swarmwright.common.values import flat
 from swarmwright.controllers.controller import Controller
 from swarmwright.controllers.kinds import words_of

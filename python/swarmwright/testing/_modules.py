@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common import modules
 from swarmwright.common.random_numbers import Stream
-from swarmwright.controllers.modules import Behaviour, Condition, RandomNumbers, Senses
+from swarmwright.controllers.modules import Behaviour, Condition, RandomNumbers, Senses, grammar
 from swarmwright.controllers.modules.machine import called, random_words
 from swarmwright.controllers.modules.registered import implementation, module
 
@@ -106,14 +105,14 @@ def _run(
 def _sensors() -> NDArray[np.float32]:
     """Return what robots might sense, (steps, robots, 9)."""
     stream = Stream(1, "senses")
-    found = stream.unit(_STEPS * _ROBOTS * modules.SENSORS).reshape(_STEPS, _ROBOTS, modules.SENSORS)
+    found = stream.unit(_STEPS * _ROBOTS * grammar.SENSORS).reshape(_STEPS, _ROBOTS, grammar.SENSORS)
     found[..., [0, 1, 2, 3, 6, 7]] = 2 * found[..., [0, 1, 2, 3, 6, 7]] - 1
     found[..., 4] = np.floor(3 * found[..., 4]) / 2
     found[..., 5] = np.floor(8 * found[..., 5])
     return found.astype(np.float32)
 
 
-def _parameters(known: modules.Module) -> dict[str, NDArray[np.float32]]:
+def _parameters(known: grammar.Module) -> dict[str, NDArray[np.float32]]:
     stream = Stream(1, "parameters")
     made = {}
     for name, (low, high, whole) in known.parameters.items():

@@ -8,10 +8,10 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.common.arrays import Genome, Genomes
-from swarmwright.common.modules import PYTHON_KIND, weight_count
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.controllers.controller import Controller
+from swarmwright.controllers.modules.grammar import PYTHON_KIND, weight_count
 from swarmwright.testing._common import SHAPES, check_options, representation
 
 

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from swarmwright.common import machine_mappings, machine_texts, modules
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers.kinds.modules.automode import machine_of, text_of, tree_of
 from swarmwright.controllers.kinds.modules.representation import ModulesOptions
+from swarmwright.controllers.modules import grammar, machine_mappings, machine_texts
 from tests.python.controllers.machines import AUTOMODE, machines
 
 
@@ -153,6 +153,6 @@ def test_what_automode_is_called_with_is_the_machine(form: str, seed: int) -> No
 
 
 def test_automode_has_no_transition_from_a_state_to_itself() -> None:
-    stays = modules.Transition(0, "fixed_probability", {"probability": 0.5})
-    assert text_of([modules.State("stop", {}, (stays,))], tree=False) is None
-    assert text_of([modules.State("hop", {}, ())], tree=False) is None
+    stays = grammar.Transition(0, "fixed_probability", {"probability": 0.5})
+    assert text_of([grammar.State("stop", {}, (stays,))], tree=False) is None
+    assert text_of([grammar.State("hop", {}, ())], tree=False) is None

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, FancyArrowPatch
 
-from swarmwright.common.modules import states_of
 from swarmwright.controllers import kinds
 from swarmwright.controllers.diagram import Arrow, Diagram, Node, figure_with_list
 from swarmwright.controllers.figures import figure
 from swarmwright.controllers.kinds.team import figure as of_team
+from swarmwright.controllers.modules.grammar import states_of
 from swarmwright.display.state_colors import state_color
 from tests.python.controllers.test_figures import machine
 from tests.python.export.specifications import modules

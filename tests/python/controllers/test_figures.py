@@ -15,10 +15,10 @@ from matplotlib.patches import FancyArrowPatch
 from PIL import Image
 
 from swarmwright import InputError
-from swarmwright.common.machine_texts import condition_words, words_of
-from swarmwright.common.modules import states_of
 from swarmwright.controllers.figures import Names, figure
 from swarmwright.controllers.kinds.mealy_fsm.figure import transitions
+from swarmwright.controllers.modules.grammar import states_of
+from swarmwright.controllers.modules.machine_texts import condition_words, words_of
 from swarmwright.display.figures.style import save
 from swarmwright.simulations.catalogue import description
 from tests.python.export.specifications import modules, tree

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Controller, Experiment, InputError, simulate
-from swarmwright.common import modules
 from swarmwright.common.yaml import dump
+from swarmwright.controllers.modules import grammar
 
 
 @pytest.mark.parametrize("form", ["machine", "tree"])
@@ -33,7 +33,7 @@ def test_a_machine_in_a_file_is_a_controller(form: str, tmp_path: Path) -> None:
     controller = Controller.load(file)
     specification = controller.specification
     assert (specification["kind"], specification["sensors"]) == ("modules", 9)
-    states = modules.states_of(specification)
+    states = grammar.states_of(specification)
     assert states[0].behaviour == "exploration"
     # As one that evolution starts from.
     options = {"kind": "modules", "form": form, "machine": str(file)}

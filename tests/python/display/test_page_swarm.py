@@ -14,8 +14,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
 from swarmwright.common.groups import Kind
-from swarmwright.common.modules import State, Transition, weights_of
 from swarmwright.controllers.machines import machines_of
+from swarmwright.controllers.modules.grammar import State, Transition, weights_of
 from swarmwright.display import (
     Bodies,
     Body,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swarmwright import _engine
-from swarmwright.common.modules import State, Transition, weights_of
+from swarmwright.controllers.modules.grammar import State, Transition, weights_of
 from swarmwright.display._bodies import scene_of
 from swarmwright.display.terminal import CLEAR_BELOW, HIDE_CURSOR, SHOW_CURSOR, SIGNS, play, with_states
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from swarmwright import InputError
-from swarmwright.common import machine_mappings, modules
 from swarmwright.common.yaml import read
 from swarmwright.controllers.kinds.modules.automode import tree_of
+from swarmwright.controllers.modules import grammar, machine_mappings
 from swarmwright.export.machine import Machine
 from swarmwright.export.sequences import difference
 from swarmwright.export.writing import write
@@ -20,8 +20,8 @@ def test_what_is_written_is_the_machine(name: str, tmp_path: Path) -> None:
     write(exporter.files(subject(ALL[name]), "robot"), tmp_path)
     sequences = few(ALL[name], 300)
     assert difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0)
-    states = modules.states_of(ALL[name])
-    if modules.is_tree(ALL[name]):
+    states = grammar.states_of(ALL[name])
+    if grammar.is_tree(ALL[name]):
         assert machine_mappings.subtrees_from(read(tmp_path / "robot.yaml").values, 4) == states
         for file, arrow in (("robot.dot", " -> "), ("robot.mmd", " --> ")):
             assert (tmp_path / file).read_text().count(arrow) == 3 * len(states)

@@ -13,8 +13,7 @@ from swarmwright.analysis.sweep.run import comparable
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.analysis.sweep_folders import names_of
 from swarmwright.common.errors import InputError
-from swarmwright.common.modules import is_in_file
-from swarmwright.common.simulation_names import is_python
+from swarmwright.common.simulation_names import is_in_file, is_python
 from swarmwright.common.yaml import dotted_path
 from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.derived import check_new

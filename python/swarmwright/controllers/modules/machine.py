@@ -11,9 +11,9 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common import modules
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.tracebacks import is_installed, place_of, shown
+from swarmwright.controllers.modules import grammar
 from swarmwright.controllers.modules._base import (
     Behaviour,
     Condition,
@@ -38,7 +38,7 @@ _TANH_Q = np.array([1.0, 0.11480684, 0.0013933508, 2.7218455e-6], dtype=np.float
 
 
 def _parameters(*names: str) -> Mapping[str, Parameter]:
-    return {name: Parameter(*modules.RANGES[name]) for name in names}
+    return {name: Parameter(*grammar.RANGES[name]) for name in names}
 
 
 def _length(vector: Numbers) -> Numbers:
@@ -248,7 +248,7 @@ class Swarm:
     """
 
     def __init__(self, architecture: Mapping[str, Any], weights: Numbers) -> None:
-        catalogue = modules.Catalogue.of(architecture)
+        catalogue = grammar.Catalogue.of(architecture)
         self._behaviours: list[Behaviour] = [
             _made(implementation("behaviour", one)) for one in catalogue.behaviours
         ]
@@ -257,13 +257,13 @@ class Swarm:
         ]
         self._behaviour_places = list(catalogue.behaviour_places.items())
         self._condition_places = list(catalogue.condition_places.items())
-        self._tree = modules.is_tree(architecture)
+        self._tree = grammar.is_tree(architecture)
         self._first, self._each = catalogue.of_state, catalogue.of_transition
         self._states, self._most = int(architecture["states"]), int(architecture["transitions"])
         self._counts, self._table = self._read(catalogue, np.asarray(weights, dtype=np.float32))
         self.restart(np.zeros(0, dtype=np.int64))
 
-    def _read(self, catalogue: modules.Catalogue, weights: Numbers) -> tuple[Rows, Numbers]:
+    def _read(self, catalogue: grammar.Catalogue, weights: Numbers) -> tuple[Rows, Numbers]:
         """Return how many states machines have, and (machines, states, weights of a state), all limited."""
         counts = np.trunc(np.clip(weights[:, 0], 1, self._states)).astype(np.int64)
         table = (
@@ -434,7 +434,7 @@ class Swarm:
         self._conditions_kept[robots] = 0
 
 
-def _limit(table: Numbers, place: int, limits: modules.Range) -> None:
+def _limit(table: Numbers, place: int, limits: grammar.Range) -> None:
     low, high, whole = limits
     values = np.clip(table[..., place], low, high)
     table[..., place] = np.trunc(values) if whole else values

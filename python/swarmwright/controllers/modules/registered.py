@@ -10,12 +10,12 @@ from typing import Any, Literal, overload
 
 import numpy as np
 
-from swarmwright.common import modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.registry import Registry
-from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.simulation_names import SimulationName, is_in_file
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.tracebacks import place_of, shown
+from swarmwright.controllers.modules import grammar
 from swarmwright.controllers.modules._base import Behaviour, Condition, Parameter
 
 _LARGEST_LIMIT = 1e6
@@ -61,11 +61,11 @@ REGISTRIES: Mapping[str, Registry[Behaviour] | Registry[Condition]] = {
 
 
 Kind = type[Behaviour] | type[Condition]
-_in_files: dict[tuple[str, str, str], tuple[Kind, modules.Module, Path]] = {}
+_in_files: dict[tuple[str, str, str], tuple[Kind, grammar.Module, Path]] = {}
 """What, class, SHA-256 -> what was imported from files, and from which."""
 
 
-def module(what: str, name: str) -> modules.Module:
+def module(what: str, name: str) -> grammar.Module:
     """Return what is known of a behaviour or a condition.
 
     Args:
@@ -74,18 +74,18 @@ def module(what: str, name: str) -> modules.Module:
 
     Raises InputError for an unknown one, and one that is not right.
     """
-    return _from_file(what, name) if modules.is_in_file(name) else _by_name(what, name)
+    return _from_file(what, name) if is_in_file(name) else _by_name(what, name)
 
 
 @overload
-def implementation(what: Literal["behaviour"], known: modules.Module) -> type[Behaviour]: ...
+def implementation(what: Literal["behaviour"], known: grammar.Module) -> type[Behaviour]: ...
 
 
 @overload
-def implementation(what: Literal["condition"], known: modules.Module) -> type[Condition]: ...
+def implementation(what: Literal["condition"], known: grammar.Module) -> type[Condition]: ...
 
 
-def implementation(what: str, known: modules.Module) -> Kind:
+def implementation(what: str, known: grammar.Module) -> Kind:
     """Return the class of a behaviour or a condition of a specification.
 
     Raises InputError where it is not installed, its file was not imported, or it has other parameters.
@@ -102,7 +102,7 @@ def implementation(what: str, known: modules.Module) -> Kind:
     return kind
 
 
-def _found(what: str, known: modules.Module) -> tuple[Kind, modules.Module, Path]:
+def _found(what: str, known: grammar.Module) -> tuple[Kind, grammar.Module, Path]:
     """Return what was imported of a module in a file. Raises InputError where it was not."""
     found = _in_files.get((what, known.name, known.sha256))
     if found is None:
@@ -114,7 +114,7 @@ def _found(what: str, known: modules.Module) -> tuple[Kind, modules.Module, Path
     return found
 
 
-def name_of(what: str, known: modules.Module) -> str:
+def name_of(what: str, known: grammar.Module) -> str:
     """Return the name by which a module of a specification is imported: that of `module`.
 
     Raises InputError where its file was not imported.
@@ -128,7 +128,7 @@ def find(specification: Mapping[str, Any], folder: Path) -> None:
     It lies beside the controller, or in the folder's copies where that is a run's; only code with the SHA-256
     that the controller knows is imported. Raises InputError for code that is not trusted.
     """
-    catalogue = modules.Catalogue.of(specification)
+    catalogue = grammar.Catalogue.of(specification)
     for what, parts in (("behaviour", catalogue.behaviours), ("condition", catalogue.conditions)):
         for one in parts:
             if one.file and (what, one.name, one.sha256) not in _in_files:
@@ -142,7 +142,7 @@ def _loading() -> Any:  # noqa: ANN401 - a module
     return import_module("swarmwright.simulations.loading")
 
 
-def _from_file(what: str, name: str) -> modules.Module:
+def _from_file(what: str, name: str) -> grammar.Module:
     parsed = SimulationName.parse(name)
     assert parsed.file is not None
     code, sha256 = _loading().code_in(parsed.file)
@@ -165,20 +165,20 @@ def _from_file(what: str, name: str) -> modules.Module:
             f"{file}: has no class {parsed.member!r}{did_you_mean(parsed.member, classes) or ';'} {there}"
         )
     label = parsed.member
-    made = modules.Module(label, _ranges(what, label, found), parsed.file.name, sha256)
+    made = grammar.Module(label, _ranges(what, label, found), parsed.file.name, sha256)
     _in_files[what, label, sha256] = (found, made, parsed.file.absolute())
     return made
 
 
 @cache
-def _by_name(what: str, name: str) -> modules.Module:
+def _by_name(what: str, name: str) -> grammar.Module:
     registry = REGISTRIES[what]
     if name in registry.built_in:
-        return modules.built_in(name)
-    return modules.Module(name, _ranges(what, name, registry.get(name)))
+        return grammar.built_in(name)
+    return grammar.Module(name, _ranges(what, name, registry.get(name)))
 
 
-def _ranges(what: str, name: str, found: Kind) -> dict[str, modules.Range]:
+def _ranges(what: str, name: str, found: Kind) -> dict[str, grammar.Range]:
     """Return the parameters of a module. Raises InputError for what is not right with it."""
     where = f"{place_of(found)}: {what} {name!r} ({found.__name__})"
     if inspect.isabstract(found):
@@ -192,7 +192,7 @@ def _ranges(what: str, name: str, found: Kind) -> dict[str, modules.Range]:
     return {key: _range(where, key, one) for key, one in found.parameters.items()}
 
 
-def _range(where: str, name: object, given: object) -> modules.Range:
+def _range(where: str, name: object, given: object) -> grammar.Range:
     where = f"{where}: parameter {name!r}"
     if not isinstance(name, str) or not name.isidentifier() or name in _TAKEN:
         raise InputError(f"{where}: must be named by an identifier, none of {', '.join(sorted(_TAKEN))}")

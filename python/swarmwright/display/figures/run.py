@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.common.formatting import counted
-from swarmwright.common.modules import label_of
+from swarmwright.common.simulation_names import label_of
 from swarmwright.display.figures.style import (
     AXES,
     COLORS,

@@ -4,11 +4,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from swarmwright.common import modules
 from swarmwright.common.errors import InputError
-from swarmwright.common.modules import PYTHON_KIND, Catalogue, Module
-from swarmwright.common.simulation_names import SimulationName
-from swarmwright.controllers.modules import Condition
+from swarmwright.common.simulation_names import SimulationName, is_in_file
+from swarmwright.controllers.modules import Condition, grammar
+from swarmwright.controllers.modules.grammar import PYTHON_KIND, Catalogue, Module
 from swarmwright.controllers.modules.registered import REGISTRIES, module, name_of
 from swarmwright.simulations.loading import code_in
 from swarmwright.simulations.user_code import trust
@@ -46,7 +45,7 @@ def with_digests(architecture: Mapping[str, Any]) -> dict[str, Any]:
     for role, key in ROLES.items():
         entries = []
         for entry in architecture[key]:
-            known = modules.module_of(entry)
+            known = grammar.module_of(entry)
             sha256 = None if known.built_in else sha256_of(role, known)
             entries.append(dict(entry) if sha256 is None else {**entry, "sha256": sha256})
         found[key] = entries
@@ -81,7 +80,7 @@ def offered(names: Sequence[str]) -> dict[tuple[str, str], list[Module]]:
     """
     found: dict[tuple[str, str], list[Module]] = {}
     for name in names:
-        if modules.is_in_file(name):
+        if is_in_file(name):
             roles = [_role_in_file(name)]
         else:
             roles = [role for role in ROLES if name in REGISTRIES[role].names()]
@@ -102,7 +101,7 @@ def offered(names: Sequence[str]) -> dict[tuple[str, str], list[Module]]:
 
 
 def _is_built_in(name: str) -> bool:
-    return name in modules.BEHAVIOURS or name in modules.CONDITIONS
+    return name in grammar.BEHAVIOURS or name in grammar.CONDITIONS
 
 
 def _role_in_file(name: str) -> str:

@@ -11,8 +11,8 @@ from typing import Any, cast
 from swarmwright import _engine
 from swarmwright.common.engine_types import Faults, Requirements, Timeouts
 from swarmwright.common.errors import InputError, RunError, engine_errors
-from swarmwright.common.modules import ACTUATORS, SENSORS
 from swarmwright.common.simulation_names import is_command, is_python
+from swarmwright.controllers.modules.grammar import ACTUATORS, SENSORS
 from swarmwright.experiment.broker_address import broker_problem
 from swarmwright.experiment.derived import fitness_expression, has_python_modules, place_of, with_environment
 from swarmwright.experiment.experiment import Experiment

@@ -6,8 +6,8 @@ from typing import Any
 
 from swarmwright import _engine
 from swarmwright.common.errors import RunError, SimulationError
-from swarmwright.common.modules import PYTHON_KIND
 from swarmwright.common.simulation_names import is_python
+from swarmwright.controllers.modules.grammar import PYTHON_KIND
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.servers.evaluation.base import Controllers, Progress, Results
 from swarmwright.servers.evaluation.code_failures import CodeFailures

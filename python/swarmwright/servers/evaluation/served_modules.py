@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.common import modules
 from swarmwright.common.errors import InputError, RunError, SimulationError
-from swarmwright.common.modules import Module
 from swarmwright.common.tracebacks import is_installed
+from swarmwright.controllers.modules import grammar
+from swarmwright.controllers.modules.grammar import Module
 from swarmwright.controllers.modules.played import PlayedEpisode
 from swarmwright.servers.evaluation.machines import LANES, MachineEvaluations
 from swarmwright.servers.evaluation.module_code import ROLES, offered, sha256_of
@@ -96,7 +96,7 @@ class ServedModules:
         found = dict(architecture)
         for role, key in ROLES.items():
             found[key] = [
-                self._module(role, modules.module_of(one)).as_mapping() for one in architecture[key]
+                self._module(role, grammar.module_of(one)).as_mapping() for one in architecture[key]
             ]
         return found
 

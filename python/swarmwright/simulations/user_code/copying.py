@@ -14,8 +14,7 @@ from typing import Any, Self
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import read_bytes
 from swarmwright.common.json_text import loads
-from swarmwright.common.modules import is_in_file
-from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.simulation_names import SimulationName, is_in_file
 from swarmwright.simulations.user_code.parts import Part, part_of
 
 FOLDER = "code"

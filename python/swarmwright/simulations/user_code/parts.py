@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.modules import label_of
-from swarmwright.common.simulation_names import SimulationName
+from swarmwright.common.simulation_names import SimulationName, label_of
 from swarmwright.simulations.user_code.imports import Walk
 
 SECTIONS = ("controller", "method", "ranking")

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from swarmwright.common import machine_mappings, modules
 from swarmwright.common.random_numbers import Streams
+from swarmwright.controllers.modules import grammar, machine_mappings
 from swarmwright.testing import check_representation
 from tests.python.controllers.machines import machines
 
@@ -36,7 +36,7 @@ def test_a_choice_of_modules_is_a_representation_of_its_own(form: str) -> None:
 
 @pytest.mark.parametrize("form", ["machine", "tree"])
 def test_all_modules_by_name_are_those_that_there_are_by_default(form: str) -> None:
-    named = {"behaviours": list(modules.BEHAVIOURS), "conditions": list(modules.CONDITIONS)}
+    named = {"behaviours": list(grammar.BEHAVIOURS), "conditions": list(grammar.CONDITIONS)}
     one, other = machines(form=form), machines(form=form, **named)
     streams = [Streams(seed, "x", 0, range(40)) for seed in (1, 1, 2, 2)]
     mine, its = one.initials(streams[0]), other.initials(streams[1])

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from swarmwright.common import machine_mappings, modules
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.common.yaml import dump
 from swarmwright.controllers.kinds.modules.representation import Modules, ModulesOptions
+from swarmwright.controllers.modules import grammar, machine_mappings
 from swarmwright.testing import check_representation
 from tests.python.controllers.machines import AUTOMODE, TREE, machines
 
@@ -35,9 +35,9 @@ def test_random_trees_have_every_module_and_a_condition_each() -> None:
     assert (np.abs(counts - 500) < 100).all()
     subtrees = [one for states in found for one in states]
     assert {len(one.transitions) for one in subtrees} == {1}
-    for name in modules.BEHAVIOURS:
+    for name in grammar.BEHAVIOURS:
         assert 0.13 < sum(one.behaviour == name for one in subtrees) / len(subtrees) < 0.21
-    for name in modules.CONDITIONS:
+    for name in grammar.CONDITIONS:
         share = sum(one.transitions[0].condition == name for one in subtrees) / len(subtrees)
         assert 0.13 < share < 0.21
 

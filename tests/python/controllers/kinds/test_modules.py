@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from swarmwright import Experiment, InputError
-from swarmwright.common import machine_mappings, modules
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.common.yaml import dump
 from swarmwright.controllers.kinds.modules.representation import Modules, ModulesOptions
+from swarmwright.controllers.modules import grammar, machine_mappings
 from swarmwright.testing import check_representation
 from tests.python.controllers.machines import MACHINE, machines
 
@@ -36,9 +36,9 @@ def test_random_machines_have_every_module_and_every_target() -> None:
     of_four = [states for states in found if len(states) == 4]
     behaviours = [state.behaviour for states in of_four for state in states]
     transitions = [(i, one) for states in of_four for i, s in enumerate(states) for one in s.transitions]
-    for name in modules.BEHAVIOURS:
+    for name in grammar.BEHAVIOURS:
         assert 0.12 < behaviours.count(name) / len(behaviours) < 0.22
-    for name in modules.CONDITIONS:
+    for name in grammar.CONDITIONS:
         share = sum(one.condition == name for _, one in transitions) / len(transitions)
         assert 0.12 < share < 0.22
     assert all(one.target != source for source, one in transitions)
@@ -47,7 +47,7 @@ def test_random_machines_have_every_module_and_every_target() -> None:
     assert {len(s.transitions) for states in of_four for s in states} == {1, 2, 3, 4}
     assert {len(s.transitions) for states in found if len(states) == 1 for s in states} == {0}
     for states in of_four:
-        for name, (low, high, whole) in modules.RANGES.items():
+        for name, (low, high, whole) in grammar.RANGES.items():
             values = [s.parameters[name] for s in states if name in s.parameters]
             assert all(low <= value <= high and (not whole or value == int(value)) for value in values)
 
@@ -90,8 +90,8 @@ def test_a_given_machine_is_where_evolution_starts() -> None:
     assert 2 <= sum(found) <= 30
     again = machine_mappings.states_from(machine_mappings.mapping_of(expected), 4, 4)
     assert again == expected
-    weights = modules.weights_of(expected, 4, 4)
-    assert modules.states_of({**subject.architecture(), "weights": weights}) == expected
+    weights = grammar.weights_of(expected, 4, 4)
+    assert grammar.states_of({**subject.architecture(), "weights": weights}) == expected
     check_representation("modules", {"machine": MACHINE})
 
 

@@ -9,8 +9,8 @@ from click.testing import CliRunner
 
 from swarmwright import Experiment, InputError, Run, evaluate, optimize, resume, simulate
 from swarmwright.cli._commands import program
-from swarmwright.common.modules import states_of
 from swarmwright.common.random_numbers import Streams
+from swarmwright.controllers.modules.grammar import states_of
 from swarmwright.export import EXPORTERS
 from swarmwright.export.exporting import export_controller
 from swarmwright.runs.replay import Replay

@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from swarmwright import Controller, Experiment, InputError, Run, RunError, optimize, resume, simulate
 from swarmwright.cli._commands import program
 from swarmwright.cli._main import run as run_program
-from swarmwright.common.modules import states_of
 from swarmwright.controllers.modules import registered
+from swarmwright.controllers.modules.grammar import states_of
 from swarmwright.experiment.derived import has_python_modules
 from swarmwright.export.exporting import export_controller
 from swarmwright.runs.code import used_for

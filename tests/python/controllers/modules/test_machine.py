@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swarmwright import Controller, Experiment, InputError
-from swarmwright.common.modules import BUILT_IN, PYTHON_KIND
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers.kinds.modules.representation import Modules, ModulesOptions
+from swarmwright.controllers.modules.grammar import BUILT_IN, PYTHON_KIND
 from swarmwright.export.sequences import Sequences, random_sequences
 from swarmwright.servers.evaluation import python_modules
 from swarmwright.servers.evaluation.base import Controllers

@@ -18,8 +18,8 @@ from swarmwright import (
     evaluate,
     evaluate_episodes,
 )
-from swarmwright.common.modules import BUILT_IN, PYTHON_KIND
 from swarmwright.common.random_numbers import Stream
+from swarmwright.controllers.modules.grammar import BUILT_IN, PYTHON_KIND
 from swarmwright.servers.evaluation.episodes import EpisodeSequence, Observation
 
 

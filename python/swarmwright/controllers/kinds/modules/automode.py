@@ -10,7 +10,7 @@ from itertools import takewhile
 from typing import Any
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.modules import (
+from swarmwright.controllers.modules.grammar import (
     BEHAVIOUR_PARAMETERS,
     BEHAVIOURS,
     CONDITIONS,

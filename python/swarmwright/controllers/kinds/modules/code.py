@@ -11,11 +11,10 @@ from textwrap import dedent, indent
 
 import numpy as np
 
-from swarmwright.common import machine_texts, modules
 from swarmwright.common.errors import InputError
 from swarmwright.common.tracebacks import place_of
 from swarmwright.controllers.kinds.modules.tables import catalogue_of, machine_weights, own_modules
-from swarmwright.controllers.modules import Behaviour, Condition
+from swarmwright.controllers.modules import Behaviour, Condition, grammar, machine_texts
 from swarmwright.controllers.modules.registered import implementation
 from swarmwright.controllers.source import Evolved, in_c, in_python
 from swarmwright.controllers.source.text import is_reserved, literals, plain, templates, wrapped
@@ -58,7 +57,7 @@ class OwnCode:
 
 
 def own_code(
-    catalogue: modules.Catalogue, language: Mapping[str, str], *, tree: bool, transitions: int
+    catalogue: grammar.Catalogue, language: Mapping[str, str], *, tree: bool, transitions: int
 ) -> OwnCode:
     """Return the code of what is not the engine's.
 
@@ -99,7 +98,7 @@ def own_code(
             for number, (one, kind) in enumerate(zip(behaviours, kinds, strict=True))
         ]
         cases = _cases(
-            len(kinds), len(modules.BEHAVIOURS), f"{p}_behaviour", "row, kept, random, sensors, actuators"
+            len(kinds), len(grammar.BEHAVIOURS), f"{p}_behaviour", "row, kept, random, sensors, actuators"
         )
         functions.append(render("c_own_act.txt", {**language, "cases": cases}))
         calls["act"] = f"{detail}{p}_act_all(row, &{own}turn, {own}kept, words, sensors, actuators);"
@@ -113,7 +112,7 @@ def own_code(
             for number, (one, kind) in enumerate(zip(conditions, others, strict=True))
         ]
         cases = _cases(
-            len(others), len(modules.CONDITIONS), f"return {p}_condition", "transition, kept, random, sensors"
+            len(others), len(grammar.CONDITIONS), f"return {p}_condition", "transition, kept, random, sensors"
         )
         functions.append(render("c_own_probability.txt", {**language, "cases": cases}))
         at = f"{own}kept_by_conditions" if tree else f"&{own}kept_by_conditions[{most} * k]"
@@ -134,7 +133,7 @@ def _cases(count: int, first: int, function: str, arguments: str) -> str:
     return "\n".join(lines)
 
 
-def _check(parts: list[tuple[modules.Module, type[Behaviour] | type[Condition]]]) -> None:
+def _check(parts: list[tuple[grammar.Module, type[Behaviour] | type[Condition]]]) -> None:
     """Raise InputError for modules of which there is no code in C."""
     missing = [f"{one.name} ({place_of(kind)})" for one, kind in parts if kind.c_code is None]
     if missing:
@@ -158,9 +157,9 @@ def _check(parts: list[tuple[modules.Module, type[Behaviour] | type[Condition]]]
 
 def _behaviour(
     number: int,
-    known: modules.Module,
+    known: grammar.Module,
     kind: type[Behaviour],
-    catalogue: modules.Catalogue,
+    catalogue: grammar.Catalogue,
     language: Mapping[str, str],
 ) -> str:
     places = catalogue.behaviour_places[known.name]
@@ -169,9 +168,9 @@ def _behaviour(
 
 def _condition(
     number: int,
-    known: modules.Module,
+    known: grammar.Module,
     kind: type[Condition],
-    catalogue: modules.Catalogue,
+    catalogue: grammar.Catalogue,
     language: Mapping[str, str],
 ) -> str:
     places = catalogue.condition_places[known.name]
@@ -181,7 +180,7 @@ def _condition(
 def _function(
     template: str,
     number: int,
-    known: modules.Module,
+    known: grammar.Module,
     kind: type[Behaviour] | type[Condition],
     places: Mapping[str, int],
     language: Mapping[str, str],
@@ -228,8 +227,8 @@ _OUTSIDE = "So it does when the sensor random is not from 0 to 1."
 
 def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
     """Return the code in C or C++."""
-    states, most = modules.states_of(controller.specification), int(controller.specification["transitions"])
-    tree = modules.is_tree(controller.specification)
+    states, most = grammar.states_of(controller.specification), int(controller.specification["transitions"])
+    tree = grammar.is_tree(controller.specification)
     weights = machine_weights(controller)
     texts = literals(weights)
     name = "subtree" if tree else "state"
@@ -294,8 +293,8 @@ def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
 def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonCode:
     """Return the code in Python."""
     weights, most = machine_weights(controller), int(controller.specification["transitions"])
-    known, own = catalogue_of(controller.specification), controller.kind == modules.PYTHON_KIND
-    states, tree = modules.states_of(controller.specification), modules.is_tree(controller.specification)
+    known, own = catalogue_of(controller.specification), controller.kind == grammar.PYTHON_KIND
+    states, tree = grammar.states_of(controller.specification), grammar.is_tree(controller.specification)
     limits = np.array([0.1, 0.1, 0.95, 1 - 2**-24], np.float32)
     lines = [
         *in_python.tanh_constants(numbers),
@@ -325,7 +324,7 @@ def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonC
         f"def _activation(a, cell):\n{in_python.ACTIVATIONS['sigmoid']}\n",
     ]
     parts.append(render("python_modules.txt", {}))
-    own_numbers = {"behaviour": str(len(modules.BEHAVIOURS)), "condition": str(len(modules.CONDITIONS))}
+    own_numbers = {"behaviour": str(len(grammar.BEHAVIOURS)), "condition": str(len(grammar.CONDITIONS))}
     forget = ["self._turn = 0", *(["self._modules.forget()"] if own else [])]
     step = [
         "state, transitions = _STATES[self._state]",

@@ -3,10 +3,10 @@
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.common.machine_texts import condition_words, name_of, words_of
-from swarmwright.common.modules import State, is_tree, states_of
 from swarmwright.controllers.diagram import Arrow, Diagram, Node, figure_with_list
 from swarmwright.controllers.drawing import Drawing
+from swarmwright.controllers.modules.grammar import State, is_tree, states_of
+from swarmwright.controllers.modules.machine_texts import condition_words, name_of, words_of
 from swarmwright.display.figures.style import COLORS, INK, PAPER, SOFT, new_figure
 
 if TYPE_CHECKING:

@@ -23,18 +23,19 @@ from pydantic import (
     model_validator,
 )
 
-from swarmwright.common import machine_mappings, modules
 from swarmwright.common.arrays import Genome, Genomes, Limits
 from swarmwright.common.errors import InputError
-from swarmwright.common.modules import RANGES
 from swarmwright.common.problems import problems_of
 from swarmwright.common.random_numbers import Stream, Streams
+from swarmwright.common.simulation_names import is_in_file, label_of
 from swarmwright.common.yaml import path_of, read
 from swarmwright.controllers._base import Representation, RepresentationOptions, in_parts
 from swarmwright.controllers.kinds.modules.automode import is_command_line, machine_of, tree_of
+from swarmwright.controllers.modules import grammar, machine_mappings
+from swarmwright.controllers.modules.grammar import RANGES
 from swarmwright.controllers.modules.registered import module
 
-_BUILT_IN = frozenset({*modules.BEHAVIOURS, *modules.CONDITIONS})
+_BUILT_IN = frozenset({*grammar.BEHAVIOURS, *grammar.CONDITIONS})
 
 
 def _placed(machine: object, problem: str) -> str:
@@ -57,9 +58,9 @@ class ModulesOptions(RepresentationOptions):
     memory of subtrees; each selects between a condition and a behaviour. If the condition of a subtree holds,
     the next one is tried in the same step, else its behaviour acts, and the next step begins with it. After
     the last one the robot stops for a step and begins again."""
-    states: int = Field(default=4, ge=1, le=modules.MOST_STATES)
+    states: int = Field(default=4, ge=1, le=grammar.MOST_STATES)
     """States that a machine has at most; every episode begins in the first. Of a tree: subtrees, up to 4."""
-    transitions: int | None = Field(default=None, ge=1, le=modules.MOST_TRANSITIONS)
+    transitions: int | None = Field(default=None, ge=1, le=grammar.MOST_TRANSITIONS)
     """Transitions that a state has at most, by default 4. Of a tree: 1."""
     behaviours: list[str] | None = Field(default=None, min_length=1)
     """Those that machines are made of, in the order of their genes: exploration, stop, phototaxis,
@@ -104,19 +105,19 @@ class ModulesOptions(RepresentationOptions):
 
     @model_validator(mode="after")
     def _valid(self, info: ValidationInfo) -> "ModulesOptions":
-        if self.form == "tree" and self.states > modules.MOST_SUBTREES:
+        if self.form == "tree" and self.states > grammar.MOST_SUBTREES:
             raise ValueError(
-                f"states: a tree has {modules.MOST_SUBTREES} subtrees at most, not {self.states}"
+                f"states: a tree has {grammar.MOST_SUBTREES} subtrees at most, not {self.states}"
             )
         if self.form == "tree" and self.most_transitions != 1:
             raise ValueError("transitions: a subtree has one condition; leave it out")
         for name in ("behaviours", "conditions"):
-            given = [modules.label_of(one) for one in getattr(self, name) or []]
+            given = [label_of(one) for one in getattr(self, name) or []]
             twice = [one for one in given if given.count(one) > 1]
             if twice:
                 raise ValueError(f"{name}: {twice[0]!r} is given twice")
             for one in getattr(self, name) or []:
-                if modules.is_in_file(one) and modules.label_of(one) in _BUILT_IN:
+                if is_in_file(one) and label_of(one) in _BUILT_IN:
                     raise ValueError(f"{name}: {one}: the engine has a module of this name; rename the class")
         if self.in_files and not (info.context or {}).get("ask", True):
             return self  # of a run, which is read without importing its code
@@ -162,7 +163,7 @@ class ModulesOptions(RepresentationOptions):
     @property
     def in_files(self) -> bool:
         """Whether a module is named by its file."""
-        return any(modules.is_in_file(name) for _, name in self.plug_ins)
+        return any(is_in_file(name) for _, name in self.plug_ins)
 
     @property
     def plug_ins(self) -> tuple[tuple[str, str], ...]:
@@ -171,14 +172,14 @@ class ModulesOptions(RepresentationOptions):
         return tuple((what, one) for what, many in parts for one in many if one not in _BUILT_IN)
 
     @property
-    def catalogue(self) -> modules.Catalogue:
+    def catalogue(self) -> grammar.Catalogue:
         """The modules of which machines are made. Raises InputError for an unknown one."""
-        return modules.Catalogue(
-            tuple(module("behaviour", one) for one in self.behaviours or modules.BEHAVIOURS),
-            tuple(module("condition", one) for one in self.conditions or modules.CONDITIONS),
+        return grammar.Catalogue(
+            tuple(module("behaviour", one) for one in self.behaviours or grammar.BEHAVIOURS),
+            tuple(module("condition", one) for one in self.conditions or grammar.CONDITIONS),
         )
 
-    def start(self) -> tuple[modules.State, ...] | None:
+    def start(self) -> tuple[grammar.State, ...] | None:
         """Return the machine to start from. Raises InputError when it is wrong."""
         if self.machine is None:
             return None
@@ -335,10 +336,10 @@ def _single(genomes: Genomes) -> Genome:
 
 
 def _limits(
-    names: tuple[str, ...], chosen: tuple[modules.Module, ...], places: Mapping[str, Mapping[str, int]]
-) -> dict[int, modules.Range]:
+    names: tuple[str, ...], chosen: tuple[grammar.Module, ...], places: Mapping[str, Mapping[str, int]]
+) -> dict[int, grammar.Range]:
     """Return the limits of parameters by their places: of the engine's, whether chosen or not, and others."""
-    found = {modules.PLACES[name]: RANGES[name] for name in names}
+    found = {grammar.PLACES[name]: RANGES[name] for name in names}
     for one in chosen:
         found |= {places[one.name][name]: limits for name, limits in one.parameters.items()}
     return dict(sorted(found.items()))
@@ -372,22 +373,22 @@ class Modules(Representation):
     kind: ClassVar[str] = "modules"
     options_model = ModulesOptions
     options: ModulesOptions
-    shape: ClassVar[tuple[int, int] | None] = (modules.SENSORS, modules.ACTUATORS)
+    shape: ClassVar[tuple[int, int] | None] = (grammar.SENSORS, grammar.ACTUATORS)
 
     def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
         """Raise InputError for other sensors and actuators than these machines have."""
         super().__init__(options, sensors=sensors, actuators=actuators)
         if (sensors, actuators) != self.shape:
             raise InputError(
-                f"controller.kind: modules needs {modules.SENSORS} sensors (proximity x and y, light x and "
+                f"controller.kind: modules needs {grammar.SENSORS} sensors (proximity x and y, light x and "
                 "y, ground, number of neighbours, attraction x and y, a random number) and "
-                f"{modules.ACTUATORS} actuators (left and right wheel), but the simulation has {sensors} and "
+                f"{grammar.ACTUATORS} actuators (left and right wheel), but the simulation has {sensors} and "
                 f"{actuators}; take a robot such as e-puck-rm1.2 of arena for all agents, or another kind of "
                 "controller"
             )
 
     @cached_property
-    def catalogue(self) -> modules.Catalogue:
+    def catalogue(self) -> grammar.Catalogue:
         """The modules of which machines are made; genes count them from 0."""
         return self.options.catalogue
 
@@ -424,7 +425,7 @@ class Modules(Representation):
         """From the lowest to one more than the highest value of what is counted, else to the highest."""
         most, others = self._most, max(1, self.options.states - 1)
 
-        def limits(one: modules.Range) -> tuple[float, float]:
+        def limits(one: grammar.Range) -> tuple[float, float]:
             low, high, whole = one
             return low, high + 1 if whole else high
 
@@ -438,12 +439,12 @@ class Modules(Representation):
         return both[:, 0].copy(), both[:, 1].copy()
 
     @cached_property
-    def _behaviours(self) -> dict[int, modules.Range]:
+    def _behaviours(self) -> dict[int, grammar.Range]:
         """Limits of the parameters of behaviours, by their places in a state."""
         return _limits(("rwm", "alpha"), self.catalogue.behaviours, self.catalogue.behaviour_places)
 
     @cached_property
-    def _conditions(self) -> dict[int, modules.Range]:
+    def _conditions(self) -> dict[int, grammar.Range]:
         """Limits of the parameters of conditions, by their places in a transition."""
         names = ("probability", "xi", "eta")
         return _limits(names, self.catalogue.conditions, self.catalogue.condition_places)
@@ -452,7 +453,7 @@ class Modules(Representation):
         """Return the specification of all controllers, without weights."""
         return {
             "version": 1,
-            "kind": modules.PYTHON_KIND if self.catalogue.in_python else modules.KIND,
+            "kind": grammar.PYTHON_KIND if self.catalogue.in_python else grammar.KIND,
             **({"form": "tree"} if self._tree else {}),
             "sensors": self.sensors,
             "actuators": self.actuators,
@@ -486,12 +487,12 @@ class Modules(Representation):
     @cached_property
     def _behaviour_numbers(self) -> NDArray[np.float64]:
         names = [one.name for one in self.catalogue.behaviours]
-        return np.array([modules.BEHAVIOURS.index(name) for name in names], dtype=np.float64)
+        return np.array([grammar.BEHAVIOURS.index(name) for name in names], dtype=np.float64)
 
     @cached_property
     def _condition_numbers(self) -> NDArray[np.float64]:
         names = [one.name for one in self.catalogue.conditions]
-        return np.array([modules.CONDITIONS.index(name) for name in names], dtype=np.float64)
+        return np.array([grammar.CONDITIONS.index(name) for name in names], dtype=np.float64)
 
     def _limited(self, genomes: Genomes) -> NDArray[np.float64]:
         """Return weights whose behaviours and conditions are counted among those that were chosen."""
@@ -530,9 +531,9 @@ class Modules(Representation):
         found: NDArray[np.float64] = np.clip(np.floor(values), low, high)
         return found
 
-    def states(self, genome: Genome) -> tuple[modules.State, ...]:
+    def states(self, genome: Genome) -> tuple[grammar.State, ...]:
         """Return the states of the machine that a genome encodes."""
-        return modules.states_of(self.specification(genome))
+        return grammar.states_of(self.specification(genome))
 
     @cached_property
     def start(self) -> Genome | None:
@@ -544,7 +545,7 @@ class Modules(Representation):
         genome = lower + (upper - lower) / 2
         catalogue = self.catalogue
         weights = np.array(
-            modules.weights_of(start, self.options.states, self._most, catalogue), dtype=np.float64
+            grammar.weights_of(start, self.options.states, self._most, catalogue), dtype=np.float64
         )
         genome[0] = weights[0] + 0.5
         for index, state in enumerate(start):
@@ -817,8 +818,8 @@ def specification_of(file: Path) -> dict[str, Any]:
             "subtrees: [{condition: .., behaviour: ..}]"
         )
     used = [len(part["transitions"]) for part in parts if _has_transitions(part)]
-    most = min(max([*used, 1]), modules.MOST_TRANSITIONS) if form == "machine" else None
-    states = min(len(parts), modules.MOST_STATES if form == "machine" else modules.MOST_SUBTREES)
+    most = min(max([*used, 1]), grammar.MOST_TRANSITIONS) if form == "machine" else None
+    states = min(len(parts), grammar.MOST_STATES if form == "machine" else grammar.MOST_SUBTREES)
     try:
         options = ModulesOptions.model_validate(
             {"form": form, "states": states, "transitions": most, "machine": str(file)}

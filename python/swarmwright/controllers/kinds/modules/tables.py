@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common import machine_texts, modules
+from swarmwright.controllers.modules import grammar, machine_texts
 from swarmwright.controllers.source import Evolved
 from swarmwright.display.machines import Machine
 
@@ -16,33 +16,33 @@ def machine_weights(controller: Evolved) -> NDArray[np.float32]:
     specification = controller.specification
     sizes = (int(specification["states"]), int(specification["transitions"]))
     known = catalogue_of(specification)
-    return np.array(modules.weights_of(modules.states_of(specification), *sizes, known), np.float32)
+    return np.array(grammar.weights_of(grammar.states_of(specification), *sizes, known), np.float32)
 
 
-def catalogue_of(specification: Mapping[str, Any]) -> modules.Catalogue:
+def catalogue_of(specification: Mapping[str, Any]) -> grammar.Catalogue:
     """Return the engine's modules, by whose numbers code knows them, then those of authors in their order."""
-    known = modules.Catalogue.of(specification)
-    return modules.Catalogue(
-        (*modules.BUILT_IN.behaviours, *own_modules(known.behaviours)),
-        (*modules.BUILT_IN.conditions, *own_modules(known.conditions)),
+    known = grammar.Catalogue.of(specification)
+    return grammar.Catalogue(
+        (*grammar.BUILT_IN.behaviours, *own_modules(known.behaviours)),
+        (*grammar.BUILT_IN.conditions, *own_modules(known.conditions)),
     )
 
 
-def own_modules(parts: tuple[modules.Module, ...]) -> list[modules.Module]:
+def own_modules(parts: tuple[grammar.Module, ...]) -> list[grammar.Module]:
     """Return those that are not the engine's."""
     return [one for one in parts if not one.built_in]
 
 
 def words(specification: Mapping[str, Any]) -> str:
     """Return the kind and the form."""
-    form = "behaviour tree" if modules.is_tree(specification) else "state machine"
+    form = "behaviour tree" if grammar.is_tree(specification) else "state machine"
     return f"{specification['kind']} ({form})"
 
 
 def machine(specification: Mapping[str, Any]) -> Machine:
     """Return the states and transitions, or the subtrees, in words."""
-    found = modules.states_of(specification)
-    if modules.is_tree(specification):
+    found = grammar.states_of(specification)
+    if grammar.is_tree(specification):
         return {
             "form": "tree",
             "states": [

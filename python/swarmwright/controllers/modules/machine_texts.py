@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
-from swarmwright.common.modules import State, Transition, is_tree, states_of
+from swarmwright.controllers.modules.grammar import State, Transition, is_tree, states_of
 
 
 def _words(name: str, parameters: Mapping[str, float]) -> str:

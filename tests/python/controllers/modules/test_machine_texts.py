@@ -1,6 +1,6 @@
 """Machines and trees of modules in words and as diagrams."""
 
-from swarmwright.common import machine_mappings, machine_texts
+from swarmwright.controllers.modules import machine_mappings, machine_texts
 from tests.python.controllers.machines import MACHINE, TREE
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.modules import BUILT_IN, Catalogue, Module, Range, State, Transition
+from swarmwright.controllers.modules.grammar import BUILT_IN, Catalogue, Module, Range, State, Transition
 
 
 def states_from(

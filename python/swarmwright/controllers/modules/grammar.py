@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
 
-from swarmwright.common.simulation_names import SimulationName
-
 BEHAVIOURS = ("exploration", "stop", "phototaxis", "anti_phototaxis", "attraction", "repulsion")
 """In the order of their numbers."""
 CONDITIONS = (
@@ -72,16 +70,6 @@ class Module:
         code = {"file": self.file, "sha256": self.sha256} if self.file else {}
         ranges = {name: list(one) for name, one in self.parameters.items()}
         return {"name": self.name, **code, "parameters": ranges}
-
-
-def label_of(name: str) -> str:
-    """Return what a module is called that an experiment names: its class, where a file stands before it."""
-    return SimulationName.parse(name).member if is_in_file(name) else name
-
-
-def is_in_file(name: str) -> bool:
-    """Return whether an experiment names a module by its file: `path/to/file.py:Class`."""
-    return SimulationName.parse(name).file is not None
 
 
 def built_in(name: str) -> Module:
