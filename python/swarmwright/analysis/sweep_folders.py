@@ -37,8 +37,7 @@ def runs_of(folder: Path) -> list[Path] | None:
 def keys_of_grid(runs: Sequence[Run]) -> list[tuple[str, ...]] | None:
     """Return the keys that the grid of a sweep sets in each of its runs, in the grid's order.
 
-    None where the runs are not all of one sweep, or its record does not say it: it is of an earlier version,
-    or damaged, which `runs_of` reports.
+    None where the runs are not all of one sweep, or its record is damaged, which `runs_of` reports.
     """
     places = [run.path.resolve() for run in runs]
     file = places[0].parent / SWEEP

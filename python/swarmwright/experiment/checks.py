@@ -121,7 +121,6 @@ def check_values(
     report: Report,
     *,
     ask: bool,
-    new: bool = False,
     unread: bool = False,
 ) -> Checked:
     """Check the values of an experiment.
@@ -131,7 +130,6 @@ def check_values(
         here: whether the simulation can be asked.
         report: takes each problem.
         ask: whether code that files name may be imported.
-        new: whether a run is to begin with it, and not only one of an earlier version to be read.
         unread: whether the file of a parameter could not be read, so that it is not known what the simulation
             announces with it.
 
@@ -150,12 +148,12 @@ def check_values(
         section = values.get(name, {})
         if isinstance(section, Mapping):
             checked[name] = _check_section(name, dict(section), registry, report, ask=ask)
-    check_ranking(checked, report, new=new)
+    check_ranking(checked, report)
     parameters = values.get("parameters", {})
     if isinstance(parameters, Mapping) and isinstance(values.get("simulation"), str):
         check_parameters(values["simulation"] if here else None, dict(parameters), report)
     if "simulation" in checked:
-        _check_measured(checked["simulation"] if here and new else None, report)
+        _check_measured(checked["simulation"] if here and ask else None, report)
         if unread:
             checked["controller"] = None
         else:
@@ -169,19 +167,17 @@ def check_values(
             from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
 
             commands.check(checked, values, report)
-        _check_start(checked, representation, report, new=new)
+        _check_start(checked, representation, report)
     return checked
 
 
-def _check_start(
-    checked: Checked, representation: Representation | None, report: Report, *, new: bool
-) -> None:
+def _check_start(checked: Checked, representation: Representation | None, report: Report) -> None:
     """Check that the controllers that evolution starts from fit the experiment's, and the method."""
     start_from, method = checked.get("start_from"), checked.get("method")
     if not start_from or method is None:
         return
     kind, count = METHODS.get(method.kind), len(start_from)
-    problem = kind.no_start(method, count) or (kind.surplus(method, count) if new else None)
+    problem = kind.no_start(method, count) or kind.surplus(method, count)
     if problem is None and representation is not None:
         try:
             genomes_of(start_from, representation)
@@ -227,7 +223,7 @@ def _check_section(
 def _check_measured(simulation: str | None, report: Report) -> None:
     """Check that a class in Python measures the metrics that it names.
 
-    simulation: None where it is not here, or a run with it is only read.
+    simulation: None where it is not here, or its code is not to be imported.
     """
     problem = None if simulation is None else catalogue.unmeasured(simulation)
     if problem is not None:

@@ -11,7 +11,6 @@ from swarmwright.common.values import plain
 from swarmwright.common.yaml import Source, read
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.experiment.broker_address import environment_prefix
-from swarmwright.experiment.unavailable import method_of
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.simulations.fitness import FitnessExpression
 
@@ -49,22 +48,6 @@ def with_environment(experiment: "Experiment") -> "Experiment":
     """
     prefix = "" if experiment.prefix else environment_prefix()
     return dataclasses.replace(experiment, prefix=prefix) if prefix else experiment
-
-
-def check_new(experiment: "Experiment") -> None:
-    """Raise InputError for what runs of earlier versions may have, but none may begin with."""
-    from swarmwright.experiment.ranking_checks import metrics_problem  # noqa: PLC0415 - takes long, not for reading attributes
-    from swarmwright.simulations import catalogue  # noqa: PLC0415 - as above
-
-    problem = metrics_problem(experiment.ranking, experiment.method)
-    if problem is not None:
-        raise InputError(f"ranking.kind: {problem}")
-    problem = catalogue.unmeasured(experiment.simulation)
-    if problem is not None:
-        raise InputError(f"simulation: {problem}")
-    problem = method_of(experiment.method).surplus(experiment.method, len(experiment.start_from or ()))
-    if problem is not None:
-        raise InputError(f"start_from: {problem}")
 
 
 def evaluation_key(experiment: "Experiment") -> bytes | None:

@@ -182,7 +182,7 @@ class Experiment:
         other = no_experiment(file) if file.is_file() else None
         if other is not None:
             raise InputError(other)
-        return cls._checked(apply(read(file), parse_settings(settings)), file, new=True)
+        return cls._checked(apply(read(file), parse_settings(settings)), file)
 
     def with_settings(
         self,
@@ -248,11 +248,10 @@ class Experiment:
         ask: bool = True,
         folder: Path | None = None,
         lenient: Collection[str] = (),
-        new: bool = False,
     ) -> Self:
         from swarmwright.experiment.validation import check  # noqa: PLC0415 - takes long, not for reading attributes
 
-        checked = cls(**check(source, ask=ask, folder=folder, lenient=lenient, new=new), path=path)
+        checked = cls(**check(source, ask=ask, folder=folder, lenient=lenient), path=path)
         if not (checked.validate.transfers or isinstance(checked.ranking, SlowOptions)):
             return checked
         from swarmwright.experiment.targets import resolved  # noqa: PLC0415 - it imports this module
@@ -479,12 +478,7 @@ def recorded_experiment(values: Mapping[str, Any], folder: Path | None = None) -
 
     folder: the run's, that paths are relative to.
     """
-    values = dict(values)
-    ranking = values.get("ranking")
-    if isinstance(ranking, Mapping) and "unseen_episodes" in ranking:  # of an earlier version
-        values["ranking"] = {key: value for key, value in ranking.items() if key != "unseen_episodes"}
-        values.setdefault("validate", {"episodes": ranking["unseen_episodes"], "candidates": 1})
-    return Experiment._checked(Source("", values=values), None, ask=False, folder=folder)
+    return Experiment._checked(Source("", values=dict(values)), None, ask=False, folder=folder)
 
 
 def stored_experiment(store: "StoreReader", values: Mapping[str, Any] | None = None) -> Experiment:

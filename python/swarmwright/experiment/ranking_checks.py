@@ -12,17 +12,16 @@ from swarmwright.methods.rankings.transferability import TransferabilityOptions
 from swarmwright.simulations.fitness import FitnessExpression
 
 
-def check_ranking(checked: Checked, report: Report, *, new: bool) -> None:
+def check_ranking(checked: Checked, report: Report) -> None:
     """Check that the ranking fits the method, the validation and the fitness expression.
 
     Args:
         checked: ranking, method, validate and fitness, as far as they could be checked by themselves.
         report: takes each problem.
-        new: whether a run is to begin with them, and not only one of an earlier version to be read.
     """
     _check_reevaluation(checked, report)
     _check_failed(checked, report)
-    problem = metrics_problem(checked.get("ranking"), checked.get("method")) if new else None
+    problem = metrics_problem(checked.get("ranking"), checked.get("method"))
     if problem is not None:
         report(("ranking", "kind"), problem)
     _check_validation(checked, report)

@@ -29,7 +29,6 @@ def check(
     ask: bool = True,
     folder: Path | None = None,
     lenient: Collection[str] = (),
-    new: bool = False,
 ) -> Checked:
     """Check what a file (or mapping) says.
 
@@ -39,7 +38,6 @@ def check(
         folder: that paths are relative to; default: the file's.
         lenient: sections that need not be known: a method that is not installed, a method or a ranking in a
             file that is not imported, as of a run that is only read.
-        new: whether a run is to begin with it.
 
     Raise InputError with every problem, a line each, in the file's order.
     """
@@ -68,7 +66,7 @@ def check(
         values = _with_launchers(source, values, folder, report)
         placed = _in_right_place(values, here, _in_files(files, report))
         with _stand_ins({"method", "ranking"} if not ask else lenient):
-            checked = check_values(values, here, placed, ask=ask, new=new, unread=unread)
+            checked = check_values(values, here, placed, ask=ask, unread=unread)
         if ask and "method" not in lenient and checked.get("method") is not None:  # a run can be read without
             missing = REGISTRIES["method"].get(checked["method"].kind).missing()
             if missing is not None:

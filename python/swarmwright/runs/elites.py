@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Container, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -170,8 +169,7 @@ class Elites:
         known: dict[str, dict[str, str]] = {}
         simulation, parameters = self.experiment.simulation, self.experiment.parameters
         if built_in(simulation) is not None:
-            with suppress(InputError):  # parameters of an earlier version
-                known = description(simulation, parameters)["metrics"]
+            known = description(simulation, parameters)["metrics"]
         units = [known.get(name, {}).get("unit", "") for name in self.goals]
         words = (name.replace("_", " ") for name in self.goals)
         return [f"{name}, {unit}" if unit else name for name, unit in zip(words, units, strict=True)]

@@ -1,6 +1,5 @@
 """The best candidates of a run on held-out seeds, when it has ended."""
 
-import json
 import logging
 import math
 import shutil
@@ -18,7 +17,7 @@ from swarmwright import Experiment, InputError, Run, Simulation, compare, evalua
 from swarmwright.cli._commands import program
 from swarmwright.cli._validation import validation_lines
 from swarmwright.experiment.checks import setting_warnings
-from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, kept_values, unseen_seeds
+from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, unseen_seeds
 from swarmwright.runs.store import StoreReader, StoreWriter
 from swarmwright.runs.store.database import seal_facts
 from swarmwright.runs.validation import Validation
@@ -345,29 +344,6 @@ def test_it_can_be_asked_for_later_and_otherwise(tmp_path: Path) -> None:
     assert other.validation is not None
     assert other.validation.seeds[0] == 77
     assert other.digest == run.digest
-
-
-def test_runs_of_the_version_before_can_be_read(tmp_path: Path) -> None:
-    run = run_of(tmp_path, validate={"episodes": 12, "candidates": 1})
-    before = stored(run)
-    one = {key: value for key, value in before["candidates"][0].items() if key != "values"}
-    unseen = {**one, "seeds": before["seeds"], "seen": 0}
-    with StoreWriter.resume(run.path) as store, store._writing():
-        connection = store._store.connection
-        connection.execute("DELETE FROM fact WHERE name = 'validation'")
-        connection.execute("INSERT INTO fact VALUES ('unseen', ?)", (json.dumps(unseen),))
-        values = json.loads(
-            connection.execute("SELECT value FROM fact WHERE name = 'experiment'").fetchone()[0]
-        )
-        del values["validate"]
-        values["ranking"]["unseen_episodes"] = 12
-        connection.execute("UPDATE fact SET value = ? WHERE name = 'experiment'", (json.dumps(values),))
-        seal_facts(connection)
-    opened = Run.open(run.path)
-    assert opened.experiment.validate.episodes == 12
-    assert opened.unseen is not None
-    assert run.unseen is not None
-    assert kept_values(opened.unseen) == kept_values(run.unseen)
 
 
 def test_a_failure_does_not_take_the_run_with_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -9,7 +9,6 @@ import pytest
 
 from swarmwright import Episodes, Experiment, InputError, Parameter, Simulation
 from swarmwright.common.simulation_names import is_python
-from swarmwright.experiment.derived import check_new
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.description import describe, misspelt
 from swarmwright.simulations.loading import load
@@ -320,7 +319,5 @@ def test_metrics_without_measure_are_refused_in_new_runs(tmp_path: Path) -> None
     words = r"Walk\.metrics names collisions, but the class has no method measure\(\)"
     with pytest.raises(InputError, match=rf"walk\.yaml:1: simulation: {words}"):
         Experiment.load(tmp_path / "walk.yaml")
-    # Runs that were begun before this check go on.
-    experiment = Experiment.from_mapping({"simulation": f"{tmp_path}/walk.py:Walk"})
     with pytest.raises(InputError, match=rf"^simulation: {words}"):
-        check_new(experiment)
+        Experiment.from_mapping({"simulation": f"{tmp_path}/walk.py:Walk"})

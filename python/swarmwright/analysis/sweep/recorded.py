@@ -16,7 +16,6 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import is_in_file, is_python
 from swarmwright.common.yaml import dotted_path
 from swarmwright.experiment.budget import LIMITS
-from swarmwright.experiment.derived import check_new
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, recorded_experiment
 from swarmwright.experiment.settings import parse_settings
 from swarmwright.runs.code import copy_of, used_for
@@ -84,7 +83,7 @@ def sweep_of(
                 str(one["label"]),
                 _folder(names_of(one["runs"]), seeds),
                 {**values["experiment"], **one["experiment"]},
-                _texts(one.get("keys", []), "keys"),  # earlier versions did not write them
+                _texts(one["keys"], "keys"),
             )
             for one in values["variants"]
         ]
@@ -105,7 +104,6 @@ def sweep_of(
         try:
             recorded = recorded_experiment(kept)
             experiment = _without_run(kept, recorded, code) if run is None else _of_run(run, recorded, code)
-            check_new(experiment)
         except InputError as error:
             raise InputError(f"{file}: {label}: {error}") from error
         called = dict(zip(_names(experiment), _names(recorded), strict=True))

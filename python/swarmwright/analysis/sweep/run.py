@@ -5,7 +5,6 @@ import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from itertools import chain, count
 from pathlib import Path
 from typing import Any, Self
 
@@ -264,7 +263,7 @@ def tasks(sweep: Sweep) -> list[Task]:
     A stopped sweep then has about equally many runs of each variant.
     """
     alike = {_identity(one.experiment): one.alike for one in sweep.variants if one.alike}
-    there = {name: _existing_folders(sweep, name, alike) for name in set(alike.values())}
+    there = {name: _existing(sweep, name, alike) for name in set(alike.values())}
     folders = _with_longer_runs(sweep, [_folder(variant, there) for variant in sweep.variants])
     return [
         Task(variant, seed, sweep.out / f"{folder}-{seed}")
@@ -273,35 +272,31 @@ def tasks(sweep: Sweep) -> list[Task]:
     ]
 
 
-def _folder(variant: Variant, there: Mapping[str, Mapping[str, str]]) -> str:
+def _folder(variant: Variant, there: Mapping[str, str | None]) -> str:
     """Return the name of a variant's folders, without the seed.
 
-    Where several variants would have one name, that of the folders that hold runs of this one: variants of
-    other grids may have come before it, and earlier versions numbered them.
+    Where several variants would have one name, it is that of the variant whose runs are there: variants of
+    other grids may have come before this one.
 
-    there: what `_existing_folders` returns, for each of these names.
+    there: what `_existing` returns, for each of these names.
     """
     if not variant.alike:
         return variant.folder
-    found = there[variant.alike]
-    default = variant.apart if variant.alike in found.values() else variant.folder
-    return found.get(_identity(variant.experiment), default)
+    existing = there[variant.alike]
+    if existing == _identity(variant.experiment):
+        return variant.alike
+    return variant.folder if existing is None else variant.apart
 
 
-def _existing_folders(sweep: Sweep, name: str, identities: Collection[str]) -> dict[str, str]:
-    """Return names of folders with runs of variants, the name and name_2, name_3, .., by their identities."""
-    found: dict[str, str] = {}
-    for numbered in chain([name], (f"{name}_{number}" for number in count(2))):
-        folders = (sweep.out / f"{numbered}-{seed}" for seed in sweep.seeds)
-        folder = next((one for one in folders if (one / FILE).exists()), None)
-        if folder is not None:
-            with suppress(InputError):  # of a run that is damaged
-                identity = _identity(Run.open(folder).experiment)
-                if identity in identities:
-                    found.setdefault(identity, numbered)
-        elif numbered != name:
-            break
-    return found
+def _existing(sweep: Sweep, name: str, identities: Collection[str]) -> str | None:
+    """Return which of these variants has runs in the folders of a name; None where none has."""
+    folders = (sweep.out / f"{name}-{seed}" for seed in sweep.seeds)
+    folder = next((one for one in folders if (one / FILE).exists()), None)
+    if folder is not None:
+        with suppress(InputError):  # of a run that is damaged
+            identity = _identity(Run.open(folder).experiment)
+            return identity if identity in identities else None
+    return None
 
 
 def _identity(experiment: Experiment) -> str:

@@ -16,7 +16,6 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.problems import shown
 from swarmwright.common.yaml import Source
 from swarmwright.experiment.budget import LIMITS, sets_limit
-from swarmwright.experiment.derived import check_new
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.settings import assign, kept_options, key_path
 from swarmwright.methods.plug_ins import REGISTRIES
@@ -56,7 +55,6 @@ def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
     """
     if "grid" not in source.values:
         label = name_of(base)
-        check_new(base)
         return (Variant(label, _file_name(label), base),)
     grid = source.values["grid"]
     grids = grid if isinstance(grid, list) and grid else [grid]
@@ -71,7 +69,6 @@ def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
     for (at, changes), label in zip(combinations, labels, strict=True):
         try:
             experiment = changed(base, _placed(changes, source.folder(at)))
-            check_new(experiment)
         except InputError as error:
             raise InputError(f"{source.place(at)}with {label}: {error}") from error
         if experiment not in found:

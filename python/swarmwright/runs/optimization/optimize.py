@@ -22,7 +22,6 @@ from swarmwright.common.warn_once import warn_once
 from swarmwright.controllers import Representation
 from swarmwright.experiment.checks import setting_warnings
 from swarmwright.experiment.derived import (
-    check_new,
     has_python_modules,
     place_of,
     reports_slow,
@@ -121,7 +120,6 @@ def optimize(
         experiment = Experiment.load(experiment)
     else:
         experiment = checked_again(experiment_of(experiment))
-        check_new(experiment)
     if seed is not None:
         experiment = experiment.replace(seed=seed)
     if out is not None and not is_replaceable(path_of("out", out, "a folder for the results")):

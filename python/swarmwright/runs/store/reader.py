@@ -254,10 +254,6 @@ class StoreReader:
         if "validation" in facts:
             values: dict[str, Any] = self._parsed(facts["validation"])
             return values
-        if "unseen" in facts:  # of an earlier version, of the best alone
-            one = self._parsed(facts["unseen"])
-            seeds, seen = one.pop("seeds"), one.pop("seen")
-            return {"state": "done", "seeds": seeds, "seen": seen, "metrics": [], "candidates": [one]}
         return None
 
     def audit(self) -> dict[str, int] | None:
