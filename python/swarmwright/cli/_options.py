@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import click
 
-from swarmwright.cli._output import aside
+from swarmwright.cli._output import Output, aside
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.experiment.broker_address import (
     PREFIX_VARIABLE,
@@ -323,6 +323,17 @@ class ObjectiveValue(click.ParamType[tuple[str, float]]):
 Decorator = Callable[[Any], Any]
 
 
+def stacked(*options: Decorator) -> Decorator:
+    """Return one decorator for several options, which the help lists in this order."""
+
+    def decorated(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorated
+
+
 servers_option: Decorator = click.option(
     "--servers",
     type=ServerCount(),
@@ -494,12 +505,8 @@ _SHOWN_OPTIONS: tuple[Decorator, ...] = (
 )
 
 
-def compare_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add what commands that compare runs have in common: the fields of `_comparison.Compared`."""
-    every = (*_BY_OPTIONS, at_option, at_episodes_option, held_out_option, *_SHOWN_OPTIONS)
-    for option in reversed(every):
-        command = option(command)
-    return command
+compare_options = stacked(*_BY_OPTIONS, at_option, at_episodes_option, held_out_option, *_SHOWN_OPTIONS)
+"""What commands that compare runs have in common: the fields of `_comparison.Compared`."""
 
 
 DEFAULT_BROKER = "mqtt://localhost:1883"
@@ -562,6 +569,21 @@ def experiment_prefix_option(whose: str) -> Decorator:
         metavar="P",
         callback=_without_environment,
         help=f"Prefix of all topics on the broker. Default: {whose}, {PREFIX_VARIABLE}'s, or none.",
+    )
+
+
+def experiment_broker_options(whose: str, text: str | None = None) -> Decorator:
+    """`--broker URL` and `--prefix P` of commands that have an experiment.
+
+    whose: experiment, `FILE's`. text: of the help of `--broker`.
+    """
+    return stacked(
+        broker_option(
+            default=None,
+            text=text
+            or f"Use the servers on this broker. Default: {whose}, {BROKER_VARIABLE}'s, or one started here.",
+        ),
+        experiment_prefix_option(whose),
     )
 
 
@@ -651,3 +673,41 @@ def server_output_option(command: Any) -> Any:  # noqa: ANN401 - click's decorat
         help=f"At the end, show the last {LINES} lines that servers started here printed, on standard error.",
     )
     return option(command)
+
+
+def episodes_options(figure: str, table: str) -> Decorator:
+    """`--out FILE` for a figure of episodes and `--csv FILE` for a table of them; their help.
+
+    The command gets `picture` and `table`, whose endings are checked before it runs.
+    """
+    return stacked(
+        click.option("--out", "picture", cls=SaveOption, type=OutputFile(), metavar="FILE", help=figure),
+        click.option("--csv", "table", type=OutputFile(), metavar="FILE", help=table),
+        _with_checked_files,
+    )
+
+
+def _with_checked_files(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+    @functools.wraps(command)
+    def checking(picture: Path | None, table: Path | None, **others: Any) -> Any:  # noqa: ANN401 - the command's
+        if picture is not None:
+            from swarmwright.display.figures import style
+
+            style.check(picture)
+        if table is not None:
+            from swarmwright.analysis.table import CSV, check
+
+            check(table, CSV)
+        return command(picture=picture, table=table, **others)
+
+    return checking
+
+
+def write_episodes(output: Output, found: Any, picture: Path | None, table: Path | None) -> None:  # noqa: ANN401
+    """Write the files of `episodes_options`. found: has `plot` and `export`."""
+    if table is not None:
+        found.export(table)
+        output.text(f"Every episode is in {table}")
+    if picture is not None:
+        found.plot(picture)
+        output.text(f"The figure is in {picture}")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 from click.core import ParameterSource
 
-from swarmwright.cli._options import Decorator, OutputFile, RealNumber, SaveOption, experiment_broker
+from swarmwright.cli._options import OutputFile, RealNumber, SaveOption, experiment_broker, stacked
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def open_in_browser(file: Path) -> bool:
 
 Colors = Literal["auto", "state", "value", "controller"]
 
-_OPTIONS: tuple[Decorator, ...] = (
+picture_options = stacked(
     click.option(
         "--save",
         "picture",
@@ -101,16 +101,10 @@ _OPTIONS: tuple[Decorator, ...] = (
         "agent's controller where that is a state machine. A page begins with it.",
     ),
 )
+"""`--save`, `--open`, `--speed`, `--show` and `--colors`.
 
-
-def picture_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """Add `--save`, `--open`, `--speed`, `--show` and `--colors`.
-
-    The command gets `picture`, `opening`, `speed`, `parts` and `colors`.
-    """
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
+The command gets `picture`, `opening`, `speed`, `parts` and `colors`.
+"""
 
 
 def check_unsaved(options: Mapping[str, str]) -> None:

@@ -8,19 +8,18 @@ from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     ControllerOrCandidate,
     ExistingPath,
-    OutputFile,
-    SaveOption,
     Servers,
     WholeNumber,
-    broker_option,
+    episodes_options,
     experiment_broker,
-    experiment_prefix_option,
+    experiment_broker_options,
     json_option,
     prefix_settings,
     server_output_option,
     servers_option,
     set_option,
     trust_option,
+    write_episodes,
 )
 from swarmwright.cli._output import Output, show_warnings
 
@@ -58,27 +57,11 @@ from swarmwright.cli._output import Output, show_warnings
     "which neither run used; name another S for fresh ones.",
 )
 @set_option("Another value than the experiment's: parameters.maxSteps=40, ranking.failed=0.")
-@click.option(
-    "--out",
-    "picture",
-    cls=SaveOption,
-    type=OutputFile(),
-    metavar="FILE",
-    help="Draw the episodes of both and their differences: .png, .svg or .pdf. --save does the same.",
+@episodes_options(
+    "Draw the episodes of both and their differences: .png, .svg or .pdf. --save does the same.",
+    "Write every episode as a table: seed, first, second, difference.",
 )
-@click.option(
-    "--csv",
-    "table",
-    type=OutputFile(),
-    metavar="FILE",
-    help="Write every episode as a table: seed, first, second, difference.",
-)
-@broker_option(
-    default=None,
-    text="Use the servers on this broker. Default: the experiment's, SWARMWRIGHT_BROKER's, or one started "
-    "here.",
-)
-@experiment_prefix_option("the experiment's")
+@experiment_broker_options("the experiment's")
 @servers_option
 @server_output_option
 @trust_option
@@ -112,20 +95,14 @@ def command(
     evaluates a single controller.
     """
     from swarmwright.analysis.paired import Match
-    from swarmwright.analysis.table import CSV, check
     from swarmwright.cli._experiments import experiment_of
     from swarmwright.cli._progress import episodes as shown_episodes
     from swarmwright.cli.evaluate import NOT_EVALUATED, settable
-    from swarmwright.display.figures import style
     from swarmwright.experiment.settings import refuse_seed
     from swarmwright.runs.post_evaluation import Where
 
     output = Output(as_json=as_json)
     show_warnings()
-    if picture is not None:
-        style.check(picture)
-    if table is not None:
-        check(table, CSV)
     refuse_seed(settings)
     changed = (*settings, *prefix_settings(prefix))
     if experiment_file is None:
@@ -144,9 +121,4 @@ def command(
         output.text(f"Settings: {', '.join(settings)}")
     output.block(str(found))
     output.json({"settings": list(settings), **found.to_mapping()})
-    if table is not None:
-        found.export(table)
-        output.text(f"Every episode is in {table}")
-    if picture is not None:
-        found.plot(picture)
-        output.text(f"The figure is in {picture}")
+    write_episodes(output, found, picture, table)

@@ -14,10 +14,9 @@ from swarmwright.cli._options import (
     OutputOption,
     Servers,
     WholeNumber,
-    broker_option,
     candidate_options,
     experiment_broker,
-    experiment_prefix_option,
+    experiment_broker_options,
     json_option,
     prefix_settings,
     server_output_option,
@@ -98,11 +97,7 @@ NOT_EVALUATED = (
     help="With --episodes, metrics to measure in addition to those that the fitness needs: arrived,steps. "
     "'all': those that the simulation announces.",
 )
-@broker_option(
-    default=None,
-    text="Use the servers on this broker. Default: the run's, SWARMWRIGHT_BROKER's, or one started here.",
-)
-@experiment_prefix_option("the run's")
+@experiment_broker_options("the run's")
 @servers_option
 @simulation_option
 @server_output_option

@@ -13,9 +13,8 @@ from swarmwright.cli._options import (
     OutputOption,
     Servers,
     WholeNumber,
-    broker_option,
     experiment_broker,
-    experiment_prefix_option,
+    experiment_broker_options,
     json_option,
     prefix_settings,
     server_output_option,
@@ -35,11 +34,7 @@ from swarmwright.cli._output import Output, show_warnings
     "swarmwright optimize experiments/minisim.yaml --set method.kind=cma_es --set method.generations=30",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
-@broker_option(
-    default=None,
-    text="Use the servers on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
-)
-@experiment_prefix_option("FILE's")
+@experiment_broker_options("FILE's")
 @set_option()
 @click.option("--seed", type=WholeNumber(min=0), metavar="S", help="Seed of the run. Default: the file's.")
 @click.option(

@@ -10,9 +10,8 @@ from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     ExistingPath,
     WholeNumber,
-    broker_option,
     candidate_options,
-    experiment_prefix_option,
+    experiment_broker_options,
     json_option,
     set_option,
     simulation_option,
@@ -79,12 +78,11 @@ _BEFORE_A_RUN = (
     metavar="S",
     help="An episode that the run did not have: the simulation's seed.",
 )
-@broker_option(
-    default=None,
-    text="A server on this broker computes the episode and sends its scenes. Default: this process; for a "
+@experiment_broker_options(
+    "the run's",
+    "A server on this broker computes the episode and sends its scenes. Default: this process; for a "
     "simulation that is not here, the run's broker or SWARMWRIGHT_BROKER's.",
 )
-@experiment_prefix_option("the run's")
 @simulation_option
 @set_option("Override a value of the run: parameters.maxSteps=40.")
 @trust_option

@@ -12,9 +12,8 @@ from swarmwright.cli._options import (
     FiniteNumber,
     Servers,
     WholeNumber,
-    broker_option,
     experiment_broker,
-    experiment_prefix_option,
+    experiment_broker_options,
     json_option,
     prefix_settings,
     server_output_option,
@@ -35,12 +34,11 @@ from swarmwright.cli._output import Output, show_warnings
     "swarmwright resume runs/minisim-1 --evaluations 20000",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
-@broker_option(
-    default=None,
-    text="Use the servers on this broker. Default: that of the run's experiment.yaml, SWARMWRIGHT_BROKER's, "
+@experiment_broker_options(
+    "the run's",
+    "Use the servers on this broker. Default: that of the run's experiment.yaml, SWARMWRIGHT_BROKER's, "
     "or one started here.",
 )
-@experiment_prefix_option("the run's")
 @servers_option
 @server_output_option
 @wait_option

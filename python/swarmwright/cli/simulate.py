@@ -14,9 +14,8 @@ from swarmwright.cli._experiments import experiment_of
 from swarmwright.cli._options import (
     ExistingPath,
     WholeNumber,
-    broker_option,
     experiment_broker,
-    experiment_prefix_option,
+    experiment_broker_options,
     json_option,
     prefix_settings,
     server_output_option,
@@ -63,12 +62,11 @@ if TYPE_CHECKING:
     metavar="S",
     help="Seed of the simulation. Default: parameters.seed, else 0.",
 )
-@broker_option(
-    default=None,
-    text="Use a server on this broker, with --save one that sends its scenes. Default: FILE's, "
+@experiment_broker_options(
+    "FILE's",
+    "Use a server on this broker, with --save one that sends its scenes. Default: FILE's, "
     "SWARMWRIGHT_BROKER's, or one started here; with --save this process, where the simulation is here.",
 )
-@experiment_prefix_option("FILE's")
 @picture_options
 @click.option("--visual", is_flag=True, help="Ask the server to draw the episode, a frame every step.")
 @server_output_option

@@ -15,9 +15,8 @@ from swarmwright.cli._options import (
     OutputOption,
     Servers,
     WholeNumber,
-    broker_option,
     experiment_broker,
-    experiment_prefix_option,
+    experiment_broker_options,
     json_option,
     prefix_settings,
     servers_option,
@@ -44,11 +43,7 @@ FAILED = 1
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
 @set_option("Override a value of the experiment, for all variants: method.generations=50.")
-@broker_option(
-    default=None,
-    text="Use the servers on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
-)
-@experiment_prefix_option("FILE's")
+@experiment_broker_options("FILE's")
 @click.option(
     "--out",
     cls=OutputOption,

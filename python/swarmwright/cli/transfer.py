@@ -7,16 +7,15 @@ import click
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     ExistingPath,
-    OutputFile,
-    SaveOption,
     Servers,
     WholeNumber,
-    broker_option,
-    experiment_prefix_option,
+    episodes_options,
+    experiment_broker_options,
     json_option,
     server_output_option,
     servers_option,
     trust_option,
+    write_episodes,
 )
 from swarmwright.cli._output import Output, show_warnings
 
@@ -83,28 +82,15 @@ from swarmwright.cli._output import Output, show_warnings
     help="Simulation seed of the first of them; the others have S + 1, S + 2, .. Default: those "
     "of the runs' validations, which the evolution of no RUN used; name another S for fresh ones.",
 )
-@click.option(
-    "--out",
-    "file",
-    cls=SaveOption,
-    type=OutputFile(),
-    metavar="FILE",
-    help="Write a scatter plot, .png, .svg or .pdf: fitness in the other simulation (y) over the run's own "
-    "(x).",
+@episodes_options(
+    "Write a scatter plot, .png, .svg or .pdf: fitness in the other simulation (y) over the run's own (x).",
+    "Write every episode as a table.",
 )
-@click.option(
-    "--csv",
-    "table",
-    type=OutputFile(),
-    metavar="FILE",
-    help="Write every episode as a table.",
-)
-@broker_option(
-    default=None,
-    text="Use the servers on this broker for simulations that only a broker offers and whose file does not "
+@experiment_broker_options(
+    "the runs'",
+    "Use the servers on this broker for simulations that only a broker offers and whose file does not "
     "name another one, and for all where the runs had a broker. Default: the runs'.",
 )
-@experiment_prefix_option("the runs'")
 @servers_option
 @server_output_option
 @trust_option
@@ -118,7 +104,7 @@ def command(
     random: int,
     seeds: int,
     seed: int | None,
-    file: Path | None,
+    picture: Path | None,
     table: Path | None,
     broker: str | None,
     prefix: str | None,
@@ -132,10 +118,8 @@ def command(
     sizes).
     """
     from swarmwright import transfer
-    from swarmwright.analysis.table import CSV, check
     from swarmwright.cli._comparison import run_folders
     from swarmwright.cli._progress import episodes
-    from swarmwright.display.figures import style
     from swarmwright.experiment.ranges import Range
 
     output = Output(as_json=as_json)
@@ -145,10 +129,6 @@ def command(
         raise click.UsageError(
             "nothing to transfer to: name simulations with --to, or parameters with --vary KEY=LOW..HIGH."
         )
-    if file is not None:
-        style.check(file)
-    if table is not None:
-        check(table, CSV)
     folders, _ = run_folders(runs)
     with episodes(output) as on_progress:
         found = transfer(
@@ -167,9 +147,4 @@ def command(
         )
     output.block(str(found))
     output.json(found.to_mapping())
-    if table is not None:
-        found.export(table)
-        output.text(f"Every episode is in {table}")
-    if file is not None:
-        found.plot(file)
-        output.text(f"The figure is in {file}")
+    write_episodes(output, found, picture, table)

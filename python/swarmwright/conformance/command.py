@@ -17,6 +17,7 @@ from swarmwright.cli._options import (
     peer_broker,
     peer_prefix,
     peer_prefix_option,
+    stacked,
 )
 from swarmwright.cli._output import Output, aside
 from swarmwright.common.errors import InputError
@@ -41,54 +42,50 @@ def command() -> None:
     """
 
 
-def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """What both sides have."""
-    options = [
-        click.option(
-            "--exec",
-            "start",
-            metavar="COMMAND",
-            help="Command that starts the peer; see above for its placeholders.",
-        ),
-        broker_option(
-            default=None,
-            text=f"Address of a broker. Default: {BROKER_VARIABLE}'s for a peer that runs already, else an "
-            "embedded one on a free port.",
-        ),
-        peer_prefix_option,
-        click.option(
-            "--rules",
-            multiple=True,
-            metavar="IDS",
-            help="Check only these rules or groups, such as S2,S4.1; with '-' before it, all but these.",
-        ),
-        click.option(
-            "--profile",
-            type=click.Choice(["d6.1", "all"]),
-            default="all",
-            show_default=True,
-            help="d6.1: check only the rules that deliverable D6.1 demands; all: Swarmwright's as well.",
-        ),
-        click.option(
-            "--junit",
-            type=OutputFile(),
-            metavar="FILE",
-            help="Write the results as JUnit XML, too.",
-        ),
-        click.option("--list", "listing", is_flag=True, help="List the rules without checking."),
-        click.option(
-            "--wait",
-            type=RealNumber(0.1, 86400.0),
-            default=30.0,
-            show_default=True,
-            metavar="SECONDS",
-            help="How long to wait for the peer at the beginning.",
-        ),
-        json_option,
-    ]
-    for option in reversed(options):
-        function = option(function)
-    return function
+_shared = stacked(
+    click.option(
+        "--exec",
+        "start",
+        metavar="COMMAND",
+        help="Command that starts the peer; see above for its placeholders.",
+    ),
+    broker_option(
+        default=None,
+        text=f"Address of a broker. Default: {BROKER_VARIABLE}'s for a peer that runs already, else an "
+        "embedded one on a free port.",
+    ),
+    peer_prefix_option,
+    click.option(
+        "--rules",
+        multiple=True,
+        metavar="IDS",
+        help="Check only these rules or groups, such as S2,S4.1; with '-' before it, all but these.",
+    ),
+    click.option(
+        "--profile",
+        type=click.Choice(["d6.1", "all"]),
+        default="all",
+        show_default=True,
+        help="d6.1: check only the rules that deliverable D6.1 demands; all: Swarmwright's as well.",
+    ),
+    click.option(
+        "--junit",
+        type=OutputFile(),
+        metavar="FILE",
+        help="Write the results as JUnit XML, too.",
+    ),
+    click.option("--list", "listing", is_flag=True, help="List the rules without checking."),
+    click.option(
+        "--wait",
+        type=RealNumber(0.1, 86400.0),
+        default=30.0,
+        show_default=True,
+        metavar="SECONDS",
+        help="How long to wait for the peer at the beginning.",
+    ),
+    json_option,
+)
+"""Options that both sides have."""
 
 
 @command.command(
