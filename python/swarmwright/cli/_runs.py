@@ -19,8 +19,6 @@ from swarmwright.cli._validation import (
 from swarmwright.common.formatting import counted, duration
 from swarmwright.common.simulation_names import label_of
 from swarmwright.common.untrusted import one_line
-from swarmwright.controllers.modules.grammar import is_modules
-from swarmwright.controllers.modules.machine_texts import controller_text
 from swarmwright.simulations.user_code.copying import display_name
 
 if TYPE_CHECKING:
@@ -390,6 +388,8 @@ def _audit_words(audit: Mapping[str, int]) -> str:
 def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines of a state machine or behaviour tree, for a team of each group's controller."""
     from swarmwright.controllers.kinds import words_of
+    from swarmwright.controllers.modules.grammar import is_modules
+    from swarmwright.controllers.modules.machine_texts import controller_text
     from swarmwright.controllers.teams import parts_of
 
     if is_modules(specification):
