@@ -21,6 +21,7 @@ from swarmwright.common.engine_types import (
     SceneFields,
     ServerEvent,
     Timeouts,
+    WarningFields,
 )
 from swarmwright.servers.evaluation.served_modules import ServedModules
 from swarmwright.simulations.physics_host import AnyHost
@@ -739,7 +740,7 @@ class Producer:
             tuple[int, int],
             Digests,
             list[AttemptFields],
-            list[str],
+            list[WarningFields],
         ]
         | None
     ):
@@ -1103,7 +1104,7 @@ class Pool:
         meanwhile: Callable[[], None] | None = None,
         sample: Sample | None = None,
         only: Sequence[tuple[int, int, int | None]] | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[AttemptFields], list[str]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[AttemptFields], list[WarningFields]]:
         """Every controller in an episode of every seed; `architecture` and `genomes` as in the function `evaluate`.
 
         sample: what all genomes were made from; servers that can make them get it instead. Raises InputError if it has
@@ -1147,7 +1148,7 @@ class Pool:
         genomes: NDArray[np.float32],
         seeds: Sequence[int],
         feed: Callable[
-            [list[int], NDArray[np.float64], NDArray[np.float64], list[AttemptFields], list[str]],
+            [list[int], NDArray[np.float64], NDArray[np.float64], list[AttemptFields], list[WarningFields]],
             NDArray[np.float32] | None,
         ],
         on_progress: Callable[[int, int, str], None] | None = None,

@@ -36,12 +36,21 @@ class Requirements(TypedDict):
 
 
 Outcome: TypeAlias = Literal[
-    "done", "failed", "server_failed", "lost", "disconnected", "handed_back", "overtaken", "dropped"
+    "done",
+    "failed",
+    "unusable",
+    "server_failed",
+    "lost",
+    "disconnected",
+    "handed_back",
+    "overtaken",
+    "dropped",
 ]
 """How an attempt ended.
 
 done: with results.
-failed: the evaluation failed.
+failed: the simulation failed in the evaluation.
+unusable: the evaluation could not be asked for, or its results could not be used.
 server_failed: the server failed while it was at this.
 lost: the server had this when it failed at something else.
 disconnected: the connection to the broker broke.
@@ -67,6 +76,27 @@ class AttemptFields(TypedDict):
     outcome: Outcome
     error: str | None
     stack: str | None
+
+
+class FailedEvaluation(TypedDict):
+    """An evaluation that has failed for good."""
+
+    candidate: int
+    episode: int
+    quarantined: int | None
+    """How many servers failed with it, so that no other one gets it; None where it failed by itself."""
+
+
+class WarningFields(TypedDict):
+    """A warning for the user."""
+
+    text: str
+    time: float
+    """When it arose, seconds since 1970."""
+    failed: FailedEvaluation | None
+    """The evaluation that it is about, where one has failed."""
+    unaudited: bool
+    """Whether it is about results that count without audits."""
 
 
 class Counts(TypedDict):

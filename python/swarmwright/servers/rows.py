@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.common.arrays import Fitness, Genomes
-from swarmwright.common.engine_types import AttemptFields, Outcome
+from swarmwright.common.engine_types import AttemptFields, FailedEvaluation, Outcome, WarningFields
 from swarmwright.common.statistics import Summary
 
 
@@ -43,7 +43,7 @@ class Evaluated(NamedTuple):
 
 IN_PROCESS = -1
 """The server of attempts in the tool's own process."""
-FAILED: Final = frozenset[Outcome]({"failed", "server_failed", "disconnected"})
+FAILED: Final = frozenset[Outcome]({"failed", "unusable", "server_failed", "disconnected"})
 """Outcomes of attempts that failed."""
 NO_RESULT: Final = FAILED | frozenset[Outcome]({"lost", "handed_back"})
 """Outcomes of attempts after which others had to try."""
@@ -170,6 +170,10 @@ class WarningEntry(NamedTuple):
     """Index of the episode that it is about, if it is about one: the text begins with it."""
     time: float | None = None
     """When it arose, seconds since 1970, if that is known."""
+    failed: FailedEvaluation | None = None
+    """The evaluation that a pool has given up, if it is about one."""
+    unaudited: bool = False
+    """Whether it is about results that count without audits."""
 
     @classmethod
     def of_episode(cls, episode: int, words: str, candidate: int, error: str) -> Self:
@@ -178,6 +182,10 @@ class WarningEntry(NamedTuple):
 
     def moved(self, candidate: int | None, episodes: int) -> Self:
         """Return it for a candidate with another index, and for an episode so many later."""
+        if self.failed is not None and candidate is not None:
+            episode = self.failed["episode"] + episodes
+            failed = self.failed | {"candidate": candidate, "episode": episode}
+            return self._replace(candidate=candidate, failed=failed)
         if self.episode is None:
             return self._replace(candidate=candidate)
         episode = self.episode + episodes
@@ -197,9 +205,21 @@ class Journal:
     warnings: list[WarningEntry] = field(default_factory=list)
 
     @classmethod
-    def of(cls, attempts: Iterable[AttemptFields], warnings: Iterable[str]) -> Self:
+    def of(cls, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Self:
         """Return the journal of what a pool returned."""
-        return cls([AttemptEntry(**row) for row in attempts], [WarningEntry(text) for text in warnings])
+        return cls(
+            [AttemptEntry(**row) for row in attempts],
+            [
+                WarningEntry(
+                    row["text"],
+                    None if row["failed"] is None else row["failed"]["candidate"],
+                    time=row["time"],
+                    failed=row["failed"],
+                    unaudited=row["unaudited"],
+                )
+                for row in warnings
+            ],
+        )
 
     @property
     def errors(self) -> list[str]:
@@ -218,7 +238,7 @@ class Journal:
         """Append what was done for candidates that are counted from `first` on here."""
         self.attempts.extend(entry._replace(candidate=first + entry.candidate) for entry in other.attempts)
         self.warnings.extend(
-            entry if entry.candidate is None else entry._replace(candidate=first + entry.candidate)
+            entry if entry.candidate is None else entry.moved(first + entry.candidate, 0)
             for entry in other.warnings
         )
 

@@ -5,10 +5,9 @@ use std::sync::Arc;
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use serde::Serialize;
 use serde_json::Value;
-use swarmwright_pool::{
-    About, Attempt, Demand, Options, Pool, PoolError, Repetition, Report, Timeouts,
-};
+use swarmwright_pool::{About, Demand, Options, Pool, PoolError, Repetition, Report, Timeouts};
 use swarmwright_protocol::Requirements;
 
 use crate::account::{Account, settings};
@@ -20,15 +19,15 @@ use crate::sample::PySample;
 use crate::supervision::PySupervision;
 use crate::values::{object, read, to_python};
 
-/// An [`Attempt`], its fields by their names.
-pub type AttemptFields<'py> = Bound<'py, PyAny>;
+/// An [`Attempt`] or a warning, its fields by their names.
+pub type Fields<'py> = Bound<'py, PyAny>;
 
 /// Fitness, metrics, attempts, warnings.
 type Evaluated<'py> = (
     Fitness<'py>,
     Metrics<'py>,
-    Vec<AttemptFields<'py>>,
-    Vec<String>,
+    Vec<Fields<'py>>,
+    Vec<Fields<'py>>,
 );
 
 /// Finds servers and runs episodes on them.
@@ -262,7 +261,8 @@ impl PyPool {
         in_meanwhile.map_or(Ok(()), Err)?;
         in_progress.map_or(Ok(()), Err)?;
         let results = result.map_err(|failed| error(&failed))?;
-        let (attempts, warnings) = (fields(py, &pool.take_journal())?, pool.take_warnings());
+        let attempts = fields(py, &pool.take_journal())?;
+        let warnings = fields(py, &pool.take_warnings())?;
         let (fitness, metrics) = arrays(py, results.fitness, results.metrics, shape)?;
         Ok((fitness, metrics, attempts, warnings))
     }
@@ -302,6 +302,7 @@ impl PyPool {
                             arrays(py, settled.fitness, settled.metrics, shape)?;
                         let candidates = settled.candidates;
                         let attempts = fields(py, &attempts)?;
+                        let warnings = fields(py, &warnings)?;
                         let arguments = (candidates, fitness, metrics, attempts, warnings);
                         let more = feed.call1(py, arguments)?;
                         further(py, &more, columns)
@@ -355,12 +356,9 @@ fn progress(
     })
 }
 
-/// Attempts as dicts.
-pub fn fields<'py>(py: Python<'py>, attempts: &[Attempt]) -> PyResult<Vec<AttemptFields<'py>>> {
-    attempts
-        .iter()
-        .map(|attempt| to_python(py, attempt))
-        .collect()
+/// Lines of a journal as dicts.
+pub fn fields<'py>(py: Python<'py>, lines: &[impl Serialize]) -> PyResult<Vec<Fields<'py>>> {
+    lines.iter().map(|line| to_python(py, line)).collect()
 }
 
 /// Further genomes from what `feed` returned; none when it returned None.

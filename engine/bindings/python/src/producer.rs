@@ -18,7 +18,7 @@ use crate::errors::{engine, input};
 use crate::genomes::architecture;
 use crate::local::{PyEvaluator, REPORT, lock};
 use crate::methods::PySearch;
-use crate::pool::{AttemptFields, PyPool, fields};
+use crate::pool::{Fields, PyPool, fields};
 use crate::remote::Servers;
 use crate::results::{Fitness, Metrics, arrays};
 use crate::sample::PySample;
@@ -82,8 +82,8 @@ type Generation<'py> = (
     (f64, f64, f64, f64, f64),
     (usize, usize),
     PyDigests,
-    Vec<AttemptFields<'py>>,
-    Vec<String>,
+    Vec<Fields<'py>>,
+    Vec<Fields<'py>>,
 );
 
 #[pymethods]
@@ -265,17 +265,10 @@ impl PyProducer {
         let outcome = (produced.outcome.leader, produced.outcome.failed);
         let digests = PyDigests::known(digests);
         let attempts = fields(py, &produced.attempts)?;
+        let warnings = fields(py, &produced.warnings)?;
         Ok((
-            genomes,
-            episodes,
-            metrics,
-            fitness,
-            population,
-            figures,
-            outcome,
-            digests,
-            attempts,
-            produced.warnings,
+            genomes, episodes, metrics, fitness, population, figures, outcome, digests, attempts,
+            warnings,
         ))
     }
 }

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use pyo3::prelude::*;
 use serde_json::{Map, Value};
 use swarmwright_controllers::Architecture;
-use swarmwright_pool::{About, Attempt, Pool, PoolError, Work};
+use swarmwright_pool::{About, Attempt, Pool, PoolError, Warning, Work};
 use swarmwright_protocol::Sample;
 
 use crate::conversation::Asked;
@@ -36,7 +36,7 @@ pub struct Evaluated {
     /// (candidates, episodes, metrics)
     pub metrics: Vec<f64>,
     pub attempts: Vec<Attempt>,
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
 }
 
 impl Servers {

@@ -514,7 +514,11 @@ impl Simulation<'_> {
                     self.deliver_to_server(index, &name, &Rc::from(payload));
                 }
             }
-            Action::Warn(_) | Action::Overdue(_) | Action::AskBroker => {}
+            Action::Warn(_)
+            | Action::Unaudited(_)
+            | Action::Failed { .. }
+            | Action::Overdue(_)
+            | Action::AskBroker => {}
         }
     }
 
@@ -558,7 +562,9 @@ fn payload_bytes(action: &Action) -> usize {
         Action::Publish(_, payload)
         | Action::Control { payload, .. }
         | Action::Request { payload, .. } => payload.capacity(),
-        Action::Warn(text) => text.capacity(),
+        Action::Warn(text) | Action::Unaudited(text) | Action::Failed { text, .. } => {
+            text.capacity()
+        }
         Action::Overdue(_) | Action::AskBroker => 0,
     }
 }

@@ -290,7 +290,7 @@ impl Tool {
                 | Action::Request {
                     server, payload, ..
                 } => (topics.to_server(server), payload),
-                Action::Warn(text) => {
+                Action::Warn(text) | Action::Unaudited(text) | Action::Failed { text, .. } => {
                     if self.warnings.len() >= 50 {
                         self.warnings.pop_front();
                     }

@@ -1,6 +1,6 @@
 //! The journal of what was done: a line per attempt.
 
-use std::time::Instant;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
 
@@ -11,8 +11,10 @@ pub enum Outcome {
     /// With results.
     #[default]
     Done,
-    /// The evaluation failed, or the server sent what cannot be used of it.
+    /// The simulation failed in the evaluation.
     Failed,
+    /// The evaluation cannot be asked for, or its results cannot be used.
+    Unusable,
     /// The server failed while it was at this: it went down, was silent for too long, or is not used any more.
     ServerFailed,
     /// The server had this when it failed at something else, or was ended.
@@ -56,6 +58,42 @@ pub struct Attempt {
     pub error: Option<String>,
     /// Where in the simulation's code, if that is known: once for each reason.
     pub stack: Option<String>,
+}
+
+/// Worth telling the user.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Warning {
+    /// For people.
+    pub text: String,
+    /// When it arose, seconds since 1970.
+    pub time: f64,
+    /// The evaluation that has failed for good, if it is about one.
+    pub failed: Option<FailedEvaluation>,
+    /// Whether it is about results that count without audits.
+    pub unaudited: bool,
+}
+
+impl Warning {
+    /// It arises now.
+    pub(crate) fn now(text: String) -> Self {
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
+        Self {
+            text,
+            time: since_1970.unwrap_or_default().as_secs_f64(),
+            ..Self::default()
+        }
+    }
+}
+
+/// An evaluation that has failed for good.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct FailedEvaluation {
+    /// Index of the candidate.
+    pub candidate: usize,
+    /// Index of the episode.
+    pub episode: usize,
+    /// How many servers failed with it, so that no other one gets it; none where it failed by itself.
+    pub quarantined: Option<u32>,
 }
 
 /// Attempts that have not been handed out yet, each with its start.

@@ -16,7 +16,7 @@ mod work;
 pub use config::Config;
 pub use counts::Counts;
 pub use demand::Demand;
-pub use journal::{Attempt, Outcome};
+pub use journal::{Attempt, FailedEvaluation, Outcome, Warning};
 pub use mode::Mode;
 pub use scheduler::fleet::processes::{At, Ending};
 pub use scheduler::holdings::Holdings;

@@ -2,7 +2,6 @@
 
 import dataclasses
 import logging
-import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,10 +15,6 @@ from swarmwright.servers.evaluation.base import Results
 from swarmwright.servers.rows import FAILED, AttemptEntry, Journal, WarningEntry
 
 _log = logging.getLogger("swarmwright")
-_UNATTRIBUTED = "an evaluation failed after "
-"""How the pool's warning of a failed evaluation begins: engine/roles/pool/src/scheduler/attribution.rs."""
-_QUARANTINED = re.compile(r"an evaluation is quarantined: ([^;]*); last reason: (.*)", re.DOTALL)
-"""The pool's warning of an evaluation that took servers down, with the cause: as above."""
 _MOST_NAMED = 10
 """Failures that are named, of those that are reported together."""
 
@@ -41,11 +36,6 @@ class Failure(NamedTuple):
     def time(self) -> float:
         """The end of the last attempt, seconds since 1970."""
         return self.last.started + self.last.seconds
-
-    @property
-    def reason(self) -> str:
-        """Why the last attempt failed, as the pool's warnings have it."""
-        return self.last.error or ""
 
     def text(self, seeds: Sequence[int]) -> str:
         """Say which episode failed, and how often it was tried."""
@@ -92,8 +82,7 @@ class Failures:
         if not failures:
             self._hint = self._hint or self._hint_without_value(results, seeds, generation, first)
             return results
-        warnings = [one for one in results.journal.warnings if not one.text.startswith(_UNATTRIBUTED)]
-        warnings = _without_quarantine(warnings, failures)
+        warnings = [one for one in results.journal.warnings if one.failed is None]
         self._hint = self._hint or self._hint_at(failures[0], seeds, generation, first)
         warnings += [one.entry(seeds) for one in failures[:_MOST_NAMED]]
         if len(failures) > _MOST_NAMED:
@@ -136,6 +125,11 @@ def failures_of(results: Results, rows: Mapping[int, int] | None) -> Iterator[Fa
     failed = np.isnan(results.fitness)
     if not failed.any():
         return
+    quarantined = {
+        (one.failed["candidate"], one.failed["episode"]): one.failed["quarantined"]
+        for one in results.journal.warnings
+        if one.failed is not None
+    }
     found: dict[tuple[int, int], list[AttemptEntry]] = {}
     for entry in results.journal.attempts:
         if entry.outcome not in FAILED:
@@ -149,26 +143,6 @@ def failures_of(results: Results, rows: Mapping[int, int] | None) -> Iterator[Fa
         # Copies of one attempt have one number; a batch that failed as a whole says nothing of its parts.
         alone = sum(entry.candidates * entry.episodes == 1 for entry in entries)
         attempts = max(alone, *(entry.attempt for entry in entries))
-        yield Failure(candidate, episode, entries[-1], attempts)
-
-
-def _without_quarantine(warnings: Sequence[WarningEntry], failures: list[Failure]) -> list[WarningEntry]:
-    """Return the warnings without those of evaluations in quarantine, which `failures` get to know instead.
-
-    A warning has the reason of its evaluation's last attempt, and comes when that ends.
-    """
-    others = []
-    for warning in warnings:
-        found = _QUARANTINED.fullmatch(warning.text)
-        same = [
-            index
-            for index, one in enumerate(failures)
-            if found is not None and not one.quarantine and one.reason == found[2]
-        ]
-        if found is None or not same:
-            others.append(warning)
-            continue
-        at = warning.time
-        index = same[0] if at is None else min(same, key=lambda index: abs(failures[index].time - at))
-        failures[index] = failures[index]._replace(quarantine=found[1])
-    return others
+        servers = quarantined.get((candidate, episode))
+        why = "" if servers is None else f"servers failed {servers} times while evaluating nothing else"
+        yield Failure(candidate, episode, entries[-1], attempts, why)

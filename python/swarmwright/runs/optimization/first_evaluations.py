@@ -89,7 +89,7 @@ class FirstEvaluations:
         rows = {candidate: row for row, candidate in enumerate(candidates)}
         kinds: dict[int, set[str]] = {}
         for failure in failures_of(results, rows):
-            kinds.setdefault(failure.candidate, set()).add(kind_of(failure.reason))
+            kinds.setdefault(failure.candidate, set()).add(kind_of(failure.last.error or ""))
         for warning in results.journal.warnings:
             if warning.candidate in rows and warning.error is not None:
                 self._lacks_value = True

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.common.engine_types import AttemptFields
+from swarmwright.common.engine_types import AttemptFields, WarningFields
 from swarmwright.common.errors import InputError, RunError, SimulationError, reworded
 from swarmwright.experiment.derived import fitness_expression, place_of, steers_agents, with_environment
 from swarmwright.experiment.experiment import Experiment
@@ -98,7 +98,7 @@ class TwoSimulations:
         """Count failed episodes of what the engine has evaluated by itself."""
         self.fast.count_failed(results)
 
-    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[str]) -> Journal:
+    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
         """Return the journal of what the engine has evaluated by itself."""
         return self.fast.journal(attempts, warnings)
 

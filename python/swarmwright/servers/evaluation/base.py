@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.common.arrays import Genomes
-from swarmwright.common.engine_types import AttemptFields
+from swarmwright.common.engine_types import AttemptFields, WarningFields
 from swarmwright.common.errors import InputError, PlugInError, SimulationError
 from swarmwright.common.plug_in_code import is_plug_in, numbers, place
 from swarmwright.common.yaml import dotted_path
@@ -181,7 +181,7 @@ class Backend(Protocol):
     def count_failed(self, results: Results) -> None:
         """Count failed episodes of what the engine has evaluated by itself."""
 
-    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[str]) -> Journal:
+    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
         """Return the journal of what the engine has evaluated by itself."""
 
     def failure_of(self, reason: str, /) -> SimulationError | None:

@@ -1,19 +1,16 @@
 """Failures of a simulation's code: which reasons of a journal are such, and what was raised."""
 
-import re
 from collections.abc import Callable
 
 from swarmwright.common.errors import RunError, SimulationError, reworded
 from swarmwright.common.untrusted import lines, one_line
-from swarmwright.servers.rows import IN_PROCESS, Journal
+from swarmwright.servers.rows import Journal
 
 FailureOf = Callable[[str], SimulationError | None]
 """Returns what the code of the simulation failed with, for a reason that a journal has; None for others."""
 
 _MOST_REASONS = 200
 """Different reasons that are remembered, the last ones."""
-_WARNED = re.compile(r"an episode failed on server \d+: (.*)", re.DOTALL)
-"""A pool's warning of such a reason, of each once: engine/roles/pool/src/scheduler/outbox.rs."""
 
 
 class CodeFailures:
@@ -27,12 +24,8 @@ class CodeFailures:
 
     def note(self, journal: Journal) -> None:
         """Note the reasons in a journal: those of this process, and those that servers gave."""
-        for warning in journal.warnings:
-            found = _WARNED.fullmatch(warning.text)
-            if found is not None:
-                self._remember(found[1], None)
         for attempt in journal.attempts:
-            known = attempt.error in self._stacks or attempt.server == IN_PROCESS
+            known = attempt.error in self._stacks or attempt.outcome == "failed"
             if attempt.error and (attempt.stack is not None or known):
                 self._remember(attempt.error, attempt.stack)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.common import processes
-from swarmwright.common.engine_types import AttemptFields
+from swarmwright.common.engine_types import AttemptFields, WarningFields
 from swarmwright.common.errors import SimulationError, engine_errors
 from swarmwright.common.processes import use_threads
 from swarmwright.common.untrusted import one_line
@@ -103,7 +103,7 @@ class InProcessBackend:
         """Count failed episodes."""
         self._failed += int(np.count_nonzero(np.isnan(results.fitness)))
 
-    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[str]) -> Journal:
+    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
         """Return the journal of what the engine has evaluated by itself."""
         return Journal.of(attempts, warnings)
 

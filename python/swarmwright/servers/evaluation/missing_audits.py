@@ -27,7 +27,7 @@ class MissingAudits:
         for attempt in journal.attempts:
             self._servers.add(attempt.server)
             self._evaluations += attempt.candidates * attempt.episodes
-        told = any("faults.audit" in warning.text for warning in journal.warnings)  # the pool knows more
+        told = any(warning.unaudited for warning in journal.warnings)  # the pool knows more
         if told or len(self._servers) > 1:
             self._share = 0.0
         if self._evaluations * self._share < EXPECTED:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.common import processes
-from swarmwright.common.engine_types import AttemptFields, Report
+from swarmwright.common.engine_types import AttemptFields, Report, WarningFields
 from swarmwright.common.errors import RunError, SimulationError, engine_errors
 from swarmwright.common.simulation_names import is_command
 from swarmwright.common.suggestions import did_you_mean
@@ -35,7 +35,6 @@ from swarmwright.servers.evaluation.base import (
 from swarmwright.servers.evaluation.code_failures import CodeFailures
 from swarmwright.servers.evaluation.missing_audits import MissingAudits
 from swarmwright.servers.evaluation.module_code import is_in_python, with_digests
-from swarmwright.servers.evaluation.warning_times import WarningTimes
 from swarmwright.servers.rows import Journal
 from swarmwright.servers.server_use import ServerUses
 from swarmwright.simulations import catalogue, near_names
@@ -59,7 +58,6 @@ class BrokerBackend:
         self._restarts = 0 if servers is None else servers.restarts
         self._without_value = 0
         self._run: str | None = None
-        self._times = WarningTimes()
         self._code_failures = CodeFailures()
         self._missing_audits = MissingAudits(experiment.faults.audit_share)
         self._listen()
@@ -110,7 +108,6 @@ class BrokerBackend:
 
         def tell(report: Report) -> None:
             told = cast("dict[str, Any]", report)
-            self._times.note(told)
             if on_status is not None and told["event"] == "status":
                 on_status(told["status"])
             if reports.wanted():
@@ -118,9 +115,9 @@ class BrokerBackend:
 
         self._pool.listen(tell, warnings_only=on_status is None and reports.only_warnings())
 
-    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[str]) -> Journal:
+    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
         """Return the journal of what a pool has evaluated, with the times at which it warned."""
-        journal = self._times.journal(attempts, warnings)
+        journal = Journal.of(attempts, warnings)
         self._code_failures.note(journal)
         warning = self._missing_audits.note(journal)
         if warning is not None:
@@ -295,7 +292,7 @@ class BrokerBackend:
             fitness: NDArray[np.float64],
             metrics: NDArray[np.float64],
             attempts: list[AttemptFields],
-            warnings: list[str],
+            warnings: list[WarningFields],
         ) -> NDArray[np.float32] | None:
             self.check()
             results = Results(fitness, metrics, self.journal(attempts, warnings))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, RunError, optimize, resume
-from swarmwright.common.engine_types import Outcome
+from swarmwright.common.engine_types import FailedEvaluation, Outcome
 from swarmwright.runs.optimization.failures import Failures
 from swarmwright.servers.evaluation.base import Results
 from swarmwright.servers.evaluation.evaluate import tell_failures
@@ -54,9 +54,13 @@ def attempt(
     )
 
 
+def given_up(candidate: int, episode: int, quarantined: int | None = None) -> FailedEvaluation:
+    return {"candidate": candidate, "episode": episode, "quarantined": quarantined}
+
+
 def results(fitness: list[list[float]], *attempts: AttemptEntry) -> Results:
     warnings = [
-        WarningEntry("an evaluation failed after 3 attempts: no licence"),
+        WarningEntry("an evaluation failed after 3 attempts: no licence", 1, failed=given_up(1, 1)),
         WarningEntry("server 2 is slow"),
     ]
     values = np.array(fitness)
@@ -114,28 +118,26 @@ def test_attempts_at_a_candidate_are_counted_with_their_copies_and_without_those
 
 
 def test_an_evaluation_in_quarantine_is_named(caplog: pytest.LogCaptureFixture) -> None:
-    """The pool does not say which one it is: it is the one that failed then, for the same reason."""
     crash, hang = (
         f"a simulation server {what}" for what in ("was killed by SIGSEGV", "made no step for 1 s")
     )
     why = "servers failed 3 times while evaluating nothing else"
-    tried = [attempt(0, 0, 3, hang), attempt(1, 0, 3, crash)._replace(started=5.0), attempt(2, 0, 3, crash)]
+    tried = [attempt(0, 0, 3, hang), attempt(1, 0, 3, crash), attempt(2, 0, 3, crash)]
     given = results([[np.nan]] * 3, *tried)
     given.journal.warnings += [
-        WarningEntry(f"an evaluation is quarantined: {why}; last reason: {crash}", time=6.1),
-        WarningEntry(f"an evaluation is quarantined: {why}; last reason: another"),
+        WarningEntry(f"an evaluation is quarantined: {why}", 1, failed=given_up(1, 0, quarantined=3)),
+        WarningEntry("an evaluation failed after 3 attempts", 2, failed=given_up(2, 0)),
     ]
     failures = Failures(Path("run"))
     found = failures.named(given, [17], generation=4)
     assert [(one.text, one.candidate) for one in found.journal.warnings] == [
         ("server 2 is slow", None),
-        (f"an evaluation is quarantined: {why}; last reason: another", None),
         (f"episode 0 (seed 17) failed after 3 attempts: {hang}", 0),
         (f"episode 0 (seed 17) failed after 3 attempts and is quarantined, since {why}: {crash}", 1),
         (f"episode 0 (seed 17) failed after 3 attempts: {crash}", 2),
     ]
     alone = results([[np.nan]], tried[1]._replace(candidate=0))
-    alone.journal.warnings += given.journal.warnings[-2:-1]
+    alone.journal.warnings.append(given.journal.warnings[-2].moved(0, 0))
     failures = Failures(Path("run"))
     failures.named(alone, [17], generation=4)
     failures.tell()

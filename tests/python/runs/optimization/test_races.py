@@ -297,8 +297,8 @@ def test_episodes_are_counted_from_another_one_on_and_words_of_others_kept() -> 
     journal = Journal()
     extend(journal, Journal(warnings=[ours, others]), [5], 5)
     assert journal.warnings == [
-        ("episode 7 failed: episode 1 is out", 5, "episode 1 is out", 7, None),
-        ("episode 3 of the server", None, "episode 3 of the server", None, None),
+        ("episode 7 failed: episode 1 is out", 5, "episode 1 is out", 7, None, None, False),
+        ("episode 3 of the server", None, "episode 3 of the server", None, None, None, False),
     ]
 
 

@@ -17,9 +17,10 @@ from swarmwright import (
     post_evaluate,
     simulate,
 )
+from swarmwright.common.engine_types import Outcome
 from swarmwright.controllers.controller import Controller
 from swarmwright.servers.evaluation.code_failures import CodeFailures, failed
-from swarmwright.servers.rows import IN_PROCESS, AttemptEntry, Journal, WarningEntry
+from swarmwright.servers.rows import AttemptEntry, Journal
 
 SOURCE = """\
 from swarmwright import Simulation
@@ -118,22 +119,24 @@ def test_episodes_that_are_stepped_raise_it(broken: Experiment) -> None:
     check(raised.value, in_process=True)
 
 
-def attempt(error: str, stack: str | None = None, server: int = 1) -> AttemptEntry:
-    return AttemptEntry("batched", 0, 1, 0, 1, server, 1, None, 0.0, 1.0, "failed", error, stack)
+def attempt(error: str, stack: str | None = None, outcome: Outcome = "failed") -> AttemptEntry:
+    return AttemptEntry("batched", 0, 1, 0, 1, 1, 1, None, 0.0, 1.0, outcome, error, stack)
 
 
 def test_only_reasons_of_the_code_are_its_failures() -> None:
     failures = CodeFailures()
-    failures.note(Journal([attempt("A.step: x", "stack of A"), attempt("the server was lost")]))
-    failures.note(Journal([], [WarningEntry("an episode failed on server 7: B.step:\nnan")]))
-    failures.note(Journal([attempt("C: not done", server=IN_PROCESS), attempt("A.step: x")]))  # known by now
-    for reason, stack in (("A.step: x", "stack of A"), ("B.step:\nnan", None), ("C: not done", None)):
+    lost = attempt("the server was lost", outcome="server_failed")
+    failures.note(Journal([attempt("A.step: x", "stack of A"), lost]))
+    crash = attempt("killed in D.step", "stack of D", outcome="server_failed")
+    failures.note(Journal([attempt("B.step:\nnan"), crash, attempt("A.step: x")]))  # known by now
+    known = {"A.step: x": "stack of A", "B.step:\nnan": None, "killed in D.step": "stack of D"}
+    for reason, stack in known.items():
         error = failed("all failed: ", ["another", reason], failures.of)
         assert isinstance(error, SimulationError)
         assert error.stack == stack
-    lost = failed("all failed: ", ["A.step: x", "the server was lost"], failures.of)
-    assert type(lost) is RunError
-    assert str(lost) == "all failed: the server was lost"
+    of_server = failed("all failed: ", ["A.step: x", "the server was lost"], failures.of)
+    assert type(of_server) is RunError
+    assert str(of_server) == "all failed: the server was lost"
     assert str(failed("all failed: ", [], failures.of, unknown="not known")) == "all failed: not known"
 
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 use swarmwright_evolution::{Figures, Outcome};
-use swarmwright_pool::Attempt;
+use swarmwright_pool::{Attempt, Warning};
 use swarmwright_protocol::Sample;
 
 use crate::digests::{Columns, columns, of_genomes, of_sample};
@@ -37,7 +37,7 @@ pub struct Produced {
     /// What is computed from its columns, where it is known.
     pub summary: Option<(Columns, Figures)>,
     pub attempts: Vec<Attempt>,
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
 }
 
 impl Produced {

@@ -28,8 +28,7 @@ impl Scheduler {
     /// No other server is of use: a result counts without the audit that was drawn.
     fn leave_audit_out(&mut self, server: u64) {
         self.counts.audits_left_out += 1;
-        self.outbox.warn_first(
-            "audits that are left out".to_owned(),
+        self.outbox.warn_unaudited(
             format!(
                 "results of server {server} count without the audits that faults.audit asks for, as no other server that \
                  could repeat them is usable"

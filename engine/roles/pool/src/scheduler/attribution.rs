@@ -3,6 +3,7 @@
 
 use std::time::{Duration, Instant};
 
+use crate::journal::FailedEvaluation;
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::queue::blame::Blame;
@@ -163,13 +164,23 @@ impl Scheduler {
         now: Instant,
     ) {
         let quarantined = verdict == Verdict::Quarantined;
-        self.outbox.warn_counted(if quarantined {
+        let text = if quarantined {
             format!(
                 "an evaluation is quarantined: servers failed {downs} times while evaluating nothing else; last reason: {reason}"
             )
         } else {
-            format!("an evaluation failed after {} attempts: {reason}", piece.tries)
-        });
+            format!(
+                "an evaluation failed after {} attempts: {reason}",
+                piece.tries
+            )
+        };
+        let (candidates, episodes) = self.ledger.extent(piece);
+        let evaluation = FailedEvaluation {
+            candidate: candidates.start,
+            episode: episodes.start,
+            quarantined: quarantined.then_some(downs),
+        };
+        self.outbox.evaluation_failed(evaluation, text);
         self.counts.quarantined += u64::from(quarantined);
         self.give_up(piece, quarantined, now);
     }

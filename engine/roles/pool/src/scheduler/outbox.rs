@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
+use crate::journal::FailedEvaluation;
 use swarmwright_protocol::{MOST_REASON, MOST_STACK, Topic, shortened};
 
 /// Different warnings that are remembered, so that each is made once.
@@ -34,6 +35,17 @@ pub enum Action {
     },
     /// Tell the user.
     Warn(String),
+    /// Tell the user, once for each server, that its results count without audits.
+    Unaudited(String),
+    /// Note that an evaluation has failed for good.
+    Failed {
+        /// Which one.
+        evaluation: FailedEvaluation,
+        /// Why, for people.
+        text: String,
+        /// Whether the user is to be told now: others have not failed for the same reason before.
+        first: bool,
+    },
     /// A watched server has not answered in time: the supervisor of its process is to look at it.
     Overdue(u64),
     /// Find out whether the broker holds small packets back, and tell it by [`Scheduler::broker_holds_back`].
@@ -79,6 +91,14 @@ impl Outbox {
         }
     }
 
+    /// A warning that results count without audits, made only once.
+    pub fn warn_unaudited(&mut self, text: String) {
+        let about = "results that count without audits".to_owned();
+        if self.once.len() < MOST_REMEMBERED && self.once.insert(about) {
+            self.push(Action::Unaudited(text));
+        }
+    }
+
     /// A warning of which the first one about something is made, and no other.
     pub fn warn_first(&mut self, about: String, text: String) {
         if self.once.len() < MOST_REMEMBERED && self.once.insert(about) {
@@ -106,13 +126,32 @@ impl Outbox {
 
     /// A warning that may be repeated many times: it is made once, and then counted.
     pub fn warn_counted(&mut self, text: String) {
-        if let Some(more) = self.repeated.get_mut(&text) {
+        if self.is_first(&text) {
+            self.warn(text);
+        }
+    }
+
+    /// An evaluation has failed for good. The user is told as by [`warn_counted`](Self::warn_counted).
+    pub fn evaluation_failed(&mut self, evaluation: FailedEvaluation, text: String) {
+        let first = self.is_first(&text);
+        self.push(Action::Failed {
+            evaluation,
+            text,
+            first,
+        });
+    }
+
+    /// Whether a warning that may be repeated is to be made now; else it is counted.
+    fn is_first(&mut self, text: &str) -> bool {
+        if let Some(more) = self.repeated.get_mut(text) {
             *more += 1;
+            false
         } else if self.repeated.len() < MOST_REMEMBERED {
-            self.warn(text.clone());
-            self.repeated.insert(text, 0);
+            self.repeated.insert(text.to_owned(), 0);
+            true
         } else {
             *self.repeated.entry(OTHERS.to_owned()).or_default() += 1;
+            false
         }
     }
 

@@ -58,7 +58,7 @@ impl Alone {
             let (topic, payload) = match action {
                 Action::Publish(topic, payload) => (topics.name(topic), payload),
                 Action::Control { server, payload } => (topics.to_server(server), payload),
-                Action::Warn(text) => {
+                Action::Warn(text) | Action::Unaudited(text) | Action::Failed { text, .. } => {
                     self.warnings.push(text);
                     continue;
                 }

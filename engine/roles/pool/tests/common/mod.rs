@@ -173,7 +173,12 @@ impl Net {
                         | swarmwright_pool::Action::Request {
                             server, payload, ..
                         } => published.push((topics.to_server(server), payload)),
-                        swarmwright_pool::Action::Warn(text) => self.warnings.push(text),
+                        swarmwright_pool::Action::Warn(text)
+                        | swarmwright_pool::Action::Unaudited(text)
+                        | swarmwright_pool::Action::Failed {
+                            text, first: true, ..
+                        } => self.warnings.push(text),
+                        swarmwright_pool::Action::Failed { .. } => {}
                         swarmwright_pool::Action::Overdue(server) => self.overdue.push(server),
                         swarmwright_pool::Action::AskBroker => self.asked += 1,
                     }

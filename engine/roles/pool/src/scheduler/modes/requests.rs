@@ -34,7 +34,7 @@ impl Scheduler {
     /// A request was not sent: a broker that takes so little takes it from no server.
     pub(crate) fn unsent(&mut self, number: u64, reason: &str, now: Instant) {
         let cause = Cause {
-            outcome: Outcome::Failed,
+            outcome: Outcome::Unusable,
             blame: Blame::Evaluation,
             reason,
         };

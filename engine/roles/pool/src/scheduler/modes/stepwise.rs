@@ -193,7 +193,7 @@ impl Scheduler {
                 self.settle(&run.piece, evaluation, result, now);
             }
             Err(reason) => {
-                self.record_run(&run, Outcome::Failed, Some(reason.clone()), None, now);
+                self.record_run(&run, Outcome::Unusable, Some(reason.clone()), None, now);
                 self.retry(run.piece, run.server, &reason, Blame::Evaluation, now);
             }
         }

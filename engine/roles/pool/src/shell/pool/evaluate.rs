@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant, SystemTime};
 
 use super::{PROGRESS_INTERVAL, Pool};
-use crate::journal::Attempt;
+use crate::journal::{Attempt, Warning};
 use crate::scheduler::queue::results::{Results, Settled};
 use crate::shell::error::PoolError;
 use crate::shell::report::Report;
@@ -98,7 +98,7 @@ impl Pool {
     pub fn stream(
         &mut self,
         work: Work,
-        mut feed: impl FnMut(Settled, Vec<Attempt>, Vec<String>) -> Option<Vec<f32>>,
+        mut feed: impl FnMut(Settled, Vec<Attempt>, Vec<Warning>) -> Option<Vec<f32>>,
         mut on_progress: impl FnMut(usize, usize, &str) -> bool,
     ) -> Result<(), PoolError> {
         let take = |pool: &mut Self| {

@@ -7,6 +7,7 @@ use swarmwright_mqtt::{Event, PublishOptions, TooLarge};
 use swarmwright_protocol::Topic;
 
 use super::Pool;
+use crate::journal::Warning;
 use crate::scheduler::Action;
 use crate::shell::report::Report;
 
@@ -99,7 +100,8 @@ impl Pool {
                     );
                 }
                 Event::Connected => {
-                    self.warnings.push("the broker is back".to_owned());
+                    self.warnings
+                        .push(Warning::now("the broker is back".to_owned()));
                     self.reporter.tell(&Report::BrokerBack);
                     self.outages.back(now, SystemTime::now());
                     self.scheduler
@@ -109,8 +111,8 @@ impl Pool {
                 Event::Disconnected { reason, .. } => {
                     self.reporter.tell(&Report::BrokerLost { reason: &reason });
                     self.outages.lost(&reason, now, SystemTime::now());
-                    self.warnings
-                        .push(format!("lost the broker ({reason}); trying again"));
+                    let text = format!("lost the broker ({reason}); trying again");
+                    self.warnings.push(Warning::now(text));
                     self.scheduler.disconnected(now);
                 }
                 Event::Denied { topic, message } => denied.push((topic, message)),
@@ -162,7 +164,27 @@ impl Pool {
                 }
                 Action::Warn(text) => {
                     self.reporter.tell(&Report::Warning { message: &text });
-                    self.warnings.push(text);
+                    self.warnings.push(Warning::now(text));
+                }
+                Action::Unaudited(text) => {
+                    self.reporter.tell(&Report::Warning { message: &text });
+                    self.warnings.push(Warning {
+                        unaudited: true,
+                        ..Warning::now(text)
+                    });
+                }
+                Action::Failed {
+                    evaluation,
+                    text,
+                    first,
+                } => {
+                    if first {
+                        self.reporter.tell(&Report::Warning { message: &text });
+                    }
+                    self.warnings.push(Warning {
+                        failed: Some(evaluation),
+                        ..Warning::now(text)
+                    });
                 }
                 Action::Overdue(server) => self.supervision.is_overdue(server),
                 Action::AskBroker => self.probe.ask(),

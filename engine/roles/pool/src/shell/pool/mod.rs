@@ -11,7 +11,7 @@ use swarmwright_protocol::{Activity, Status, Topic, Topics};
 
 use crate::config::Config;
 use crate::counts::Counts;
-use crate::journal::Attempt;
+use crate::journal::{Attempt, Warning};
 use crate::mode::Mode;
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::discovery::PROBATION;
@@ -63,7 +63,7 @@ pub struct Pool {
     timeouts: Timeouts,
     probation: Duration,
     events: Vec<Event>,
-    warnings: Vec<String>,
+    warnings: Vec<Warning>,
     reporter: Reporter,
     outages: Outages,
     supervision: Supervision,
@@ -276,7 +276,7 @@ impl Pool {
     }
 
     /// What the user should know, since the last call.
-    pub fn take_warnings(&mut self) -> Vec<String> {
+    pub fn take_warnings(&mut self) -> Vec<Warning> {
         std::mem::take(&mut self.warnings)
     }
 

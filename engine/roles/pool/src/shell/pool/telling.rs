@@ -6,6 +6,7 @@ use swarmwright_mqtt::PublishOptions;
 use swarmwright_protocol::{Activity, Status, Topic};
 
 use super::{Pool, REPEATS_INTERVAL};
+use crate::journal::Warning;
 use crate::shell::report::Report;
 
 /// A connection that ends so soon after a status ended because of it, if it does so again and again: some brokers end
@@ -53,7 +54,7 @@ impl Pool {
     /// Tells what the user should know.
     pub(super) fn warn(&mut self, text: String) {
         self.reporter.tell(&Report::Warning { message: &text });
-        self.warnings.push(text);
+        self.warnings.push(Warning::now(text));
     }
 
     /// Tells of the warnings that were like those before.
