@@ -16,6 +16,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return "" if near is None else f"; did you mean '{near}'?"
 
 
+def meant_or_all(name: str, known: Iterable[str], words: str = "available") -> str:
+    """Return "; did you mean 'x'?", or "; available: a, b" where none is near; words: instead of that one."""
+    names = list(known)
+    return did_you_mean(name, names) or f"; {words}: {', '.join(names) or 'none'}"
+
+
 def nearest(name: str, known: Iterable[str]) -> str | None:
     """Return the one of `known` that was meant; None when none is near.
 
@@ -59,8 +65,7 @@ def unknown(what: str, name: str, known: Iterable[str]) -> str:
 
 def unknown_key(key: str, known: Iterable[str]) -> str:
     """Say that a file has no such key, with the nearest known one or the list of all, in their order."""
-    keys = list(known)
-    return f"unknown key{did_you_mean(key, keys) or '; known keys: ' + ', '.join(keys)}"
+    return f"unknown key{meant_or_all(key, known, 'known keys')}"
 
 
 def folded(name: str) -> str:

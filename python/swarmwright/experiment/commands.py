@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.problems import Report, shown
-from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.suggestions import did_you_mean, meant_or_all
 from swarmwright.common.yaml import Path_
 from swarmwright.controllers.kinds.parameter_set import CategoricalParameter, ParameterSetOptions
 from swarmwright.methods.plug_ins import REGISTRIES
@@ -207,7 +207,7 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
     for path, template in templates:
         for name in template.names:
             if name not in known:
-                hint = did_you_mean(name, known) or f"; available: {', '.join(known)}"
+                hint = meant_or_all(name, known)
                 report(path, f"{{{name}}} is not a placeholder, and no parameter has this name{hint}")
     if options.controller != "stepwise":
         files: list[tuple[Path_, Template]] = [
@@ -366,7 +366,7 @@ def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> 
     for path, text, known in places:
         for name in names_in(text):
             if name not in known:
-                hint = did_you_mean(name, known) or f"; available: {', '.join(known)}"
+                hint = meant_or_all(name, known)
                 report(path, f"{{{name}}} is not a placeholder{hint}")
     used = {name for word in reset for name in names_in(word)}
     words = [

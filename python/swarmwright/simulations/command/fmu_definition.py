@@ -18,7 +18,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
 from swarmwright.common.problems import shown
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.suggestions import did_you_mean, meant_or_all
 from swarmwright.common.yaml import Path_
 from swarmwright.simulations.command.definition import CommandOptions, Definition, Reduction
 from swarmwright.simulations.fmu.description import (
@@ -228,7 +228,7 @@ def _unconvertible(options: "FmuOptions", known: Description, channel: "Channel"
     if not variable.unit:
         return f"unit: {about} has no unit, so {channel.unit} cannot be converted"
     others = list(known.conversions.get(variable.unit, {}))
-    hint = did_you_mean(channel.unit, others) or f"; available: {', '.join(others) or 'none'}"
+    hint = meant_or_all(channel.unit, others)
     return (
         f"unit: {options.fmu} does not define how {variable.unit}, the unit of {variable.name}, is "
         f"converted to {channel.unit!r}{hint}"
@@ -240,7 +240,7 @@ def _empty(file: str, known: Description, terminal: str, causality: str) -> str:
     if terminal in known.terminals:
         return f"the terminal {terminal} of {file} has no {causality}"
     names = list(known.terminals)
-    hint = did_you_mean(terminal, names) or f"; available: {', '.join(names) or 'none'}"
+    hint = meant_or_all(terminal, names)
     return f"{file} has no terminal {terminal!r}{hint}"
 
 

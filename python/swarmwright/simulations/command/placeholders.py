@@ -17,7 +17,7 @@ from typing import Any
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import shown
-from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.suggestions import meant_or_all
 from swarmwright.common.untrusted import leads_elsewhere
 
 _CODE_OPTIONS = (
@@ -218,7 +218,7 @@ class Template:
             if self.place is Place.FILE:
                 return f"{{{name}}}"
             known = [*values.own, *values.parameters]
-            hint = did_you_mean(name, known) or f"; available: {', '.join(known)}"
+            hint = meant_or_all(name, known)
             raise InputError(
                 f"{self.where}: {{{name}}} is not a placeholder, and no parameter has this name{hint}"
             )

@@ -14,7 +14,7 @@ from swarmwright.common import metric_names
 from swarmwright.common.options import Options
 from swarmwright.common.problems import shown
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.suggestions import did_you_mean, meant_or_all
 from swarmwright.common.yaml import Path_, dotted_path
 from swarmwright.simulations.command.definition import Choices, Command, CommandOptions, Definition
 from swarmwright.simulations.ros.fields import READERS, STATES, WRITERS, SameFieldError, reader, writers
@@ -102,7 +102,7 @@ def _of_metrics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
             if options.ros == 1:
                 yield (*path, "type"), "simulation_interfaces are of ROS 2"
             if metric.field not in STATES:
-                hint = did_you_mean(metric.field or "", STATES) or f"; available: {', '.join(STATES)}"
+                hint = meant_or_all(metric.field or "", STATES)
                 yield (*path, "field"), f"{metric.field!r} is not a field of an entity's state{hint}"
         else:
             yield from _problem({**metric.place, "sensor": name}, "sensors", path)

@@ -16,7 +16,7 @@ from xml.etree import ElementTree as ET
 
 from swarmwright.common import archives
 from swarmwright.common.errors import InputError, explained
-from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.suggestions import did_you_mean, meant_or_all
 from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.common.warn_once import warn_once
 from swarmwright.simulations.fmu import description as fmus
@@ -419,7 +419,7 @@ def variable_of(system: System, name: str) -> Variable:
     component, _, variable = name.partition(".")
     if component not in system.components:
         known = list(system.components)
-        hint = did_you_mean(component, known) or f"; available: {', '.join(known)}"
+        hint = meant_or_all(component, known)
         raise InputError(f"{name}: there is no component {component!r}{hint}")
     found = system.components[component].variables.get(variable)
     if found is None:
