@@ -100,10 +100,8 @@ if TYPE_CHECKING:
         evaluate_episodes,
         simulate,
     )
-    from swarmwright.simulations.base import Simulation
-    from swarmwright.simulations.batches import BatchSimulation
+    from swarmwright.simulations.base import BatchSimulation, Group, Simulation
     from swarmwright.simulations.command.simulation import CommandSimulation
-    from swarmwright.simulations.groups import Group
     from swarmwright.simulations.parameters import Parameter
     from swarmwright.simulations.physics import Physics
 
@@ -169,7 +167,7 @@ __all__ = [
 ]
 
 _LAZY = {
-    "BatchSimulation": "simulations.batches",
+    "BatchSimulation": "simulations.base",
     "Bundle": "export.bundle",
     "BundleVerification": "export.bundle_verification",
     "CommandSimulation": "simulations.command.simulation",
@@ -181,7 +179,7 @@ _LAZY = {
     "Experiment": "experiment.experiment",
     "Exported": "export.exporting",
     "Generation": "runs.optimization.optimize",
-    "Group": "simulations.groups",
+    "Group": "simulations.base",
     "LearningCurve": "runs.learning_curve",
     "Parameter": "simulations.parameters",
     "Physics": "simulations.physics",

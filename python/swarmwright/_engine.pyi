@@ -24,7 +24,7 @@ from swarmwright.common.engine_types import (
     WarningFields,
 )
 from swarmwright.servers.evaluation.served_modules import ServedModules
-from swarmwright.simulations.physics_host import AnyHost
+from swarmwright.simulations.physics import AnyHost
 
 __all__ = [
     "FAULTS",

@@ -16,7 +16,7 @@ from swarmwright.common.ranges import Range, ranges_of
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.export.fmu_parts import named, unit_name
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.physics_host import AnyHost
+from swarmwright.simulations.physics import AnyHost
 
 Kind = Literal["number", "integer", "flag", "text", "json"]
 TIME, SEED, DONE, FITNESS = range(4)

@@ -15,8 +15,7 @@ from swarmwright.common.simulation_names import LIBRARIES, SimulationName, is_co
 from swarmwright.simulations.environments import NEW_EACH_EPISODE
 
 if TYPE_CHECKING:
-    from swarmwright.simulations.base import Simulation
-    from swarmwright.simulations.batches import BatchSimulation
+    from swarmwright.simulations.base import BatchSimulation, Simulation
 
 __all__ = ["simulation"]
 

@@ -1,15 +1,144 @@
-"""The classes that simulations in Python derive from."""
+"""The classes that simulations in Python derive from.
 
+Kinds of agents in one simulation, as its class declares them.
+
+Simulations in Python that step many episodes at once, with numpy.
+"""
+
+import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmwright.common.errors import InputError
+from swarmwright.common.groups import DeclaredGroup
+from swarmwright.common.ranges import ranges_of
+from swarmwright.simulations.parameters import Parameter
+
 if TYPE_CHECKING:
     from swarmwright.display import Scene
-    from swarmwright.simulations.groups import Group
+
+
+_LARGEST_COUNT = 1_000_000
+"""Agents, sensors or actuators of a group, at most."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Agents of one kind, of a simulation with several: a value of its `groups`.
+
+    groups = {"predators": Group(agents="numPredators", sensors=4, actuators=2),
+              "prey": Group(agents=1, sensors=6, actuators=1)}
+    """
+
+    agents: int | str
+    """How many there are, or the parameter that says it."""
+    sensors: int
+    """Sensor values of an agent, at least 1."""
+    actuators: int
+    """Actuator values of an agent, at least 1."""
+    sensor_names: Sequence[str] = ()
+    """Names of an agent's sensors, one for each, or none at all."""
+    actuator_names: Sequence[str] = ()
+    """Names of an agent's actuators, in the same way."""
+    sensor_ranges: Sequence[tuple[float, float] | tuple[float, float, str] | None] = field(
+        default=(), compare=False
+    )
+    """What -1 and 1 of an agent's sensors stand for, see `Simulation`."""
+    actuator_ranges: Sequence[tuple[float, float] | tuple[float, float, str] | None] = field(
+        default=(), compare=False
+    )
+    """What -1 and 1 of an agent's actuators stand for, in the same way."""
+
+    def __post_init__(self) -> None:
+        """Take NumPy's integers for Python's."""
+        for name in ("agents", "sensors", "actuators"):
+            given = getattr(self, name)
+            if not isinstance(given, bool | str) and hasattr(given, "__index__"):
+                object.__setattr__(self, name, operator.index(given))
+
+    def count(self, parameters: Mapping[str, Any]) -> int:
+        """Return how many there are with these parameters, in which none is missing.
+
+        Raises InputError, `name: why`, for a parameter that is no number of agents.
+        """
+        if isinstance(self.agents, int):
+            return self.agents
+        value = parameters.get(self.agents)
+        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST_COUNT:
+            raise InputError(
+                f"{self.agents}: {value!r} found, expected a number of agents, 0 to {_LARGEST_COUNT}"
+            )
+        return value
+
+
+def declared(groups: Any, parameters: Mapping[str, Parameter], where: str) -> dict[str, Group]:  # noqa: ANN401 - whatever the class says
+    """Return the groups of a class, checked.
+
+    Args:
+        groups: name -> Group, in the order of the agents.
+        parameters: those of the class.
+        where: its name, for messages.
+
+    Raises InputError, naming class and attribute.
+    """
+    if not isinstance(groups, Mapping):
+        raise InputError(f"{where}.groups: {groups!r} found, expected names with Group(..) for each")
+    for name, one in groups.items():
+        if not isinstance(name, str) or not name:
+            raise InputError(f"{where}.groups: the name {name!r} found, expected text")
+        at = f"{where}.groups[{name!r}]"
+        if not isinstance(one, Group):
+            raise InputError(f"{at}: {one!r} found, expected Group(agents=.., sensors=.., actuators=..)")
+        _check(one, parameters, at)
+    return dict(groups)
+
+
+def _check(one: Any, parameters: Mapping[str, Parameter], at: str) -> None:  # noqa: ANN401 - fields may be anything
+    for key in ("sensors", "actuators"):
+        number, names = getattr(one, key), getattr(one, f"{key[:-1]}_names")
+        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _LARGEST_COUNT:
+            raise InputError(f"{at}.{key}: {number!r} found, expected an integer from 1 to {_LARGEST_COUNT}")
+        if names and len(names) != number:
+            raise InputError(f"{at}.{key[:-1]}_names: {len(names)} found, expected {number}")
+        try:
+            ranges_of(getattr(one, f"{key[:-1]}_ranges"), number)
+        except ValueError as error:
+            raise InputError(f"{at}.{key[:-1]}_ranges: {error}") from None
+    if isinstance(one.agents, str):
+        if one.agents not in parameters:
+            known = ", ".join(parameters) or "none"
+            raise InputError(f"{at}.agents: there is no parameter {one.agents!r}; there are: {known}")
+        if parameters[one.agents].kind != "integer":
+            raise InputError(f"{at}.agents: the parameter {one.agents!r} is not an integer")
+    elif (
+        isinstance(one.agents, bool)
+        or not isinstance(one.agents, int)
+        or not 0 <= one.agents <= _LARGEST_COUNT
+    ):
+        raise InputError(
+            f"{at}.agents: {one.agents!r} found, expected a number from 0 to {_LARGEST_COUNT}, or the name "
+            "of a parameter"
+        )
+
+
+def counted(groups: Mapping[str, Group], parameters: Mapping[str, Any]) -> list[DeclaredGroup]:
+    """Return the groups with numbers of agents. Raises InputError as `Group.count`."""
+    return [
+        DeclaredGroup(
+            name,
+            one.count(parameters),
+            one.sensors,
+            one.actuators,
+            tuple(one.sensor_names),
+            tuple(one.actuator_names),
+        )
+        for name, one in groups.items()
+    ]
 
 
 class Described(ABC):
@@ -190,4 +319,93 @@ class Simulation(Described):
         None, the default, for nothing to show. `swarmwright replay` uses it for videos and pages when the
         class has no `scene`.
         """
+        return None
+
+
+class BatchSimulation(Described):
+    """A simulation whose methods take and return arrays of many episodes: one numpy call steps them all.
+
+        class Gather(BatchSimulation):
+            title, dimensions, sensors, actuators = "gather", 1, 1, 1
+
+            def reset(self, parameters, seeds):
+                starts = [np.random.default_rng(int(seed)).uniform(-1, 1, (5, 1)) for seed in seeds]
+                self.x = np.stack(starts)
+                self.steps = 0
+                return self.x
+
+            def step(self, actions):
+                self.x += 0.1 * actions
+                self.steps += 1
+                return self.x
+
+            def done(self):
+                return np.full(len(self.x), self.steps == 30)
+
+            def fitness(self):
+                return -np.abs(self.x).mean(axis=(1, 2))
+
+    All episodes have the same parameters and as many agents; each has a seed and controllers.
+    Wherever a `Simulation` can be used, this can be, too. Offloaded controllers are
+    evaluated with up to `lanes` others at once, and a batch has up to `lanes` or 256 episodes; in the mode
+    stepwise, and for offloaded parameter sets, there is one episode in the arrays. For the same result in
+    every mode, no episode may depend on how many there are: `swarmwright.testing.check_batch_simulation`
+    tries that. When a method raises, episodes are repeated one by one, so that only those fail that do alone.
+    """
+
+    lanes: int = 1024
+    """Most episodes at once."""
+
+    @abstractmethod
+    def reset(self, parameters: dict[str, Any], seeds: NDArray[np.uint64]) -> ArrayLike:
+        """Start an episode for each seed and return the first observations.
+
+        Args:
+            parameters: as in `Simulation.reset`.
+            seeds: (episodes,), the only source of chance.
+
+        Returns:
+            Observations, (episodes, agents, sensors), finite.
+
+        Raises:
+            swarmwright.InputError: as in `Simulation.reset`.
+        """
+
+    @abstractmethod
+    def step(self, actions: NDArray[np.float32]) -> ArrayLike:
+        """Advance all episodes by one step.
+
+        Args:
+            actions: (episodes, agents, actuators), float32, -1 to 1; 0 for agents that did not act, and for
+                episodes that have ended.
+
+        Returns:
+            Observations as from `reset`; those of episodes that have ended, and of agents that do not act
+            next, do not count.
+        """
+
+    @abstractmethod
+    def done(self) -> ArrayLike:
+        """Return which episodes have ended, (episodes,) booleans.
+
+        Asked after `reset` and after every step.
+        """
+
+    @abstractmethod
+    def fitness(self) -> ArrayLike:
+        """Return how well each went, (episodes,), more is better.
+
+        Asked as often as an episode has ended, when only those that ended with this step count.
+        """
+
+    def measure(self) -> Mapping[str, ArrayLike]:
+        """Return the metrics, name -> (episodes,), as `fitness`."""
+        return {}
+
+    def acting(self) -> ArrayLike | None:
+        """Return who acts next, (episodes, agents) booleans; None, the default, for all."""
+        return None
+
+    def scene(self) -> Any:  # noqa: ANN401 - a swarmwright.Scene
+        """Return what the first episode looks like now, a `swarmwright.display.Scene`; None for nothing."""
         return None

@@ -48,8 +48,7 @@ def has_missions(simulation: str) -> bool:
 
     Raises InputError when it cannot be loaded, or does not say what it has to.
     """
-    from swarmwright.simulations.physics import Physics
-    from swarmwright.simulations.physics_host import check
+    from swarmwright.simulations.physics import Physics, check
 
     kind = _load(simulation)
     if not issubclass(kind, Physics):
@@ -135,7 +134,7 @@ def playable(simulation: str) -> Any:  # noqa: ANN401 - as the engine takes it
     """
     if not is_python(simulation):
         return simulation
-    from swarmwright.simulations.physics_host import hosted
+    from swarmwright.simulations.physics import hosted
 
     return hosted(_load(simulation))
 
@@ -323,7 +322,7 @@ def groups(simulation: str, parameters: dict[str, Any]) -> list[DeclaredGroup]:
     """
     known = _engine_title(simulation)
     if known is None:
-        from swarmwright.simulations.groups import counted
+        from swarmwright.simulations.base import counted
 
         found = _python_description(simulation)
         if not found.groups:

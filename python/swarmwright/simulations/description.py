@@ -12,10 +12,8 @@ from swarmwright.common import metric_names
 from swarmwright.common.errors import InputError
 from swarmwright.common.ranges import Range, ranges_of
 from swarmwright.common.suggestions import similar
-from swarmwright.simulations.base import Described, Simulation
-from swarmwright.simulations.batches import BatchSimulation
-from swarmwright.simulations.groups import Group
-from swarmwright.simulations.groups import declared as declared_groups
+from swarmwright.simulations.base import BatchSimulation, Described, Group, Simulation
+from swarmwright.simulations.base import declared as declared_groups
 from swarmwright.simulations.parameters import Parameter, declared
 
 _LARGEST_COUNT = 1_000_000

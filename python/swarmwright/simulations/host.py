@@ -18,11 +18,9 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.groups import DeclaredGroup
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.warn_once import warn_once
-from swarmwright.simulations.base import Described, Simulation
-from swarmwright.simulations.batches import BatchSimulation
+from swarmwright.simulations.base import BatchSimulation, Described, Simulation, counted
 from swarmwright.simulations.calls import OBSERVATIONS_ALONE, Calls, is_of_gymnasium, short
 from swarmwright.simulations.description import Description, describe
-from swarmwright.simulations.groups import counted
 from swarmwright.simulations.parameters import filled_in
 
 if TYPE_CHECKING:

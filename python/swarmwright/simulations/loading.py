@@ -22,8 +22,7 @@ from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.tracebacks import words_of
 from swarmwright.simulations import isolation
-from swarmwright.simulations.base import Described, Simulation
-from swarmwright.simulations.batches import BatchSimulation
+from swarmwright.simulations.base import BatchSimulation, Described, Simulation
 from swarmwright.simulations.names import (
     FROM_FILE,
     environment_held,
@@ -32,8 +31,7 @@ from swarmwright.simulations.names import (
     module_name_beside,
     place_of_module,
 )
-from swarmwright.simulations.physics import Physics
-from swarmwright.simulations.physics_host import Kind
+from swarmwright.simulations.physics import Kind, Physics
 from swarmwright.simulations.user_code import trust
 from swarmwright.simulations.user_code.changes import choose, copy_is_used
 from swarmwright.simulations.user_code.copying import FOLDER as CODE

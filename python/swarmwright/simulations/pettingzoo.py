@@ -17,6 +17,7 @@ from swarmwright.common.errors import InputError, SimulationError
 from swarmwright.common.ranges import common
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.tracebacks import located
+from swarmwright.simulations.base import Group
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.environments._environment import (
     Actions,
@@ -31,7 +32,6 @@ from swarmwright.simulations.environments._environment import (
     single,
     with_mask,
 )
-from swarmwright.simulations.groups import Group
 
 _BY_AGENT = ("observations", "rewards", "terminations", "truncations")
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import InputError
 from swarmwright.common.ranges import common
 from swarmwright.common.tracebacks import located
-from swarmwright.simulations.batches import BatchSimulation
+from swarmwright.simulations.base import BatchSimulation
 from swarmwright.simulations.environments._environment import check_paths, environment_seed, ranges
 
 

@@ -10,8 +10,7 @@ import numpy as np
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.suggestions import unknown
 from swarmwright.simulations import other_process
-from swarmwright.simulations.base import Simulation
-from swarmwright.simulations.batches import BatchSimulation
+from swarmwright.simulations.base import BatchSimulation, Simulation
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.other_process import Outcome, Trial, difference

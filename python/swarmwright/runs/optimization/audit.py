@@ -21,7 +21,7 @@ from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs.store import Evaluation, StoreReader
 from swarmwright.servers.evaluation.base import AuditedEpisode, Backend, BudgetSpent, Controllers, Progress
-from swarmwright.simulations.batches import BatchSimulation
+from swarmwright.simulations.base import BatchSimulation
 from swarmwright.simulations.catalogue import built_in
 from swarmwright.simulations.command.checking import definition_of_name
 from swarmwright.simulations.command.ros_definition import RosOptions

@@ -9,8 +9,7 @@ from swarmwright.common.processes import RANDOM
 from swarmwright.common.simulation_names import is_command, is_python
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.servers.evaluation.base import Backend
-from swarmwright.simulations.base import Simulation
-from swarmwright.simulations.batches import BatchSimulation
+from swarmwright.simulations.base import BatchSimulation, Simulation
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.other_process import NotRunError, Trial, difference, outcomes

@@ -36,7 +36,7 @@ from swarmwright.servers.rows import Journal
 from swarmwright.servers.server_use import ServerUses
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.loading import load
-from swarmwright.simulations.physics_host import hosted
+from swarmwright.simulations.physics import hosted
 
 _log = logging.getLogger("swarmwright")
 

@@ -131,7 +131,7 @@ def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], N
     if name in catalogue.titles():
         return name
     from swarmwright.simulations import loading  # noqa: PLC0415 - only for simulations in Python
-    from swarmwright.simulations.physics_host import hosted  # noqa: PLC0415 - only for simulations in Python
+    from swarmwright.simulations.physics import hosted  # noqa: PLC0415 - only for simulations in Python
     from swarmwright.simulations.user_code.changes import check_unchanged  # noqa: PLC0415 - only for simulations in Python
 
     loading.serving = True

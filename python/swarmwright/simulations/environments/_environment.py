@@ -45,10 +45,9 @@ from swarmwright.common.suggestions import similar
 from swarmwright.common.tracebacks import located
 from swarmwright.common.untrusted import paths_elsewhere
 from swarmwright.common.warn_once import warn_once
-from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.base import Group, Simulation
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.environments import NEW_EACH_EPISODE
-from swarmwright.simulations.groups import Group
 from swarmwright.simulations.isolation import Apart
 
 MASK = "action_mask"

@@ -6,8 +6,6 @@ town.sumocfg}`. SUMO runs in the same process (libsumo), `pip install 'swarmwrig
 Source: Alvarez Lopez et al., Microscopic Traffic Simulation using SUMO, ITSC 2018, https://sumo.dlr.de.
 """
 
-from swarmwright.simulations.sumo._lights import TrafficLights
-from swarmwright.simulations.sumo._traffic import Traffic
-from swarmwright.simulations.sumo._vehicles import Vehicles
+from swarmwright.simulations.sumo._traffic import Traffic, TrafficLights, Vehicles
 
 __all__ = ["Traffic", "TrafficLights", "Vehicles"]

@@ -1,6 +1,10 @@
 """What vehicles and traffic lights have in common: SUMO in this process, episodes, metrics, pictures.
 
 Checks the files of a configuration: SUMO itself ends the process at a network that is not XML.
+
+Traffic lights that decide by themselves when to change.
+
+Vehicles that evolved controllers accelerate, among others that follow SUMO's models.
 """
 
 import contextlib
@@ -326,3 +330,220 @@ class Traffic(Simulation):
 
 def _words(error: Exception) -> str:
     return " ".join(str(error).split())
+
+
+_FOR_EVER_S = 1e6
+"""Seconds of a phase that ends only when it is changed."""
+_VEHICLE_M = 7.5
+"""Metres of a lane that a waiting vehicle takes."""
+_LONG_WAIT_S = 60.0
+"""Seconds that make the sensor of time 1."""
+
+
+@dataclass(frozen=True)
+class _Green:
+    """Lanes of a green phase: those that may drive, those that wait, and where the first lead to."""
+
+    driving: tuple[str, ...]
+    waiting: tuple[str, ...]
+    exits: tuple[str, ...]
+
+
+class TrafficLights(Traffic):
+    """Each traffic light of the network changes to its next green phase when its controller says so.
+
+    Phases, their order, and the times of yellow are those of the network's program; how long green lasts is
+    the controller's decision, but not less than `green`.
+
+    Sensors: share of the lanes with green on which vehicles wait; the same of lanes with red; share of the
+    lanes behind the crossing, of those with green, that is taken; how long it has been green, in minutes, 1
+    at most.
+    Actuators: above 0 change to the next green phase.
+    Fitness: minus the mean seconds that a vehicle waits.
+
+    Source of the task: Gershenson, Self-organizing traffic lights, Complex Systems 16, 2005.
+    """
+
+    title = "sumo traffic lights"
+    sensors, actuators = 4, 1
+    sensor_names = ("waiting at green", "waiting at red", "taken behind", "green time")
+    actuator_names = ("change",)
+    parameters = {  # noqa: RUF012 - as in the base class
+        **Traffic.parameters,
+        "green": Parameter(5.0, "Seconds that a green phase lasts, at least.", minimum=0.0, maximum=600.0),
+    }
+
+    def begin(self, parameters: dict[str, Any], lately: list[str]) -> NDArray[np.float64]:
+        """Read the programs of the lights."""
+        lights, self._least = self.sumo.trafficlight, parameters["green"]
+        self.lights = sorted(lights.getIDList())
+        if not self.lights:
+            raise InputError(f"config: {self._path}: the network has no traffic lights")
+        self._phases = {light: self._program(light) for light in self.lights}
+        self._since: dict[str, float | None] = dict.fromkeys(self.lights)
+        lanes = {lane for phases in self._phases.values() for one in phases if one for lane in _all(one)}
+        self._holds = {lane: max(self.sumo.lane.getLength(lane) / _VEHICLE_M, 1.0) for lane in sorted(lanes)}
+        for light in self.lights:
+            self._hold(light)
+        return self.look(lately)
+
+    def act(self, actions: NDArray[np.float32]) -> None:
+        """Change those lights that are told to and have been green for long enough."""
+        lights = self.sumo.trafficlight
+        for light, (action,) in zip(self.lights, actions.tolist(), strict=True):
+            since = self._since[light]
+            if action > 0 and since is not None and self._now() - since >= self._least - 1e-6:
+                lights.setPhase(light, (lights.getPhase(light) + 1) % len(self._phases[light]))
+                self._since[light] = None
+                self._hold(light)
+
+    def look(self, lately: list[str]) -> NDArray[np.float64]:  # noqa: ARG002 - lights wait for no vehicle in particular
+        """Return what the lights sense, (lights, 4)."""
+        seen = np.zeros((len(self.lights), 4))
+        for row, light in zip(seen, self.lights, strict=True):
+            green = self._hold(light)
+            if green is None:
+                continue
+            halting, taken = self.sumo.lane.getLastStepHaltingNumber, self.sumo.lane.getLastStepVehicleNumber
+            row[0] = self._share(green.driving, halting)
+            row[1] = self._share(green.waiting, halting)
+            row[2] = self._share(green.exits, taken)
+            row[3] = min((self._now() - (self._since[light] or 0.0)) / _LONG_WAIT_S, 1)
+        return seen
+
+    def fitness(self) -> float:
+        """Return minus the mean waiting time, seconds."""
+        return -self.measure()["waiting"]
+
+    def _hold(self, light: str) -> _Green | None:
+        """Keep a light green; return its phase, None while it changes."""
+        lights = self.sumo.trafficlight
+        green: _Green | None = self._phases[light][lights.getPhase(light)]
+        if green is not None:
+            lights.setPhaseDuration(light, _FOR_EVER_S)
+            if self._since[light] is None:
+                self._since[light] = self._now()
+        return green
+
+    def _now(self) -> float:
+        return float(self.sumo.simulation.getTime())
+
+    def _share(self, lanes: tuple[str, ...], count: Any) -> float:  # noqa: ANN401 - a function of SUMO's
+        """Return which share of the lanes vehicles take."""
+        return float(min(sum(map(count, lanes)) / max(sum(self._holds[lane] for lane in lanes), 1.0), 1.0))
+
+    def _program(self, light: str) -> list[_Green | None]:
+        """Return the phases of a light; None for those that lead from one green phase to the next."""
+        lights = self.sumo.trafficlight
+        running = lights.getProgram(light)
+        logic = next(one for one in lights.getAllProgramLogics(light) if one.programID == running)
+        links = lights.getControlledLinks(light)
+        return [_green(phase.state, links) for phase in logic.phases]
+
+
+def _green(state: str, links: Any) -> _Green | None:  # noqa: ANN401 - lists of SUMO's
+    """Return the lanes of a phase, given its signals and the links that each signal controls."""
+    if "y" in state or "Y" in state or not ("g" in state or "G" in state):
+        return None
+    driving, waiting, exits = set(), set(), set()
+    for signal, controlled in zip(state, links, strict=False):
+        for entry, leaving, _ in controlled:
+            if signal in "gG":
+                driving.add(entry)
+                exits.add(leaving)
+            else:
+                waiting.add(entry)
+    return _Green(tuple(sorted(driving)), tuple(sorted(waiting - driving)), tuple(sorted(exits)))
+
+
+def _all(green: _Green) -> tuple[str, ...]:
+    return (*green.driving, *green.waiting, *green.exits)
+
+
+_ALL_CHECKS, _NO_CHECKS = 31, 32
+"""Speed modes: all of SUMO's checks; none, not even of the right of way."""
+
+
+class Vehicles(Traffic):
+    """Vehicles of one type are accelerated by controllers, the others by SUMO's models.
+
+    Agents are the vehicles of the type `type`, in the order in which they depart; they act while they are on
+    the road.
+
+    Sensors: own speed; how near the vehicle ahead is, 0 (none within `range`) to 1 (bumper to bumper); how
+    much faster it is; the same two of the vehicle behind. Speeds are shares of `fastest`, 1 at most.
+    Actuators: acceleration, 1 and -1 are the most and the least of the vehicle's type.
+    Fitness: the mean speed of all vehicles, m/s.
+
+    A task for one agent, 21 others on a ring: Stern et al., Dissipation of stop-and-go waves via control of
+    autonomous vehicles, Transportation Research Part C 89, 2018.
+    """
+
+    title = "sumo vehicles"
+    sensors, actuators = 5, 1
+    sensor_names = ("speed", "near ahead", "faster ahead", "near behind", "faster behind")
+    actuator_names = ("acceleration",)
+    parameters = {  # noqa: RUF012 - as in the base class
+        **Traffic.parameters,
+        "agents": Parameter(1, "Vehicles that are agents, at most.", minimum=1, maximum=10_000),
+        "type": Parameter("agent", "The vType of vehicles that are agents."),
+        "range": Parameter(50.0, "How far vehicles sense others, metres.", minimum=1.0, maximum=1000.0),
+        "fastest": Parameter(15.0, "The speed that reads 1, m/s.", minimum=0.1, maximum=100.0),
+        "safe": Parameter(True, "Whether SUMO brakes agents that would collide otherwise."),
+    }
+
+    def begin(self, parameters: dict[str, Any], lately: list[str]) -> NDArray[np.float64]:
+        """Forget the vehicles of the episode before."""
+        self._kind, self._safe = parameters["type"], parameters["safe"]
+        self._range, self._fastest = parameters["range"], parameters["fastest"]
+        kinds = self.sumo.vehicletype.getIDList()
+        if self._kind not in kinds:
+            there = ", ".join(kind for kind in kinds if not kind.startswith("DEFAULT_")) or "none"
+            raise InputError(f"type: the configuration has no vType {self._kind!r}; available: {there}")
+        self.agents: list[str] = []
+        self._most = parameters["agents"]
+        return self.look(lately)
+
+    def act(self, actions: NDArray[np.float32]) -> None:
+        """Accelerate until the next action."""
+        vehicle = self.sumo.vehicle
+        for index in self._acting:
+            one, action = self.agents[index], float(actions[index, 0])
+            most = vehicle.getAccel(one) if action > 0 else vehicle.getDecel(one)
+            vehicle.setAcceleration(one, action * most, self.interval)
+
+    def look(self, lately: list[str]) -> NDArray[np.float64]:
+        """Return what the agents sense; rows of those that are not on the road are 0."""
+        vehicle = self.sumo.vehicle
+        for one in lately:
+            if len(self.agents) < self._most and vehicle.getTypeID(one) == self._kind:
+                vehicle.setSpeedMode(one, _ALL_CHECKS if self._safe else _NO_CHECKS)
+                self.agents.append(one)
+        there = set(self.vehicles)
+        self._acting = [index for index, one in enumerate(self.agents) if one in there]
+        seen = np.zeros((self._most, 5))
+        for index in self._acting:
+            one = self.agents[index]
+            speed = vehicle.getSpeed(one)
+            seen[index, 0] = min(speed / self._fastest, 1)
+            ahead, behind = vehicle.getLeader(one, self._range), vehicle.getFollower(one, self._range)
+            for column, other in ((1, ahead), (3, behind)):
+                if other is not None and other[0]:
+                    # SUMO leaves out the gap that the vehicle behind keeps when it stands.
+                    gap = other[1] + vehicle.getMinGap(one if column == 1 else other[0])
+                    seen[index, column] = 1 - min(max(gap / self._range, 0), 1)
+                    faster = (vehicle.getSpeed(other[0]) - speed) / self._fastest
+                    seen[index, column + 1] = min(max(faster, -1), 1)
+        return seen
+
+    def acting(self) -> list[int]:
+        """Return which agents are on the road."""
+        return self._acting
+
+    def fitness(self) -> float:
+        """Return the mean speed of all vehicles, m/s."""
+        return self.measure()["speed"]
+
+    def state(self, vehicle: str) -> str:
+        """Return what pictures call a vehicle: agent, waiting or driving."""
+        return "agent" if vehicle in self.agents else super().state(vehicle)
