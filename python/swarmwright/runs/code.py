@@ -24,6 +24,7 @@ from swarmwright.simulations.names import absolute, environment_held, environmen
 from swarmwright.simulations.user_code import changes
 from swarmwright.simulations.user_code.changes import choose, difference, near, present, summary
 from swarmwright.simulations.user_code.copying import FOLDER, Copy, Kept, digest_of, with_files
+from swarmwright.simulations.user_code.in_process import is_other
 from swarmwright.simulations.user_code.parts import (
     SECTIONS,
     Part,
@@ -35,7 +36,6 @@ from swarmwright.simulations.user_code.parts import (
     with_data,
 )
 from swarmwright.simulations.user_code.permission import remember, require_copy, require_named
-from swarmwright.simulations.user_code.sessions import is_other
 from swarmwright.simulations.user_code.trust import trusting
 
 if TYPE_CHECKING:

@@ -38,7 +38,7 @@ from swarmwright.simulations.user_code.copying import FOLDER as CODE
 from swarmwright.simulations.user_code.copying import Copy, Kept
 from swarmwright.simulations.user_code.imports import Walk
 from swarmwright.simulations.user_code.parts import Part, of_simulation
-from swarmwright.simulations.user_code.permission import require_command, require_copy, require_file
+from swarmwright.simulations.user_code.permission import require_copy, require_file, require_named
 
 _GUIDE = "see docs/how-to/use-environments.md"
 
@@ -177,7 +177,7 @@ def _kept_command(name: str) -> str:
     if now is None or now.digests.get(kept.main) != kept.digests[kept.main]:
         # The files are those of the copy, but the command is another one.
         if not _is_started_by_another():
-            require_command(name)
+            require_named(name)
         return name
     choice = choose(copy, kept)
     if not _is_started_by_another():

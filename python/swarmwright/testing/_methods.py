@@ -242,7 +242,7 @@ def _refused(action: Callable[[], object], otherwise: str) -> None:
     raise AssertionError(otherwise)
 
 
-_CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from swarmwright.testing import _replay; _replay.main()"  # noqa: E501 - one line of a command
+_CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from swarmwright.testing import _methods; _methods.main()"  # noqa: E501 - one line of a command
 
 
 def check_replay(method: Method) -> None:

@@ -51,8 +51,8 @@ from swarmwright.runs.validation import validate
 from swarmwright.servers.evaluation.base import HERE, Backend, Progress, Servers, chosen
 from swarmwright.servers.rows import NOTHING_LEFT
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.user_code.in_process import fingerprints, warn_of_edits
 from swarmwright.simulations.user_code.parts import SECTIONS, distributions
-from swarmwright.simulations.user_code.sessions import fingerprints, warn_of_edits
 
 __all__ = ["Generation", "optimize", "resume"]
 

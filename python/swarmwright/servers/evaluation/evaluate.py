@@ -34,8 +34,8 @@ from swarmwright.servers.evaluation.prepared import check_finite, check_size, pr
 from swarmwright.servers.evaluation.seeds import seeds_of
 from swarmwright.servers.rows import Journal
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.user_code.in_process import warn_of_edits
 from swarmwright.simulations.user_code.parts import of_simulation
-from swarmwright.simulations.user_code.sessions import warn_of_edits
 
 _log = logging.getLogger("swarmwright")
 _MOST_TOLD = 10

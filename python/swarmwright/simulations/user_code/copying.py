@@ -242,29 +242,30 @@ def display_name(simulation: str) -> str:
 
 def holds_copies_alone(run: Path) -> bool:
     """Whether `remove` would leave nothing of the folder of copies."""
-    known = set()
-    for manifest in (run / FOLDER).glob(f"*/{_MANIFEST}"):
-        known.add(manifest)
-        copy = Copy(manifest.parent)
-        with suppress(InputError):
-            known |= {
-                copy.folder / kept.name / place for kept in copy.parts.values() for place in kept.digests
-            }
+    known = _copied(run)
     return not (run / FOLDER).is_symlink() and all(
         entry in known or "__pycache__" in entry.parts or (entry.is_dir() and not entry.is_symlink())
         for entry in (run / FOLDER).rglob("*")
     )
 
 
-def remove(run: Path) -> None:
-    """Delete the copies in a run folder, but no other files beside them."""
+def _copied(run: Path) -> set[Path]:
+    """Return the manifests of the copies in a run folder, and the files that they name."""
+    found = set()
     for manifest in (run / FOLDER).glob(f"*/{_MANIFEST}"):
+        found.add(manifest)
         copy = Copy(manifest.parent)
         with suppress(InputError):
-            for kept in copy.parts.values():
-                for place in kept.digests:
-                    (copy.folder / kept.name / place).unlink(missing_ok=True)
-        manifest.unlink()
+            found |= {
+                copy.folder / kept.name / place for kept in copy.parts.values() for place in kept.digests
+            }
+    return found
+
+
+def remove(run: Path) -> None:
+    """Delete the copies in a run folder, but no other files beside them."""
+    for file in _copied(run):
+        file.unlink(missing_ok=True)
     for folder in sorted((run / FOLDER).glob("**/"), reverse=True):  # inner ones first
         if folder.is_symlink():
             continue

@@ -1,18 +1,15 @@
 """Whether the code that a run names may be executed: see `swarmwright.simulations.user_code.trust`."""
 
-import hashlib
 import site
 import sysconfig
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-from swarmwright.common.errors import InputError
-from swarmwright.common.simulation_names import SimulationName, is_command
+from swarmwright.common.simulation_names import SimulationName
 from swarmwright.simulations.user_code import trust
 from swarmwright.simulations.user_code.changes import Choice
 from swarmwright.simulations.user_code.copying import Copy, Kept
-from swarmwright.simulations.user_code.imports import Walk
 from swarmwright.simulations.user_code.parts import Part, of_simulation
 
 
@@ -35,14 +32,13 @@ def require_copy(copy: Copy, kept: Kept, choice: Choice) -> None:
 
 
 def require_named(simulation: str) -> None:
-    """Raise InputError unless the code that a run names, and has no copy of, may be executed."""
-    if is_command(simulation):
-        require_command(simulation)
-        return
-    found = _files(simulation)
-    if found:
-        files = {place: hashlib.sha256(path.read_bytes()).hexdigest() for place, path in found.items()}
-        trust.require(files, next(iter(found.values())))
+    """Raise InputError unless the code that a run names, and has no copy of, may be executed.
+
+    Of a command these are its words and the files that it names; installed packages need no trust.
+    """
+    part = of_simulation(simulation)
+    if part is not None and (own := _own(part)):
+        trust.require(own, part.origin)
 
 
 def require_file(name: str) -> None:
@@ -66,27 +62,6 @@ def trusts_file(name: str) -> bool:
         return False
     held = Copy.holding(parsed.file)
     return trust.is_trusted(Part.of_file("", "", parsed.file).digests if held is None else held[1].digests)
-
-
-def require_command(simulation: str) -> None:
-    """Raise InputError unless a command may be executed: its words, and the files that it names."""
-    part = of_simulation(simulation)
-    assert part is not None
-    trust.require(part.digests, part.origin)
-
-
-def _files(simulation: str) -> Mapping[str, Path]:
-    """Return the files of a class or environment that are not installed; none if it does not exist."""
-    parsed = SimulationName.parse(simulation)
-    try:
-        if parsed.file is not None:
-            return Walk.of_file(parsed.file.resolve()).files
-        if parsed.module in {"", "__main__"}:
-            return {}
-        found = Walk.of_module(parsed.module).files
-    except OSError as error:
-        raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
-    return {name: path for name, path in found.items() if not _is_installed(path)}
 
 
 def _own(part: Part) -> dict[str, str]:

@@ -52,23 +52,16 @@ def remember(files: Mapping[str, str], name: str) -> None:
         return
     digest = digest_of(files)
     _granted.add(digest)
-    kept = folder()
-    if kept is None:
-        warn_once(
-            "HOME and XDG_STATE_HOME are not set, so later commands ask whether the code of this run is to "
-            "be trusted, or need --trust"
-        )
-        return
-    file = kept / digest
-    try:
-        if not file.exists():
-            file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            file.write_text(f"{name}\n", encoding="utf-8", errors="backslashreplace")
-    except OSError as error:
-        warn_once(
-            f"{kept}: cannot be written: {error.strerror}; so later commands ask whether the code of this "
-            "run is to be trusted, or need --trust"
-        )
+    kept, why = folder(), "HOME and XDG_STATE_HOME are not set,"
+    if kept is not None:
+        try:
+            if not (kept / digest).exists():
+                kept.mkdir(mode=0o700, parents=True, exist_ok=True)
+                (kept / digest).write_text(f"{name}\n", encoding="utf-8", errors="backslashreplace")
+            return
+        except OSError as error:
+            why = f"{kept}: cannot be written: {error.strerror};"
+    warn_once(f"{why} so later commands ask whether the code of this run is to be trusted, or need --trust")
 
 
 def is_trusted(files: Mapping[str, str]) -> bool:

@@ -1,6 +1,7 @@
-"""Fingerprints of classes of notebooks, which have no file: changes are seen by them.
+"""What this process executes, which may be other code than files and earlier sessions of a run have.
 
-Whether modules in this process are what their files hold now: an import is not repeated after an edit.
+Classes of notebooks have no file: changes are seen by fingerprints of their code. A module is not imported
+again after an edit: the process executes what it imported, while a run keeps a copy of what the file holds.
 """
 
 import ast
@@ -9,9 +10,8 @@ import hashlib
 import platform
 import reprlib
 import sys
-import types
 from collections.abc import Iterator, Mapping, Sequence
-from types import CodeType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 from swarmwright.common.simulation_names import SimulationName
@@ -23,6 +23,12 @@ PYTHON = "python"
 """Whose version decides whether fingerprints can be compared: bytecode differs between versions."""
 _IGNORED = {"__annotations__", "__dict__", "__doc__", "__firstlineno__", "__module__", "__weakref__"}
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(...))
+_EDITED = (
+    "was edited after this process imported it; it executes what it imported, servers and the copy in the "
+    "run have the edited file: begin again in a new process (in a notebook: restart the kernel)"
+)
+_RELOADED = "__autoreload_class__."
+"""What the names of methods begin with that IPython's autoreload has replaced in a class."""
 
 
 def fingerprint(simulation: str) -> str | None:
@@ -39,10 +45,8 @@ def fingerprint(simulation: str) -> str | None:
     kind = getattr(module, simulation.rpartition(":")[2], None)
     if not isinstance(kind, type):
         return None
-    total = hashlib.sha256()
-    for line in _lines(kind, vars(module), set()):
-        total.update(line.encode(errors="backslashreplace") + b"\n")
-    return total.hexdigest()[:16]
+    text = "\n".join(_described(kind, vars(module), set()))
+    return hashlib.sha256(text.encode(errors="backslashreplace")).hexdigest()[:16]
 
 
 def fingerprints(simulation: str) -> dict[str, str]:
@@ -56,69 +60,61 @@ def is_other(simulation: str, versions: Mapping[str, str]) -> bool:
     before = versions.get(simulation)
     if before is None or versions.get(PYTHON) != platform.python_version():
         return False
-    now = fingerprint(simulation)
-    return now is not None and now != before
+    return fingerprint(simulation) not in {None, before}
 
 
-def _lines(kind: type, known: Mapping[str, Any], seen: set[int]) -> Iterator[str]:
-    """Yield what makes a class, or what it calls, in the notebook."""
-    if id(kind) in seen:
-        return
-    seen.add(id(kind))
-    for base in kind.__mro__:
-        if base.__module__ != "__main__":
-            yield f"base {base.__module__}.{base.__qualname__}"
-            continue
-        for name, value in sorted(vars(base).items()):
-            if name not in _IGNORED:
-                yield f"{base.__qualname__}.{name}"
-                yield from _value(value, known, seen)
-
-
-def _value(value: object, known: Mapping[str, Any], seen: set[int]) -> Iterator[str]:
-    if isinstance(value, staticmethod | classmethod):
-        value = value.__func__
+def _described(value: object, known: Mapping[str, Any], seen: set[int]) -> Iterator[str]:
+    """Yield what makes a value of a notebook: a class, a function, a constant; each once."""
+    value = getattr(value, "__func__", value)  # of a static or class method
     if isinstance(value, property):
-        for one in (value.fget, value.fset):
-            yield from _value(one, known, seen)
-    elif isinstance(value, types.FunctionType):
-        if id(value) not in seen:
+        yield from _described(value.fget, known, seen)
+        yield from _described(value.fset, known, seen)
+    elif isinstance(value, type | FunctionType):
+        if value.__module__ != "__main__":
+            yield f"{value.__module__}.{value.__qualname__}"
+        elif id(value) not in seen:
             seen.add(id(value))
-            yield _words((value.__defaults__, tuple(sorted((value.__kwdefaults__ or {}).items()))))
-            yield from _code(value.__code__, known, seen)
-    elif isinstance(value, type) and value.__module__ == "__main__":
-        yield from _lines(value, known, seen)
-    elif _is_plain(value):
-        yield _words(value)
+            yield from (_class if isinstance(value, type) else _function)(value, known, seen)
     else:
-        yield f"an object of {type(value).__qualname__}"
+        yield _words(value)
 
 
-def _code(code: types.CodeType, known: Mapping[str, Any], seen: set[int]) -> Iterator[str]:
-    yield code.co_code.hex()
-    yield repr((code.co_names, code.co_varnames, code.co_freevars))
+def _class(kind: Any, known: Mapping[str, Any], seen: set[int]) -> Iterator[str]:  # noqa: ANN401 - a class
+    for name, value in sorted(vars(kind).items()):
+        if name not in _IGNORED:
+            yield f"{kind.__qualname__}.{name}"
+            yield from _described(value, known, seen)
+    for base in kind.__bases__:
+        yield from _described(base, known, seen)
+
+
+def _function(function: Any, known: Mapping[str, Any], seen: set[int]) -> Iterator[str]:  # noqa: ANN401 - a function
+    yield _words((function.__defaults__, tuple(sorted((function.__kwdefaults__ or {}).items()))))
+    for code in _within(function.__code__):
+        yield _words((code.co_code, code.co_names, code.co_varnames, code.co_freevars, code.co_consts))
+        for name in _globals_of(code):
+            value = known.get(name)
+            if isinstance(value, type | FunctionType) and value.__module__ == "__main__":
+                yield from _described(value, known, seen)
+            elif name in known and _is_plain(value):
+                yield f"{name} = {_words(value)}"
+
+
+def _within(code: CodeType) -> Iterator[CodeType]:
+    """Yield code and what is defined in it."""
+    yield code
     for constant in code.co_consts:
-        if isinstance(constant, types.CodeType):
-            yield from _code(constant, known, seen)
-        else:
-            yield _words(constant)
-    for name in _globals_of(code):
-        value = known.get(name)
-        if isinstance(value, types.FunctionType | type) and value.__module__ == "__main__":
-            yield from _value(value, known, seen)
-        elif name in known and _is_plain(value):
-            yield f"{name} = {_words(value)}"
+        if isinstance(constant, CodeType):
+            yield from _within(constant)
 
 
-def _globals_of(code: types.CodeType) -> list[str]:
+def _globals_of(code: CodeType) -> list[str]:
     """Return the names of the notebook that code reads and does not write."""
-    used, written = set(), set()
+    used: dict[str, set[str]] = {"LOAD_GLOBAL": set(), "STORE_GLOBAL": set()}
     for instruction in dis.get_instructions(code):
-        if instruction.opname == "LOAD_GLOBAL":
-            used.add(str(instruction.argval))
-        elif instruction.opname == "STORE_GLOBAL":
-            written.add(str(instruction.argval))
-    return sorted(used - written)
+        if instruction.opname in used:
+            used[instruction.opname].add(str(instruction.argval))
+    return sorted(used["LOAD_GLOBAL"] - used["STORE_GLOBAL"])
 
 
 def _words(value: object) -> str:
@@ -137,30 +133,18 @@ def _is_plain(value: object) -> bool:
     return isinstance(value, _PLAIN)
 
 
-_EDITED = (
-    "was edited after this process imported it; it executes what it imported, servers and the copy in the "
-    "run have the edited file: begin again in a new process (in a notebook: restart the kernel)"
-)
-_RELOADED = "__autoreload_class__."
-"""What the names of methods begin with that IPython's autoreload has replaced in a class."""
-
-
 def warn_of_edits(parts: Sequence[Part]) -> None:
-    """Warn of source that was edited after this process imported it, and of constants with other values.
-
-    Of that the process executes what it imported, while a run keeps a copy of what the file holds.
-    """
+    """Warn of source that was edited after this process imported it, and of constants with other values."""
     if not parts:
         return  # modules of a process may be thousands
     modules = {
         file: module for module in list(sys.modules.values()) if (file := getattr(module, "__file__", None))
     }
-    for part in parts:
-        for source in part.files.values():
-            module = modules.get(str(source.origin))
-            text = None if module is None else _difference(module, source)
-            if text is not None:
-                warn_once(f"{near(source.origin)}: {text}")
+    for source in (source for part in parts for source in part.files.values()):
+        module = modules.get(str(source.origin))
+        text = None if module is None else _difference(module, source)
+        if text is not None:
+            warn_once(f"{near(source.origin)}: {text}")
 
 
 def _difference(module: ModuleType, source: Source) -> str | None:
@@ -175,40 +159,28 @@ def _difference(module: ModuleType, source: Source) -> str | None:
         whole = compile(tree, module.__file__ or "", "exec", dont_inherit=True)
     except (SyntaxError, ValueError):
         return _EDITED  # it could not have been imported
-    if _functions_differ(module, whole):
+    written = {(code.co_qualname, _content(code)) for code in _within(whole)}
+    if any((name, _content(code)) not in written for name, code in _functions(module)):
         return _EDITED
     for name, value in _constants(tree):
-        if name in vars(module) and _differ(vars(module)[name], value):
-            here, there = reprlib.repr(vars(module)[name]), reprlib.repr(value)
+        here = vars(module).get(name, value)
+        if isinstance(here, bool | int | float | str | tuple) and repr(here) != repr(value):
+            held, written_value = reprlib.repr(here), reprlib.repr(value)
             return (
-                f"{name} is {here} in this process and {there} in the file, which servers and the copy in "
-                "the run have: if the program sets it, make it a parameter of the simulation; if the file "
-                "was edited, begin again in a new process (in a notebook: restart the kernel)"
+                f"{name} is {held} in this process and {written_value} in the file, which "
+                "servers and the copy in the run have: if the program sets it, make it a parameter of the "
+                "simulation; if the file was edited, begin again in a new process (in a notebook: restart "
+                "the kernel)"
             )
     return None
 
 
-def _functions_differ(module: ModuleType, whole: CodeType) -> bool:
-    """Whether functions or methods of a module are other ones than in its source, compiled."""
-    written: dict[str, list[Any]] = {}
-    for code in _within(whole):
-        written.setdefault(code.co_qualname, []).append(_content(code))
-    return any(_content(code) not in written.get(name, []) for name, code in _functions(module))
-
-
-def _within(code: CodeType) -> Iterator[CodeType]:
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            yield constant
-            yield from _within(constant)
-
-
-def _content(code: CodeType) -> tuple[Any, ...]:
+def _content(code: CodeType) -> str:
     """Return what a function does, without where it is."""
-    constants = tuple(
-        _content(one) if isinstance(one, CodeType) else (type(one), repr(one)) for one in code.co_consts
-    )
-    return code.co_code, code.co_names, code.co_varnames, code.co_freevars, constants
+    return repr([
+        (one.co_code, one.co_names, one.co_varnames, one.co_freevars, _words(one.co_consts))
+        for one in _within(code)
+    ])  # fmt: skip
 
 
 def _functions(module: ModuleType) -> Iterator[tuple[str, CodeType]]:
@@ -239,7 +211,3 @@ def _constants(tree: ast.Module) -> Iterator[tuple[str, Any]]:
                     yield name, ast.literal_eval(node.value)
                 except (ValueError, TypeError):
                     continue
-
-
-def _differ(one: Any, other: Any) -> bool:  # noqa: ANN401 - constants
-    return isinstance(one, bool | int | float | str | tuple) and repr(one) != repr(other)
