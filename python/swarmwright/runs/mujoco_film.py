@@ -19,7 +19,8 @@ from swarmwright.runs.code import used_for
 from swarmwright.runs.run import Run
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.mujoco import undrawable
-from swarmwright.simulations.mujoco._robots import Robots, cannot_draw
+from swarmwright.simulations.mujoco._library import cannot_draw
+from swarmwright.simulations.mujoco._robots import Robots
 from swarmwright.simulations.parameters import declared, filled_in
 
 # After swarmwright.simulations.mujoco, which imports it also where it cannot draw.

@@ -6,7 +6,7 @@
 Source: Todorov, Erez, Tassa, MuJoCo: A physics engine for model-based control, IROS 2012.
 """
 
-from swarmwright.simulations.mujoco._robots import load as _load
+from swarmwright.simulations.mujoco._library import load as _load
 
 undrawable = _load()
 """Why MuJoCo cannot draw here, known from importing it; None where it can."""

@@ -1,0 +1,43 @@
+"""Imports the library, without its renderer where that cannot be loaded."""
+
+import os
+
+from swarmwright.common.errors import InputError
+
+_DRAWING_ADVICE = (
+    "without a screen, install OSMesa (Debian's package libosmesa6) and PyOpenGL, and set MUJOCO_GL=osmesa; "
+    "with a graphics card, set MUJOCO_GL=egl (Debian's libegl1)"
+)
+
+
+def load() -> Exception | None:
+    """Import mujoco; return why it cannot draw, None where it can.
+
+    What MUJOCO_GL names is loaded with the library. Where that fails the library is imported without it,
+    since only videos need it.
+
+    Raises InputError when mujoco is not installed.
+    """
+    try:
+        import mujoco
+    except Exception as error:
+        if getattr(error, "name", None) == "mujoco":
+            raise InputError("mujoco is not installed; pip install 'swarmwright[mujoco]'") from error
+        named = os.environ.get("MUJOCO_GL")
+        if named is None:
+            raise
+        os.environ["MUJOCO_GL"] = "disable"
+        try:
+            import mujoco  # noqa: F401
+        finally:
+            os.environ["MUJOCO_GL"] = named
+        return error
+    return None
+
+
+def cannot_draw(reason: Exception) -> InputError:
+    """Return an error that says how MuJoCo can be made to draw."""
+    named = os.environ.get("MUJOCO_GL")
+    setting = f"MUJOCO_GL={named}" if named else "MUJOCO_GL is not set"
+    words = f"{type(reason).__name__}: {reason}" if str(reason) else type(reason).__name__
+    return InputError(f"MuJoCo cannot draw here ({setting}; {words}): {_DRAWING_ADVICE}")
