@@ -74,7 +74,10 @@ def test_a_crash_costs_the_candidate_and_nothing_else(
     assert "about to crash" in stack
     incidents = [event.text for event in run.events() if event.kind == "incidents"]
     assert f"quarantined: {len(poisoned(run))}" in incidents[0]
-    assert "restarts: " in incidents[0]
+    crashes = [attempt for attempt in attempts if attempt.outcome == "server_failed"]
+    assert f"server failures: {len(crashes)}" in incidents[0], (
+        "of the attempts on a server that crashed, one is to blame"
+    )
     named = [(event.generation, event.text) for event in run.events() if "is quarantined" in event.text]
     places = [divmod(number, 20) for number in poisoned(run)]
     assert [generation for generation, _ in named] == [generation for generation, _ in places]

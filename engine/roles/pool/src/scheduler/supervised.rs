@@ -51,10 +51,13 @@ impl Scheduler {
             .warn_counted(format!("{}; it is started again", ending.reason));
         let jobs = self.fleet.left(server);
         let blame = blame_of(ending);
+        let at = |job: &Job| matches!(job, Job::Request(number) if ending.at.is_some_and(|at| at.request == *number));
+        // Where it is known at which it was, the first of them was not that one.
+        let is_known = jobs.iter().any(at);
         for (index, job) in jobs.into_iter().enumerate() {
             // What waited only is not to blame.
             let mut cause = Cause::server(&ending.reason, blame);
-            if index > 0 {
+            if index > 0 || is_known {
                 cause = cause.of_others();
             }
             match job {
