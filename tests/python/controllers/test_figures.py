@@ -21,7 +21,7 @@ from swarmwright.controllers.modules.grammar import states_of
 from swarmwright.controllers.modules.machine_texts import condition_words, words_of
 from swarmwright.display.figures.style import save
 from swarmwright.simulations.catalogue import description
-from tests.python.export.specifications import modules, tree
+from tests.python.export.specifications import ALL, modules, tree
 
 Specification = dict[str, Any]
 
@@ -354,3 +354,10 @@ def test_groups_of_a_team_have_names_of_their_own_sensors(monkeypatch: pytest.Mo
     scouts, guards = map(said, drawn)
     assert all(name in scouts for name in ("near", "far", "ahead"))
     assert all(name in guards for name in ("a", "b", "c", "turn"))
+
+
+def test_a_network_of_which_no_node_sees_anything(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    drawn = figure(ALL["neat-deaf"])
+    for name in ("sensor 0", "actuator 0", "neat"):
+        assert name in said(drawn)
+    written(drawn, tmp_path, caplog)
