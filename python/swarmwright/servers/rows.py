@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from types import UnionType
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, Literal, NamedTuple, Self, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -258,11 +258,13 @@ class Event:
 def journal_line(kind: type[Any], values: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of the kinds above
     """Return a line of the journal. Raises TypeError for values that none was written with: it is damaged."""
     for column in fields(kind):
-        value = values.get(column.name)
-        if (
-            column.name in values
-            and isinstance(column.type, type | UnionType)
-            and not isinstance(value, column.type)
-        ):
+        if column.name not in values:
+            continue
+        value = values[column.name]
+        if get_origin(column.type) is Literal:
+            fits = value in get_args(column.type)
+        else:
+            fits = not isinstance(column.type, type | UnionType) or isinstance(value, column.type)
+        if not fits:
             raise TypeError(f"{kind.__name__.lower()}: {column.name} is {value!r}")
     return kind(**values)

@@ -503,3 +503,10 @@ def test_a_warning_has_the_time_at_which_it_arose(copy: Path) -> None:
     early, other = (event for event in StoreReader(copy).events() if event.kind == "warning")
     assert early.time == "2023-11-14T22:13:20.250+00:00"
     assert other.time > early.time
+
+
+def test_an_attempt_that_ended_in_no_known_way_is_damage(copy: Path) -> None:
+    row = "(1, 0, 'stepwise', 0, 1, 0, 1, 7, 1, NULL, 0, 1, 'x' || char(27), NULL, NULL)"
+    change(copy, f"INSERT INTO attempt VALUES {row}")
+    with pytest.raises(InputError, match="is damaged"):
+        list(StoreReader(copy).attempts())
