@@ -28,7 +28,7 @@ AIMS = {
     ("EvoStick", "scalar"): ">= 23 (2,000,000/s)",
 }
 MOST_IN_LANES = 16_384
-"""More robots are computed one episode at a time, as engine/worlds/arena/src/neighbours.rs says."""
+"""More robots are computed one episode at a time, as engine/worlds/arena/src/sensing/verlet.rs says."""
 NUMBERS = (20, 100, 1_000, 10_000, 100_000)
 
 Controllers = tuple[dict[str, Any], NDArray[np.float32]]

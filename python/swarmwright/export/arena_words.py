@@ -35,7 +35,7 @@ PRESETS = {
     "turtlebot3": Robot(0.22, 0.16, {"proximity": _evenly(36)}),
     "point": Robot(0.2),
 }
-"""As in engine/worlds/arena/src/robot/presets.rs and engine/worlds/arena/src/robots."""
+"""As in engine/worlds/arena/src/robots/model/presets.rs and engine/worlds/arena/src/robots."""
 _SENSORS = {
     r"ground( \w+)?": "0 black, 1 white",
     r"messages heard": "the number of messages heard",

@@ -10,7 +10,7 @@ from swarmwright.export.arena_words import PRESETS, Robot, actuator_meaning, rob
 from swarmwright.simulations import catalogue
 
 ROBOTS = Path(__file__).parents[3] / "engine" / "worlds" / "arena" / "src" / "robots"
-PRESETS_RS = ROBOTS.parent / "robot" / "presets.rs"
+PRESETS_RS = ROBOTS / "model" / "presets.rs"
 
 
 @pytest.mark.parametrize("file", sorted(ROBOTS.glob("*.yaml")), ids=lambda file: file.stem)

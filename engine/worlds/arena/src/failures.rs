@@ -9,11 +9,11 @@ use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::counter::uniform;
 use swarmwright_simulation::parameters::wrong;
 
-use super::links::either;
-use super::mistakes::Mistakes;
-use super::settings::{LONGEST, MOST_ROBOTS, mismatch_at};
-use super::swarm::Bodies;
-use super::team::Team;
+use crate::bodies::Bodies;
+use crate::math::functions::either;
+use crate::mistakes::{Mistakes, mismatch_at};
+use crate::robots::{MOST_ROBOTS, Team};
+use crate::time::LONGEST;
 
 /// The stream of random numbers that choose robots.
 const STREAM: u64 = 0x0066_6169_6c75_7265;
@@ -23,7 +23,7 @@ const MOST_FAILURES: usize = 16;
 /// What happens to some robots for a time.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(super) enum Failure {
+pub(crate) enum Failure {
     /// They stand.
     Stop {
         share: f64,
@@ -87,7 +87,7 @@ impl Failure {
     }
 
     /// The kind of robots that it befalls; all where it does not say.
-    pub(super) fn robots(&self) -> Option<&str> {
+    pub(crate) fn robots(&self) -> Option<&str> {
         match self {
             Self::Stop { robots, .. }
             | Self::Slow { robots, .. }
@@ -136,7 +136,7 @@ impl Failure {
 
     /// Checks that something can happen in an episode of so many ticks, to so many robots; a share of 0 says itself that
     /// nothing does.
-    pub(super) fn check_effect(
+    pub(crate) fn check_effect(
         &self,
         ticks: u32,
         robots: usize,
@@ -194,7 +194,7 @@ impl Failure {
 ///
 /// # Errors
 /// All that is wrong with them.
-pub(super) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, Mistakes> {
+pub(crate) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, Mistakes> {
     let Some(items) = value.as_array() else {
         return Err(wrong(
             place,
@@ -230,13 +230,13 @@ pub(super) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, Mistakes>
 }
 
 /// Which robots fail in the episodes of the lanes.
-pub(super) struct Failing<L: Lanes> {
+pub(crate) struct Failing<L: Lanes> {
     /// By failure: the lanes of each robot.
     befallen: Vec<(Failure, Vec<L::Mask>)>,
 }
 
 impl<L: Lanes> Failing<L> {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             befallen: Vec::new(),
         }
@@ -244,7 +244,7 @@ impl<L: Lanes> Failing<L> {
 
     /// Goes to the start of an episode in each lane.
     #[inline(always)]
-    pub(super) fn start(
+    pub(crate) fn start(
         &mut self,
         failures: &[Failure],
         bodies: &Bodies<L>,
@@ -268,7 +268,7 @@ impl<L: Lanes> Failing<L> {
 
     /// Writes what robots are told in a tick, if some do not hear what their controllers say.
     #[inline(always)]
-    pub(super) fn tell(&self, tick: u32, actuators: &[L], team: &Team, told: &mut Vec<L>) -> bool {
+    pub(crate) fn tell(&self, tick: u32, actuators: &[L], team: &Team, told: &mut Vec<L>) -> bool {
         let slowed = |failure: &Failure| match failure {
             Failure::Stop { .. } if failure.active(tick) => Some(0.0),
             Failure::Slow { factor, .. } if failure.active(tick) => Some(*factor),
@@ -299,7 +299,7 @@ impl<L: Lanes> Failing<L> {
 
     /// Takes from robots what they cannot sense in a tick.
     #[inline(always)]
-    pub(super) fn blind(&self, tick: u32, width: usize, outputs: &mut [L]) {
+    pub(crate) fn blind(&self, tick: u32, width: usize, outputs: &mut [L]) {
         for (failure, masks) in &self.befallen {
             if matches!(failure, Failure::Blind { .. }) && failure.active(tick) {
                 for (row, mask) in outputs.chunks_exact_mut(width).zip(masks) {
@@ -313,7 +313,7 @@ impl<L: Lanes> Failing<L> {
 
     /// Writes in which lanes no other robot hears a robot in a tick; nothing where all are heard.
     #[inline(always)]
-    pub(super) fn mute(&self, tick: u32, robots: usize, mute: &mut Vec<L::Mask>) {
+    pub(crate) fn mute(&self, tick: u32, robots: usize, mute: &mut Vec<L::Mask>) {
         mute.clear();
         for (failure, masks) in &self.befallen {
             if matches!(failure, Failure::Mute { .. }) && failure.active(tick) {
@@ -326,7 +326,7 @@ impl<L: Lanes> Failing<L> {
     }
 
     /// The probability with which failures lose messages in a tick; none where none does.
-    pub(super) fn loss(&self, tick: u32) -> Option<f32> {
+    pub(crate) fn loss(&self, tick: u32) -> Option<f32> {
         let losses = self
             .befallen
             .iter()
@@ -340,7 +340,7 @@ impl<L: Lanes> Failing<L> {
 
 impl Failing<f32> {
     /// What scenes call a robot that fails in a tick; of several failures that which takes the most.
-    pub(super) fn state(&self, tick: u32, robot: usize) -> Option<&'static str> {
+    pub(crate) fn state(&self, tick: u32, robot: usize) -> Option<&'static str> {
         let befallen = self.befallen.iter().filter(|(failure, masks)| {
             failure.active(tick) && masks.get(robot).is_some_and(|mask| mask.any())
         });

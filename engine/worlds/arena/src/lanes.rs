@@ -1,18 +1,38 @@
-//! The arena in lanes: the operations of the module above, one episode per lane.
+//! The arena in lanes: the operations of `Arena`, one episode per lane.
 
 use std::sync::atomic::AtomicBool;
 
 use swarmwright_controllers::LaneController;
 use swarmwright_lanes::Lanes;
-
-use super::metrics::Tally;
-use super::settings::Settings;
-use super::start::Starts;
-use super::swarm::Swarm;
-use super::verlet::MOST_IN_LANES;
-use swarmwright_simulation::ParameterError;
-use swarmwright_simulation::block::{Block, LaneWorld};
+use swarmwright_simulation::block::{self, Block, Create, LaneWorld};
 use swarmwright_simulation::rollout::stopped;
+use swarmwright_simulation::{Means, ParameterError, RolloutError};
+
+use crate::metrics::Tally;
+use crate::sensing::verlet::MOST_IN_LANES;
+use crate::settings::Settings;
+use crate::start::Starts;
+use crate::swarm::Swarm;
+
+/// Vectors of lanes that are computed side by side, at most.
+pub const VECTORS: usize = ArenaLanes::VECTORS;
+
+/// Evaluates a block of controllers that fit the robots.
+///
+/// # Errors
+/// Parameters that are refused, weights that are not finite numbers.
+pub fn evaluate(block: &Block<'_>, means: Means, create: Create) -> Result<Vec<f64>, RolloutError> {
+    block::evaluate::<ArenaLanes>(block, means, create)
+}
+
+/// Evaluates a block in this thread with lanes of one's own: what counts operations has some. None where episodes are not
+/// computed in lanes.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_in<L: Lanes>(block: &Block<'_>) -> Result<Option<Vec<f64>>, RolloutError> {
+    block::evaluate_in::<L, ArenaLanes>(block)
+}
 
 /// With more robots than this,
 const MANY_ROBOTS: usize = 256;

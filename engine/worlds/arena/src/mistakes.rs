@@ -3,12 +3,12 @@
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use swarmwright_simulation::ParameterError;
-
-use super::settings::mismatch_at;
+use swarmwright_simulation::parameters::wrong;
+use swarmwright_values::Mismatch;
 
 /// Mistakes in the order in which they were found; what would only follow from another one is not among them.
 #[derive(Debug, Default, PartialEq)]
-pub(super) struct Mistakes(Vec<ParameterError>);
+pub(crate) struct Mistakes(Vec<ParameterError>);
 
 impl From<ParameterError> for Mistakes {
     fn from(error: ParameterError) -> Self {
@@ -18,7 +18,7 @@ impl From<ParameterError> for Mistakes {
 
 impl Mistakes {
     /// Notes what is wrong; the value where nothing is.
-    pub(super) fn take<T>(&mut self, result: Result<T, impl Into<Self>>) -> Option<T> {
+    pub(crate) fn take<T>(&mut self, result: Result<T, impl Into<Self>>) -> Option<T> {
         match result {
             Ok(value) => Some(value),
             Err(mistakes) => {
@@ -28,30 +28,30 @@ impl Mistakes {
         }
     }
 
-    pub(super) fn add(&mut self, mistake: ParameterError) {
+    pub(crate) fn add(&mut self, mistake: ParameterError) {
         self.0.push(mistake);
     }
 
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.0.len()
     }
 
     /// A value, if nothing was wrong with it.
-    pub(super) fn or<T>(self, value: Option<T>) -> Result<T, Self> {
+    pub(crate) fn or<T>(self, value: Option<T>) -> Result<T, Self> {
         value.filter(|_| self.0.is_empty()).ok_or(self)
     }
 
     /// The same where complaints name places of `change`.
-    pub(super) fn map(self, change: impl FnMut(ParameterError) -> ParameterError) -> Self {
+    pub(crate) fn map(self, change: impl FnMut(ParameterError) -> ParameterError) -> Self {
         Self(self.0.into_iter().map(change).collect())
     }
 
-    pub(super) fn into_all(self) -> Vec<ParameterError> {
+    pub(crate) fn into_all(self) -> Vec<ParameterError> {
         self.0
     }
 
     /// The first one; there is none only where a value is missing and nothing was noted, which is a fault here.
-    pub(super) fn into_first(self) -> ParameterError {
+    pub(crate) fn into_first(self) -> ParameterError {
         let unknown = || ParameterError {
             name: String::new(),
             reason: "cannot be read".to_owned(),
@@ -61,12 +61,12 @@ impl Mistakes {
 }
 
 /// Reads a value at a place.
-pub(super) fn part<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, ParameterError> {
+pub(crate) fn part<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, ParameterError> {
     swarmwright_values::read(value).map_err(|mismatch| mismatch_at(at, mismatch))
 }
 
 /// Reads a list: the items that can be read, each with its place.
-pub(super) fn items<T: DeserializeOwned>(
+pub(crate) fn items<T: DeserializeOwned>(
     list: Option<&Value>,
     at: &str,
     mistakes: &mut Mistakes,
@@ -79,4 +79,18 @@ pub(super) fn items<T: DeserializeOwned>(
         Some((at, item))
     };
     values.iter().enumerate().filter_map(item).collect()
+}
+
+/// A complaint about a part of what is called `place`.
+pub(crate) fn with_place(place: &str, error: ParameterError) -> ParameterError {
+    let name = match error.name.as_str() {
+        "" => place.to_owned(),
+        inner => format!("{place}.{inner}"),
+    };
+    wrong(&name, error.reason)
+}
+
+/// The same of what does not fit its type.
+pub(crate) fn mismatch_at(place: &str, mismatch: Mismatch) -> ParameterError {
+    wrong(&mismatch.path_in(place), mismatch.reason)
 }

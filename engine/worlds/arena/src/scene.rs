@@ -2,16 +2,15 @@
 
 use std::borrow::Cow;
 
-use super::links::both;
-use super::objects::{Form, corners, distance as to_object};
-use super::place::{Face, Place, Shape};
-use super::robot::LedColor;
-use super::settings::Settings;
-use super::start::Pose;
-use super::swarm::Swarm;
-use super::team::Team;
 use swarmwright_lanes::Mask;
 use swarmwright_simulation::{Body, Light, Patch, Ray, Scene, Style, Wall};
+
+use crate::place::{Face, Form, LedColor, Place, Pose, Shape};
+use crate::robots::Team;
+use crate::sensing::radio::both;
+use crate::settings::Settings;
+use crate::start::objects::{corners, distance as to_object};
+use crate::swarm::Swarm;
 
 /// With more robots, rays and links are left out: they would hide everything.
 const MOST_IN_DETAIL: usize = 1000;
@@ -31,7 +30,7 @@ const COLOR: &str = "#e69f00";
 const SAME: f32 = 1e-4;
 
 /// The scene of an episode in the only lane.
-pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
+pub(crate) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
     let (place, team) = (&settings.mission.place, &settings.team);
     let [low, high] = shown(place);
     let shifted = |points: Vec<[f32; 2]>| -> Vec<[f32; 2]> {

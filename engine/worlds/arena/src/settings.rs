@@ -1,27 +1,19 @@
 //! Parameters of the arena.
 
 use serde_json::{Value, json};
-
-use super::failures::{self, Failure};
-use super::mission::Mission;
-use super::mistakes::Mistakes;
-use super::objects;
-use super::random::MOST_TICKS;
-use super::start::{self, Starts};
-use super::team::Team;
 use swarmwright_simulation::parameters::wrong;
 use swarmwright_simulation::{ParameterError, ParameterInfo, ParameterReader, Parameters};
-use swarmwright_values::Mismatch;
 
-/// Most robots.
-pub(super) const MOST_ROBOTS: u32 = 100_000;
-
-/// Longest episode, seconds.
-pub(super) const LONGEST: f64 = (MOST_TICKS - 1) as f64 / 10.0;
+use crate::failures::{self, Failure};
+use crate::missions::Mission;
+use crate::mistakes::Mistakes;
+use crate::robots::Team;
+use crate::start::{Starts, objects, robots as start};
+use crate::time::LONGEST;
 
 /// Checked parameters.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Settings {
+pub(crate) struct Settings {
     pub mission: Mission,
     pub team: Team,
     /// Where it is said how many robots there are.
@@ -38,7 +30,7 @@ impl Settings {
     ///
     /// # Errors
     /// The first of those that are wrong.
-    pub(super) fn read(parameters: &Parameters) -> Result<Self, ParameterError> {
+    pub(crate) fn read(parameters: &Parameters) -> Result<Self, ParameterError> {
         Self::read_all(parameters).map_err(Mistakes::into_first)
     }
 
@@ -46,7 +38,7 @@ impl Settings {
     ///
     /// # Errors
     /// All that are wrong, the mission's first. What needs the mission is not checked against a wrong one.
-    pub(super) fn read_all(parameters: &Parameters) -> Result<Self, Mistakes> {
+    pub(crate) fn read_all(parameters: &Parameters) -> Result<Self, Mistakes> {
         let read = ParameterReader::new(parameters);
         let mut mistakes = Mistakes::default();
         let mission = mistakes.take(Mission::read(parameters.get("mission")));
@@ -129,23 +121,9 @@ impl Settings {
     }
 }
 
-/// A complaint about a part of what is called `place`.
-pub(super) fn with_place(place: &str, error: ParameterError) -> ParameterError {
-    let name = match error.name.as_str() {
-        "" => place.to_owned(),
-        inner => format!("{place}.{inner}"),
-    };
-    wrong(&name, error.reason)
-}
-
-/// The same of what does not fit its type.
-pub(super) fn mismatch_at(place: &str, mismatch: Mismatch) -> ParameterError {
-    wrong(&mismatch.path_in(place), mismatch.reason)
-}
-
 impl Settings {
     /// Where robots and objects are at the start.
-    pub(super) fn starts(&self) -> Result<Starts, ParameterError> {
+    pub(crate) fn starts(&self) -> Result<Starts, ParameterError> {
         let (mission, robots) = (&self.mission, self.team.len());
         let place = &mission.place;
         let objects = objects::draw(&place.objects, place, self.seed).map_err(|(kind, found)| {
@@ -179,7 +157,7 @@ impl Settings {
 }
 
 /// Every parameter, in the order of the documentation.
-pub(super) fn parameters() -> Vec<ParameterInfo> {
+pub(crate) fn parameters() -> Vec<ParameterInfo> {
     [
         (
             "mission",

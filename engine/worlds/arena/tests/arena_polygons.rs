@@ -2,7 +2,7 @@
 
 #![allow(dead_code, clippy::unwrap_used, reason = "only their tests are wanted")]
 
-#[path = "../src/polygon.rs"]
+#[path = "../src/math/polygon.rs"]
 mod polygon;
 
 use polygon::{along, area, contains, is_convex, tidy};

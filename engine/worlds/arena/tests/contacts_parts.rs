@@ -4,75 +4,35 @@
 
 use swarmwright_lanes::{Lanes, number};
 
-#[path = "../src/contact.rs"]
-mod contact;
-#[path = "../src/contacts.rs"]
-mod contacts;
-#[path = "../src/near.rs"]
-mod near;
-#[path = "../src/pairs.rs"]
-mod pairs;
-#[path = "../src/walls.rs"]
-mod walls;
+#[path = "../src/contacts"]
+mod contacts {
+    pub mod contact;
+    pub mod near;
+    mod pairs;
+    pub mod solver;
+    mod walls;
+}
 
-/// As in the library.
+#[path = "../src/math"]
+mod math {
+    pub mod functions;
+    pub mod random;
+}
+#[path = "../src/time.rs"]
+mod time;
+
+#[path = "../src/place"]
 mod place {
-    use swarmwright_lanes::{Lanes, Number};
+    mod face;
 
-    pub struct Face {
-        pub middle: [f32; 2],
-        pub along: [f32; 2],
-        pub half: f32,
-    }
+    pub(crate) use face::{Face, to_face};
 
-    impl Face {
-        pub fn ahead<L: Lanes>(&self, x: Number<L>, y: Number<L>) -> Number<L> {
-            (y - self.middle[1]) * self.along[0] - (x - self.middle[0]) * self.along[1]
-        }
-    }
-
-    pub struct Place {
+    /// As in the library, with walls alone.
+    pub(crate) struct Place {
         pub faces: Vec<Face>,
     }
 }
-mod objects {
-    use swarmwright_lanes::Lanes;
-
-    use super::near::Moved;
-    use super::place::Place;
-    use super::swarm::Bodies;
-    use super::team::Team;
-
-    /// As in the library where there is none.
-    pub struct Objects<L>(std::marker::PhantomData<L>);
-
-    impl<L> Default for Objects<L> {
-        fn default() -> Self {
-            Self(std::marker::PhantomData)
-        }
-    }
-
-    impl<L: Lanes> Objects<L> {
-        pub fn find(&mut self, _: &Bodies<L>, _: &Team, _: &Place, _: &mut [u64]) {}
-
-        pub fn any(&self) -> bool {
-            false
-        }
-
-        pub fn awake(&self) -> bool {
-            false
-        }
-
-        pub fn begin(&mut self, _: &mut [Moved<L>], _: (&Team, &Place)) {}
-
-        pub fn rest(&mut self, _: bool) {}
-
-        pub fn solve(&mut self, _: &mut [Moved<L>], _: &Team) {}
-
-        pub fn advance(&mut self, _: &Team) {}
-    }
-}
-mod robot {
+mod robots {
     pub struct Rays {
         pub start: f32,
         pub range: f32,
@@ -95,10 +55,6 @@ mod robot {
             0.3
         }
     }
-}
-
-mod team {
-    use super::robot::Robot;
 
     #[derive(Clone, Copy)]
     pub struct Pair {
@@ -154,19 +110,44 @@ mod team {
     }
 }
 
-mod senses {
-    /// As in the library.
-    pub struct Close {
-        pub robots: Vec<[u32; 2]>,
-        pub faces: Vec<[u32; 2]>,
-    }
-}
-
-mod swarm {
+mod bodies {
     use swarmwright_lanes::{Lanes, Number};
 
-    pub const SUBSTEPS: u32 = 10;
-    pub const SUBSTEP: f32 = 0.01;
+    use super::contacts::near::Moved;
+    use super::place::Place;
+    use super::robots::Team;
+
+    /// As in the library.
+    pub const FASTEST: f32 = 50.0;
+
+    /// As in the library where there is none.
+    pub struct Objects<L>(std::marker::PhantomData<L>);
+
+    impl<L> Default for Objects<L> {
+        fn default() -> Self {
+            Self(std::marker::PhantomData)
+        }
+    }
+
+    impl<L: Lanes> Objects<L> {
+        pub fn find(&mut self, _: &Bodies<L>, _: &Team, _: &Place, _: &mut [u64]) {}
+
+        pub fn any(&self) -> bool {
+            false
+        }
+
+        pub fn awake(&self) -> bool {
+            false
+        }
+
+        pub fn begin(&mut self, _: &mut [Moved<L>], _: (&Team, &Place)) {}
+
+        pub fn rest(&mut self, _: bool) {}
+
+        pub fn solve(&mut self, _: &mut [Moved<L>], _: &Team) {}
+
+        pub fn advance(&mut self, _: &Team) {}
+    }
 
     /// As in the library, without headings.
     pub struct Bodies<L> {
@@ -175,7 +156,7 @@ mod swarm {
         pub vx: Vec<Number<L>>,
         pub vy: Vec<Number<L>>,
         pub spin: Vec<Number<L>>,
-        pub objects: super::objects::Objects<L>,
+        pub objects: Objects<L>,
     }
 
     impl<L: Lanes> Bodies<L> {
@@ -197,7 +178,7 @@ type Run = ([f32; 2], f32, f32, [f32; 2]);
 
 /// Where robots are after 8 s beside a wall at x = 1.226.
 fn driven<L: Lanes>(runs: &[Run]) -> Vec<[f32; 2]> {
-    let team = team::Team(robot::Robot {
+    let team = robots::Team(robots::Robot {
         radius: 0.035,
         acceleration: 3.75,
         friction: [0.49, 0.07],
@@ -207,24 +188,26 @@ fn driven<L: Lanes>(runs: &[Run]) -> Vec<[f32; 2]> {
         middle: [1.226, 0.0],
         along: [0.0, 1.0],
         half: 0.33,
+        height: 1.0,
+        outer: false,
     };
     let place = place::Place { faces: vec![wall] };
     let all = |of: fn(&Run) -> f32| runs.iter().map(|run| number::<L>(of(run))).collect();
-    let mut bodies = swarm::Bodies {
+    let mut bodies = bodies::Bodies {
         x: all(|run| run.0[0]),
         y: all(|run| run.0[1]),
         vx: all(|_| 0.0),
         vy: all(|_| 0.0),
         spin: all(|_| 0.0),
-        objects: objects::Objects::default(),
+        objects: bodies::Objects::default(),
     };
     let count = runs.len() as u32;
     let pairs = (0..count).flat_map(|i| (i + 1..count).map(move |j| [i, j]));
-    let close = senses::Close {
+    let close = contacts::near::Close {
         robots: pairs.collect(),
         faces: (0..count).map(|robot| [robot, 0]).collect(),
     };
-    let mut contacts = contacts::Contacts::<L>::new(runs.len());
+    let mut contacts = contacts::solver::Contacts::<L>::new(runs.len());
     for (aim, (_, degrees, speed, _)) in contacts.aim.iter_mut().zip(runs) {
         let (sin, cos) = degrees.to_radians().sin_cos();
         *aim = [number(speed * cos), number(speed * sin)];

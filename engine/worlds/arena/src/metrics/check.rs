@@ -1,11 +1,12 @@
 //! Whether metrics make sense in their mission.
 
-use super::super::place::{Place, Shape};
-use super::super::polygon;
-use super::formation::Formation;
-use super::kind::Metric;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
+
+use super::formation::Formation;
+use super::kind::Metric;
+use crate::math::polygon;
+use crate::place::{Place, Shape};
 
 /// Largest length, metres.
 const LONGEST: f32 = 1000.0;
@@ -17,7 +18,7 @@ const MOST_POINTS: usize = 1000;
 
 impl Metric {
     /// What is wrong with it in this place, by the field.
-    pub(in super::super) fn check(&self, place: &Place) -> Result<(), ParameterError> {
+    pub(crate) fn check(&self, place: &Place) -> Result<(), ParameterError> {
         for (field, name) in self.patches() {
             if place.patch(name).is_none() {
                 let known = place.patches.iter().map(|patch| patch.name.as_str());

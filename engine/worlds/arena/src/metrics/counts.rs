@@ -4,10 +4,9 @@ use std::ops::Range;
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
-use super::super::functions::absolute;
-use super::super::place::{Place, Shape};
-use super::super::swarm::Bodies;
-use super::one_where;
+use crate::bodies::Bodies;
+use crate::math::functions::absolute;
+use crate::place::{Place, Shape};
 
 /// Robots on a patch, of those in a range.
 #[inline(always)]
@@ -140,4 +139,14 @@ pub(super) fn stop<L: Lanes>(
     }
     *found = number(1.0).select(*found, here);
     late.select(early, after)
+}
+
+/// 1 where the condition holds, else 0.
+#[inline(always)]
+fn one_where<L: Lanes>(condition: L::Mask) -> Number<L> {
+    if condition.any() {
+        number::<L>(1.0).only_where(condition)
+    } else {
+        number(0.0)
+    }
 }

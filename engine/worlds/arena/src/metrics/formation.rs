@@ -2,9 +2,9 @@
 
 use serde::Deserialize;
 
-use super::super::polygon;
 use super::shapes::on_circle;
-use super::swarm::{State, center, square, sum};
+use super::state::{State, center, square, sum};
+use crate::math::polygon;
 
 /// Fewest and most points along a circle, a polygon or a line.
 const POINTS: [usize; 2] = [64, 1024];
@@ -18,7 +18,7 @@ const HALVINGS: i32 = 8;
 /// A formation as missions describe it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(in super::super) struct Formation {
+pub(crate) struct Formation {
     /// Radius of a circle, metres ...
     pub(super) circle: Option<f32>,
     /// ... or corners of a polygon ...

@@ -7,7 +7,7 @@ use super::formation::Formation;
 /// A metric of a mission. "On" a patch is whose middle lies in it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub(in super::super) enum Metric {
+pub(crate) enum Metric {
     /// Robots on a patch.
     RobotsOn {
         patch: String,
@@ -165,7 +165,7 @@ fn mean() -> When {
 /// When something is counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(in super::super) enum When {
+pub(crate) enum When {
     /// The sum over all ticks.
     #[default]
     EachTick,
@@ -177,7 +177,7 @@ pub(in super::super) enum When {
 
 impl Metric {
     /// The kind of robots that it is about, if it is one.
-    pub(in super::super) fn robots(&self) -> Option<&str> {
+    pub(crate) fn robots(&self) -> Option<&str> {
         match self {
             Self::RobotsOn { robots, .. } => robots.as_deref(),
             _ => None,

@@ -6,15 +6,18 @@ mod formation;
 mod kind;
 mod objects;
 mod shapes;
+mod state;
 mod swarm;
 mod words;
 
-use swarmwright_lanes::{Lanes, MOST_LANES, Mask, Number, number};
+use swarmwright_lanes::{Lanes, MOST_LANES, Number, number};
 
-use super::place::{Patch, Place};
-use super::swarm::Bodies;
-pub(super) use kind::{Metric, When};
-use swarm::{Kept, State, Visits};
+use crate::bodies::Bodies;
+use crate::place::{Patch, Place};
+use state::{State, gather};
+use swarm::{Kept, Visits};
+
+pub(crate) use kind::{Metric, When};
 
 /// Of episodes.
 const TICKS_PER_SECOND: f64 = 10.0;
@@ -22,7 +25,7 @@ const TICKS_PER_SECOND: f64 = 10.0;
 const LINK: f32 = 0.35;
 
 /// The metrics that every mission has, at the end of an episode, sorted by name.
-pub(super) fn general() -> Vec<(String, Metric)> {
+pub(crate) fn general() -> Vec<(String, Metric)> {
     let when = When::End;
     let largest = Metric::LargestGroup {
         link: LINK,
@@ -51,7 +54,7 @@ const KEYWORDS: [&str; 35] = [
 ];
 
 /// Checks what a mission calls a metric.
-pub(super) fn check_name(name: &str) -> Result<(), String> {
+pub(crate) fn check_name(name: &str) -> Result<(), String> {
     let mut letters = name.chars();
     let first = letters
         .next()
@@ -73,7 +76,7 @@ pub(super) fn check_name(name: &str) -> Result<(), String> {
 }
 
 /// The value of a metric so far, in each lane, and what it remembers of the tick before.
-pub(super) struct Tally<L> {
+pub(crate) struct Tally<L> {
     pub values: [f64; MOST_LANES],
     /// By robot, or by cell and lane.
     marks: Vec<Number<L>>,
@@ -89,7 +92,7 @@ pub(super) struct Tally<L> {
 }
 
 impl<L: Lanes> Tally<L> {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             values: [0.0; MOST_LANES],
             marks: Vec::new(),
@@ -105,7 +108,7 @@ impl<L: Lanes> Tally<L> {
 
     /// After a tick; the first one is the start.
     #[inline(always)]
-    pub(super) fn update(
+    pub(crate) fn update(
         &mut self,
         metric: &Metric,
         bodies: &Bodies<L>,
@@ -223,7 +226,7 @@ impl<L: Lanes> Tally<L> {
                 }
             }
             Metric::VisitedShare { cell } => {
-                swarm::gather(bodies, &mut self.states);
+                gather(bodies, &mut self.states);
                 let visits = self
                     .visits
                     .get_or_insert_with(|| Visits::new(place, *cell, L::WIDTH));
@@ -243,7 +246,7 @@ impl<L: Lanes> Tally<L> {
             | Metric::CoveredShare { .. }
             | Metric::ShapeDeviation { .. }
             | Metric::ChainReach { .. } => {
-                swarm::gather(bodies, &mut self.states);
+                gather(bodies, &mut self.states);
                 let mut values = [0.0; MOST_LANES];
                 for (lane, value) in values[..L::WIDTH].iter_mut().enumerate() {
                     let robots = &self.states[lane * bodies.len()..][..bodies.len()];
@@ -323,7 +326,7 @@ impl<L: Lanes> Tally<L> {
 
 impl Tally<f32> {
     /// The value that the only lane would have if the episode ended now. What is counted so far stays as it is.
-    pub(super) fn now(
+    pub(crate) fn now(
         &self,
         metric: &Metric,
         bodies: &Bodies<f32>,
@@ -355,14 +358,4 @@ fn points<L: Lanes>(bodies: &Bodies<L>, lane: usize) -> Vec<[f32; 2]> {
         .zip(&bodies.y)
         .map(|(x, y)| [of(x), of(y)])
         .collect()
-}
-
-/// 1 where the condition holds, else 0.
-#[inline(always)]
-fn one_where<L: Lanes>(condition: L::Mask) -> Number<L> {
-    if condition.any() {
-        number::<L>(1.0).only_where(condition)
-    } else {
-        number(0.0)
-    }
 }

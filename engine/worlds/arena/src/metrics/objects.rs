@@ -2,8 +2,8 @@
 
 use swarmwright_lanes::{Lanes, Number, number};
 
-use super::super::place::Place;
-use super::super::swarm::Bodies;
+use crate::bodies::Bodies;
+use crate::place::Place;
 
 /// Objects on a patch, and how many there are: those with a name, or all.
 #[inline(always)]

@@ -1,7 +1,7 @@
 //! Areas and distances of the robots of one episode. Means over points are taken over fixed ones.
 
-use super::super::place::{Patch, Shape};
-use super::swarm::square;
+use super::state::square;
+use crate::place::{Patch, Shape};
 
 /// Distance of the points of a grid, metres.
 const GRID: f64 = 0.02;

@@ -1,73 +1,18 @@
 //! What a swarm is like at a moment, in one episode. Binary64 throughout, so that lanes and the stepper agree.
 
-use swarmwright_lanes::{Lanes, MOST_LANES};
+use swarmwright_lanes::MOST_LANES;
 
-use super::super::place::Place;
-use super::super::polygon;
-use super::super::swarm::Bodies;
 use super::formation::Outline;
 use super::kind::Metric;
 use super::shapes;
+use super::state::{State, center, length, square, sum};
+use crate::math::polygon;
+use crate::place::Place;
 
 /// Side of the squares of the covered floor, metres.
 const SQUARE: f64 = 0.05;
 /// Most squares; larger ones are taken in larger arenas.
 const MOST_SQUARES: f64 = 100_000.0;
-
-/// A robot.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct State {
-    /// Metres.
-    pub(super) at: [f64; 2],
-    /// Unit vector.
-    heading: [f64; 2],
-    /// m/s.
-    velocity: [f64; 2],
-}
-
-/// Writes the robots of the first lane, then those of the second, and so on.
-#[inline(always)]
-pub(super) fn gather<L: Lanes>(bodies: &Bodies<L>, states: &mut Vec<State>) {
-    let count = bodies.len();
-    states.clear();
-    states.resize(count * L::WIDTH, State::default());
-    for index in 0..count {
-        let mut lanes = [[0.0; MOST_LANES]; 6];
-        let quantities = [
-            &bodies.x[index],
-            &bodies.y[index],
-            &bodies.cos[index],
-            &bodies.sin[index],
-            &bodies.vx[index],
-            &bodies.vy[index],
-        ];
-        for (lanes, quantity) in lanes.iter_mut().zip(quantities) {
-            quantity.store(lanes);
-        }
-        for lane in 0..L::WIDTH {
-            let [x, y, cos, sin, vx, vy] = lanes.map(|lanes| f64::from(lanes[lane]));
-            states[lane * count + index] = State {
-                at: [x, y],
-                heading: [cos, sin],
-                velocity: [vx, vy],
-            };
-        }
-    }
-}
-
-pub(super) fn square(a: [f64; 2], b: [f64; 2]) -> f64 {
-    let (dx, dy) = (a[0] - b[0], a[1] - b[1]);
-    dx * dx + dy * dy
-}
-
-fn length([x, y]: [f64; 2]) -> f64 {
-    (x * x + y * y).sqrt()
-}
-
-/// The sum of vectors.
-pub(super) fn sum(vectors: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
-    vectors.fold([0.0; 2], |[x, y], vector| [x + vector[0], y + vector[1]])
-}
 
 /// What a metric computes once and keeps from one call to the next.
 #[derive(Debug, Default)]
@@ -144,11 +89,6 @@ pub(super) fn value(metric: &Metric, robots: &[State], place: &Place, kept: &mut
         | Metric::CellAge { .. }
         | Metric::VisitedShare { .. } => 0.0,
     }
-}
-
-pub(super) fn center(robots: &[State]) -> [f64; 2] {
-    let count = robots.len() as f64;
-    sum(robots.iter().map(|robot| robot.at)).map(|total| total / count)
 }
 
 /// The robots from left to right; those with equal x in their order.

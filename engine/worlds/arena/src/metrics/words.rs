@@ -3,7 +3,7 @@
 use super::kind::{Metric, When};
 
 impl Metric {
-    pub(in super::super) fn unit(&self) -> &'static str {
+    pub(crate) fn unit(&self) -> &'static str {
         match self {
             Self::RobotsOn { share: true, .. }
             | Self::ObjectsOn { share: true, .. }
@@ -36,7 +36,7 @@ impl Metric {
         }
     }
 
-    pub(in super::super) fn description(&self) -> String {
+    pub(crate) fn description(&self) -> String {
         let when = |when: &When| match when {
             When::EachTick => "summed over the ticks",
             When::Mean => "as a mean over the ticks",

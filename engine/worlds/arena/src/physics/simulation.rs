@@ -9,10 +9,12 @@ use swarmwright_simulation::{
     Description, Determinism, ParameterError, ParameterInfo, Parameters, Scene, Simulation, fail,
 };
 
-use super::{Motion, Physics, Pose, Start, World};
-use crate::robot::TICK;
-use crate::start::Pose as At;
-use crate::{Arena, describe, settings};
+use super::world::World;
+use super::{Motion, Physics, Pose, Start};
+use crate::arena::{Arena, describe};
+use crate::place::Pose as At;
+use crate::settings;
+use crate::time::TICK;
 
 /// Makes simulators.
 type Create = dyn Fn() -> Result<Box<dyn Physics>, String> + Send + Sync;

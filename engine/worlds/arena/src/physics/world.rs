@@ -2,10 +2,10 @@
 
 use std::f32::consts::TAU;
 
-use crate::objects::Form;
-use crate::place::{Place, Shape};
-use crate::robot::{Drive, Robot, TICK};
+use crate::place::{Form, Place, Shape};
+use crate::robots::{Drive, Robot};
 use crate::settings::Settings;
+use crate::time::TICK;
 
 /// Corners of a polygon that stands for a circle.
 const CORNERS: usize = 32;

@@ -1,0 +1,86 @@
+//! Bodies as they move: robots, and objects that they push. What they do in a tick is in `contacts`.
+
+mod objects;
+
+use std::ops::Range;
+
+use swarmwright_lanes::{Lanes, Number, number};
+
+use crate::place::{Kind, Pose};
+use crate::robots::Team;
+
+pub(crate) use objects::{FASTEST, Moving, Object, Objects, Point, Surface, Touch};
+
+/// Robots by index, a vector of lanes for each quantity, and objects.
+pub(crate) struct Bodies<L: Lanes> {
+    /// Position, metres.
+    pub x: Vec<Number<L>>,
+    pub y: Vec<Number<L>>,
+    /// Heading in half turns, -1..=1, with its cosine and sine.
+    pub heading: Vec<Number<L>>,
+    pub cos: Vec<Number<L>>,
+    pub sin: Vec<Number<L>>,
+    /// Velocity, m/s.
+    pub vx: Vec<Number<L>>,
+    pub vy: Vec<Number<L>>,
+    /// Rotation, rad/s.
+    pub spin: Vec<Number<L>>,
+    pub objects: Objects<L>,
+    /// What kinds of robots are called, and which they are.
+    kinds: Vec<(String, Range<usize>)>,
+}
+
+impl<L: Lanes> Bodies<L> {
+    pub(crate) fn new(team: &Team, objects: &[Kind]) -> Self {
+        let robots = team.len();
+        let zeros = || vec![number(0.0); robots];
+        Self {
+            x: zeros(),
+            y: zeros(),
+            heading: zeros(),
+            cos: zeros(),
+            sin: zeros(),
+            vx: zeros(),
+            vy: zeros(),
+            spin: zeros(),
+            objects: Objects::new(objects, if team.gripper().is_some() { robots } else { 0 }),
+            kinds: team.named().collect(),
+        }
+    }
+
+    /// Number of robots.
+    #[inline(always)]
+    pub(crate) fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    /// The robots of a kind, or all.
+    #[inline(always)]
+    pub(crate) fn named(&self, name: Option<&str>) -> Range<usize> {
+        let Some(name) = name else {
+            return 0..self.len();
+        };
+        for (kind, robots) in &self.kinds {
+            if kind == name {
+                return robots.clone();
+            }
+        }
+        0..0
+    }
+
+    /// From one robot to another.
+    #[inline(always)]
+    pub(crate) fn between(&self, from: usize, to: usize) -> [Number<L>; 2] {
+        [self.x[to] - self.x[from], self.y[to] - self.y[from]]
+    }
+}
+
+impl Bodies<f32> {
+    /// Where robots are.
+    pub(crate) fn poses(&self) -> impl Iterator<Item = Pose> + '_ {
+        (0..self.len()).map(|index| Pose {
+            at: [self.x[index].0, self.y[index].0],
+            heading: self.heading[index].0,
+        })
+    }
+}

@@ -1,0 +1,141 @@
+//! A contact of a robot with another one or with a wall, and what it does in a part of a tick.
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use super::super::math::functions::square;
+use super::super::time::{PART, SUBSTEP};
+
+/// The part of the smaller radius by which robots may overlap before they are pushed apart; ARGoS leaves overlaps of that size.
+const TOLERANCE: f32 = 0.2;
+/// The share of an overlap that is not left alone which ends in a part.
+pub(crate) const SHARE: f32 = 0.2;
+
+/// What a contact has for the solver. Impulses are divided by the mass of a robot, of the first kind where two robots touch.
+#[derive(Clone, Copy)]
+pub(crate) struct Contact<L: Lanes> {
+    /// From the first robot to the other, or into the wall.
+    pub normal: [Number<L>; 2],
+    /// The speed of approach at which nothing happens in this part.
+    slack: Number<L>,
+    /// Impulse of a part along the normal and along the tangent.
+    pub pressed: Number<L>,
+    pub rubbed: Number<L>,
+    /// In which lanes anything can happen in this part, as bits.
+    pub active: u64,
+}
+
+impl<L: Lanes> Contact<L> {
+    #[inline(always)]
+    pub(crate) fn none() -> Self {
+        Self {
+            normal: [number(0.0); 2],
+            slack: number(0.0),
+            pressed: number(0.0),
+            rubbed: number(0.0),
+            active: 0,
+        }
+    }
+
+    /// At the beginning of a part: `way` between points that touch at a distance of `limit` and move with `speed` along it
+    /// and across. `fastest`: no two bodies approach each other faster, m/s; `smaller`: radius. Returns the impulse that the
+    /// part begins with.
+    #[inline(always)]
+    pub(crate) fn begin(
+        &mut self,
+        way: [Number<L>; 2],
+        speed: [Number<L>; 2],
+        (limit, smaller, fastest): (Number<L>, Number<L>, f32),
+    ) -> [Number<L>; 2] {
+        let square = square(way);
+        let far = limit + fastest * PART;
+        // Middles that lie on each other press in no direction.
+        let possible = square.lt(far * far).and(number(0.0).lt(square));
+        self.active = possible.bits();
+        if self.active == 0 {
+            self.pressed = number(0.0);
+            self.rubbed = number(0.0);
+            return [number(0.0); 2];
+        }
+        let length = square.sqrt();
+        let inverse = (number::<L>(1.0) / length).only_where(possible);
+        self.normal = [way[0] * inverse, way[1] * inverse];
+        let gap = length - limit;
+        let closing = -(speed[0] * self.normal[0] + speed[1] * self.normal[1]);
+        // Who overlaps after the first of two substeps approaches in that one alone; who does not, at least so fast that it
+        // just touches.
+        let first = gap.lt(closing * SUBSTEP);
+        let slack = (closing * 0.5)
+            .select(closing, first)
+            .at_least(gap * (1.0 / PART));
+        let slack = number::<L>(0.0).select(slack, gap.le(number(0.0)));
+        let deep = (gap + smaller * TOLERANCE).at_most(number(0.0));
+        let slack = slack + deep * (SHARE / PART);
+        self.slack = slack.select(number(f32::MAX), possible);
+        self.pressed = self.pressed.only_where(possible);
+        self.rubbed = self.rubbed.only_where(possible);
+        self.along(self.pressed, self.rubbed)
+    }
+
+    /// The change of impulse that ends the approach, and what friction adds; `approach` and `slip` are the relative
+    /// velocities along normal and tangent, `share` is the part of them that each body takes.
+    #[inline(always)]
+    pub(crate) fn solve(
+        &mut self,
+        approach: Number<L>,
+        slip: Number<L>,
+        share: f32,
+        friction: f32,
+    ) -> [Number<L>; 2] {
+        let pressed = (self.pressed - (approach + self.slack) * share).at_least(number(0.0));
+        let limit = pressed * friction;
+        let rubbed = (self.rubbed - slip * share).at_most(limit).at_least(-limit);
+        let change = self.along(pressed - self.pressed, rubbed - self.rubbed);
+        self.pressed = pressed;
+        self.rubbed = rubbed;
+        change
+    }
+
+    /// The contact of a lane, alone.
+    #[inline(always)]
+    pub(crate) fn lane(&self, lane: usize) -> Contact<f32> {
+        let [nx, ny] = &self.normal;
+        Contact {
+            normal: [Number(nx.lane(lane)), Number(ny.lane(lane))],
+            slack: Number(self.slack.lane(lane)),
+            pressed: Number(self.pressed.lane(lane)),
+            rubbed: Number(self.rubbed.lane(lane)),
+            active: 1,
+        }
+    }
+
+    /// Impulses of a lane.
+    #[inline(always)]
+    pub(crate) fn set_lane(&mut self, lane: usize, [pressed, rubbed]: [f32; 2]) {
+        self.pressed.set_lane(lane, pressed);
+        self.rubbed.set_lane(lane, rubbed);
+    }
+
+    #[inline(always)]
+    fn along(&self, pressed: Number<L>, rubbed: Number<L>) -> [Number<L>; 2] {
+        let [nx, ny] = self.normal;
+        [nx * pressed - ny * rubbed, ny * pressed + nx * rubbed]
+    }
+
+    #[inline(always)]
+    pub(crate) fn touches(&self) -> L::Mask {
+        number(0.0).lt(self.pressed)
+    }
+}
+
+/// Ends what is faster than `most`, m/s: bodies that slip out between heavier ones.
+#[inline(always)]
+pub(crate) fn slow_down<L: Lanes>(velocity: &mut [Number<L>; 2], most: f32) {
+    let [x, y] = *velocity;
+    let square = square([x, y]);
+    let faster = square.gt(number(most * most));
+    if !faster.any() {
+        return;
+    }
+    let part = number::<L>(most) / square.sqrt();
+    *velocity = [(x * part).select(x, faster), (y * part).select(y, faster)];
+}

@@ -1,0 +1,55 @@
+//! Objects that robots hold.
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use super::super::bodies::Objects;
+use super::gap::gap;
+use super::objects::NEAR;
+
+impl<L: Lanes> Objects<L> {
+    /// A robot holds what it held, as far as that is still near, or else the nearest object within reach, in the lanes in
+    /// which that is wanted; in others it lets go. `at`: where its middle is; its radius, and how far it reaches from that.
+    #[inline(always)]
+    pub(crate) fn grip(
+        &mut self,
+        robot: usize,
+        (at, radius, reach): ([Number<L>; 2], f32, f32),
+        wanted: L::Mask,
+    ) {
+        let count = self.things.len();
+        if self.held.is_empty() {
+            return;
+        }
+        let Self {
+            things,
+            moving,
+            held,
+            ..
+        } = self;
+        let held = &mut held[robot * count..][..count];
+        let mut holds = L::Mask::from_bits(0);
+        for object in 0..count {
+            if held[object].any() {
+                let gap = gap(&things[object], &moving[object], at, radius);
+                held[object] = held[object].and(wanted).and(gap.lt(number(NEAR)));
+                holds = holds.or(held[object]);
+            }
+        }
+        let free = wanted.and_not(holds);
+        if !free.any() {
+            return;
+        }
+        let (mut nearest, mut which) = (number(reach), number(-1.0));
+        for object in 0..count {
+            let gap = gap(&things[object], &moving[object], at, radius);
+            let nearer = gap.lt(nearest).and(free);
+            nearest = gap.select(nearest, nearer);
+            which = number::<L>(object as f32).select(which, nearer);
+        }
+        for object in 0..count {
+            let this = number::<L>(object as f32);
+            let same = which.le(this).and(this.le(which));
+            held[object] = held[object].or(same.and(free));
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! Motion and collisions in a tick, after the rigid discs of Chipmunk 6 as ARGoS uses them.
+//!
+//! A drive pulls the velocity towards its aim by at most `acceleration` x time, and Coulomb friction acts at the rims.
+//! Contacts end the approach, after the substep in which two begin to overlap; only what overlaps deeply is pushed apart. Robots
+//! that nothing can touch in the tick move in closed form. For the others a tick has `PARTS` parts; in each of them all
+//! drives and all contacts are solved `PASSES` times, in order, beginning with the impulses of the part before. Chipmunk
+//! solves each of ten substeps ten times; beginning with its impulses fewer are enough (docs/decisions/019-arena.md).
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use super::super::bodies::{Bodies, FASTEST, Objects};
+use super::super::math::functions::square;
+use super::super::place::Place;
+use super::super::robots::Team;
+use super::super::time::{PART, SUBSTEP, SUBSTEPS};
+use super::contact::slow_down;
+use super::near::{Close, Moved, Near};
+use super::pairs::Pairs;
+use super::walls::Walls;
+
+/// Parts of a tick, each of two substeps of free motion.
+const PARTS: usize = 5;
+/// How often drives and contacts are solved in a part.
+const PASSES: usize = 2;
+/// The same where there are objects, or kinds of robots of which one is much heavier than another.
+const MORE_PASSES: usize = 4;
+/// The most that a drive gives while something touches the robot, m/s^2: wheels slip. Without it robots whose drives have no
+/// limit would be pressed through each other.
+const TRACTION: f32 = 10.0;
+
+/// The work of a tick.
+pub(crate) struct Contacts<L: Lanes> {
+    /// The velocity that each drive aims at.
+    pub aim: Vec<[Number<L>; 2]>,
+    near: Near<L>,
+    pairs: Pairs<L>,
+    walls: Walls<L>,
+}
+
+impl<L: Lanes> Contacts<L> {
+    pub(crate) fn new(robots: usize) -> Self {
+        Self {
+            aim: vec![[number(0.0); 2]; robots],
+            near: Near::new(robots),
+            pairs: Pairs::new(),
+            walls: Walls::new(robots),
+        }
+    }
+
+    /// Goes to the start of an episode.
+    #[inline(always)]
+    pub(crate) fn forget(&mut self) {
+        self.pairs.forget();
+        self.walls.forget();
+    }
+
+    /// Moves all robots by a tick.
+    #[inline(always)]
+    pub(crate) fn resolve(
+        &mut self,
+        bodies: &mut Bodies<L>,
+        close: &Close,
+        team: &Team,
+        place: &Place,
+    ) {
+        let Self {
+            aim,
+            near,
+            pairs,
+            walls,
+        } = self;
+        near.lanes.fill(0);
+        pairs.find(bodies, &close.robots, team, &mut near.lanes);
+        walls.find(bodies, &close.faces, (team, place), &mut near.lanes);
+        let mut objects = std::mem::take(&mut bodies.objects);
+        L::apart(
+            #[inline(always)]
+            || objects.find(bodies, team, place, &mut near.lanes),
+        );
+        if L::WIDTH == 1 || objects.any() {
+            // A single lane is always full; contacts with objects need robots in the lanes of their episodes.
+            near.spread(bodies, aim);
+        } else {
+            near.pack(bodies, aim, team);
+        }
+        pairs.place(near);
+        walls.collect(near, place);
+        self.move_freely(bodies, team);
+        if !self.near.used.is_empty() || objects.awake() {
+            for _ in 0..PARTS {
+                L::apart(
+                    #[inline(always)]
+                    || self.part(&mut objects, team, place),
+                );
+            }
+            self.walls.keep();
+            self.near.unpack(bodies);
+        }
+        bodies.objects = objects;
+    }
+
+    /// A tick of robots that touch nothing, at once.
+    #[inline(always)]
+    fn move_freely(&mut self, bodies: &mut Bodies<L>, team: &Team) {
+        for index in 0..bodies.len() {
+            let most = number::<L>(team.robot(index).acceleration * SUBSTEP);
+            let [ax, ay] = self.aim[index];
+            let (vx, vy) = (bodies.vx[index], bodies.vy[index]);
+            let (dx, dy) = (ax - vx, ay - vy);
+            // The part of the change that a substep brings; infinite where there is none.
+            let part = most / square([dx, dy]).sqrt();
+            let (mut sum, mut done) = (number(0.0), number(0.0));
+            for _ in 1..SUBSTEPS {
+                done += part;
+                sum += done.at_most(number(1.0));
+            }
+            let last = (done + part).at_most(number(1.0));
+            let substeps = SUBSTEPS as f32;
+            bodies.x[index] += (vx * substeps + dx * sum) * SUBSTEP;
+            bodies.y[index] += (vy * substeps + dy * sum) * SUBSTEP;
+            bodies.vx[index] = vx + dx * last;
+            bodies.vy[index] = vy + dy * last;
+        }
+    }
+
+    #[inline(always)]
+    fn part(&mut self, objects: &mut Objects<L>, team: &Team, place: &Place) {
+        let Self {
+            near, pairs, walls, ..
+        } = self;
+        let Near { moved, used, .. } = near;
+        for vector in used.iter() {
+            let moved = &mut moved[*vector as usize];
+            moved.before = moved.velocity;
+            moved.touched = 0;
+        }
+        pairs.begin(moved, team);
+        walls.begin(moved, team);
+        if objects.any() {
+            L::apart(
+                #[inline(always)]
+                || objects.begin(moved, (team, place)),
+            );
+        }
+        for vector in used.iter() {
+            let moved = &mut moved[*vector as usize];
+            drive(moved, team.robot(moved.robot as usize).acceleration);
+        }
+        objects.rest(false);
+        let passes = if objects.any() || team.uneven() {
+            MORE_PASSES
+        } else {
+            PASSES
+        };
+        for pass in 0..passes {
+            if pass > 0 {
+                for vector in used.iter() {
+                    let moved = &mut moved[*vector as usize];
+                    if moved.touched != 0 {
+                        drive_on(moved, team.robot(moved.robot as usize).acceleration);
+                    }
+                }
+                objects.rest(true);
+            }
+            pairs.solve(moved, team);
+            walls.solve(moved, team);
+            if objects.any() {
+                L::apart(
+                    #[inline(always)]
+                    || objects.solve(moved, team),
+                );
+            }
+        }
+        objects.advance(team);
+        let fastest = team.fastest();
+        for vector in used.iter() {
+            let moved = &mut moved[*vector as usize];
+            let radius = team.robot(moved.robot as usize).radius;
+            slow_down(&mut moved.velocity, (fastest / 2.0).min(radius * FASTEST));
+            let touched = L::Mask::from_bits(moved.touched);
+            for axis in 0..2 {
+                let way = (moved.velocity[axis] * PART).select(moved.free[axis], touched);
+                moved.at[axis] += way;
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn push<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
+    moved.velocity[0] += x;
+    moved.velocity[1] += y;
+}
+
+/// The drive pulls the velocity to its aim. `velocity` has the impulses of the contacts already: it works against them.
+#[inline(always)]
+fn drive<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
+    let (aim, [x, y]) = (moved.aim, moved.velocity);
+    let wanted = [aim[0] - x, aim[1] - y];
+    let inverse = number::<L>(1.0) / square(wanted).sqrt();
+    let mut most = number::<L>(acceleration * PART);
+    if acceleration > TRACTION {
+        most = number(TRACTION * PART).select(most, L::Mask::from_bits(moved.touched));
+    }
+    let whole = (inverse * most).at_most(number(1.0));
+    // Of two substeps the first one still has the velocity of before.
+    let half = (inverse * (acceleration * SUBSTEP)).at_most(number(1.0));
+    let [vx, vy] = moved.before;
+    moved.free = [
+        vx * PART + wanted[0] * half * SUBSTEP,
+        vy * PART + wanted[1] * half * SUBSTEP,
+    ];
+    moved.load = [wanted[0] * whole, wanted[1] * whole];
+    push(moved, moved.load);
+}
+
+/// The drive once more, after contacts, in the lanes that have some: it gives no more than it can in all.
+#[inline(always)]
+fn drive_on<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
+    let lanes = L::Mask::from_bits(moved.touched);
+    let (aim, load, [x, y]) = (moved.aim, moved.load, moved.velocity);
+    let wanted = [load[0] + (aim[0] - x), load[1] + (aim[1] - y)];
+    let most = number::<L>(acceleration.min(TRACTION) * PART);
+    let part = (most / square(wanted).sqrt()).at_most(number(1.0));
+    moved.load = [
+        (wanted[0] * part).select(load[0], lanes),
+        (wanted[1] * part).select(load[1], lanes),
+    ];
+    push(moved, [moved.load[0] - load[0], moved.load[1] - load[1]]);
+}

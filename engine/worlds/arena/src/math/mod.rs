@@ -1,0 +1,5 @@
+//! Functions, random numbers and plane geometry in fixed sequences of operations.
+
+pub(crate) mod functions;
+pub(crate) mod polygon;
+pub(crate) mod random;

@@ -1,0 +1,54 @@
+//! Where something stands and looks, and where it may stand at the start.
+
+use swarmwright_controllers::functions::{cos_pi, sin_pi};
+
+/// Where a robot stands and looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Pose {
+    /// Metres.
+    pub at: [f32; 2],
+    /// Half turns, -1..1.
+    pub heading: f32,
+}
+
+/// Where robots or objects may stand: in a disc, in a rectangle, or in the part of the disc that lies in the rectangle.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Start {
+    /// Middle and radius.
+    pub disc: Option<([f32; 2], f32)>,
+    /// Lower left and upper right corner.
+    pub rectangle: Option<([f32; 2], [f32; 2])>,
+}
+
+/// A pose from three numbers in 0..1.
+pub(crate) fn pose(start: &Start, [a, b, c]: [f32; 3]) -> Pose {
+    let at = match (start.disc, start.rectangle) {
+        (Some((center, radius)), _) => {
+            // Uniform in the disc: the larger of two numbers as radius, their quotient as angle.
+            let (low, high) = if a < b { (a, b) } else { (b, a) };
+            let angle = if high > 0.0 { 2.0 * (low / high) } else { 0.0 };
+            let angle = if angle > 1.0 { angle - 2.0 } else { angle };
+            let far = radius * high;
+            [
+                center[0] + far * cos_pi(angle),
+                center[1] + far * sin_pi(angle),
+            ]
+        }
+        (None, Some((low, high))) => [
+            low[0] + (high[0] - low[0]) * a,
+            low[1] + (high[1] - low[1]) * b,
+        ],
+        (None, None) => [0.0; 2],
+    };
+    Pose {
+        at,
+        heading: 2.0 * c - 1.0,
+    }
+}
+
+/// Whether it lies in the rectangle, if there is one.
+pub(crate) fn within(at: [f32; 2], start: &Start) -> bool {
+    start.rectangle.is_none_or(|(low, high)| {
+        (0..2).all(|axis| low[axis] <= at[axis] && at[axis] <= high[axis])
+    })
+}

@@ -1,0 +1,59 @@
+//! Colours that LEDs and lamps, walls and objects show, and cameras see.
+
+use serde::Deserialize;
+
+/// What LEDs show, and cameras tell apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum LedColor {
+    Red,
+    Green,
+    Blue,
+    Cyan,
+    Magenta,
+    Yellow,
+}
+
+impl LedColor {
+    pub(crate) const ALL: [Self; 6] = [
+        Self::Red,
+        Self::Green,
+        Self::Blue,
+        Self::Cyan,
+        Self::Magenta,
+        Self::Yellow,
+    ];
+
+    /// Its place among all.
+    pub(crate) const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The number of a robot that shows it; 0 is for none.
+    pub(crate) const fn code(self) -> f32 {
+        (self as usize + 1) as f32
+    }
+
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Red => "red",
+            Self::Green => "green",
+            Self::Blue => "blue",
+            Self::Cyan => "cyan",
+            Self::Magenta => "magenta",
+            Self::Yellow => "yellow",
+        }
+    }
+
+    /// In pictures, a little darker than on screens so that it shows on white.
+    pub(crate) const fn shown(self) -> &'static str {
+        match self {
+            Self::Red => "#e02020",
+            Self::Green => "#18a818",
+            Self::Blue => "#2848e0",
+            Self::Cyan => "#10b8c8",
+            Self::Magenta => "#d020c0",
+            Self::Yellow => "#d8c010",
+        }
+    }
+}

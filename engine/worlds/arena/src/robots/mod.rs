@@ -1,0 +1,17 @@
+//! Models of robots, and the robots of a swarm.
+
+mod model;
+mod numbers;
+mod outputs;
+mod parts;
+mod robot;
+mod team;
+mod together;
+
+pub use model::robots;
+pub(crate) use outputs::Output;
+pub(crate) use parts::{
+    Camera, Drive, GroundSensors, LightSensors, Links, Proximity, Radio, Sight,
+};
+pub(crate) use robot::{Group, Robot};
+pub(crate) use team::{MOST_RATIO, MOST_ROBOTS, Pair, Team};

@@ -1,0 +1,70 @@
+//! Actuators beside the drive, as they are written.
+
+use serde::Deserialize;
+use swarmwright_simulation::ParameterError;
+use swarmwright_simulation::parameters::wrong;
+
+use super::limits::{each_once, within};
+use crate::place::LedColor;
+use crate::robots::robot::Robot;
+
+/// Most numbers of a message.
+const MOST_NUMBERS: usize = 16;
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub(super) enum Actuator {
+    /// Numbers that others hear.
+    Message { numbers: usize },
+    /// A number for each colour that the robot can show.
+    Led { colors: Vec<LedColor> },
+    /// Holds an object while its number is above 0.
+    Gripper {
+        /// From the rim of the robot to that of the object, metres.
+        #[serde(default = "reach")]
+        reach: f32,
+    },
+}
+
+fn reach() -> f32 {
+    0.01
+}
+
+/// Of a gripper, metres: what is held is in contact.
+const REACHES: [f32; 2] = [0.001, 0.02];
+
+/// Gives a robot an actuator; `at` is what it is called in complaints.
+pub(super) fn add(robot: &mut Robot, actuator: &Actuator, at: &str) -> Result<(), ParameterError> {
+    match actuator {
+        Actuator::Message { numbers } => {
+            if robot.message > 0 {
+                return Err(wrong(
+                    at,
+                    "there is a message already; give it more numbers",
+                ));
+            }
+            if !(1..=MOST_NUMBERS).contains(numbers) {
+                return Err(wrong(
+                    &format!("{at}.numbers"),
+                    format!("{numbers} found, expected 1 to {MOST_NUMBERS}"),
+                ));
+            }
+            robot.message = *numbers;
+        }
+        Actuator::Led { colors } => {
+            if !robot.leds.is_empty() {
+                return Err(wrong(at, "there is an LED already; give it more colors"));
+            }
+            each_once(&format!("{at}.colors"), colors)?;
+            robot.leds.clone_from(colors);
+        }
+        Actuator::Gripper { reach } => {
+            if robot.gripper.is_some() {
+                return Err(wrong(at, "there is a gripper already; one is possible"));
+            }
+            within(&format!("{at}.reach"), *reach, REACHES)?;
+            robot.gripper = Some(*reach);
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,109 @@
+//! Robots as they are written: a body, a drive, and sensors and actuators by name.
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use swarmwright_simulation::ParameterError;
+use swarmwright_simulation::parameters::wrong;
+
+use super::actuators::{self, Actuator};
+use super::battery::BatteryText;
+use super::drive::{self, DriveText};
+use super::limits::{MASSES, within};
+use super::sensors::{self, Sensor};
+use crate::mistakes::{Mistakes, mismatch_at, part};
+use crate::robots::robot::{FRICTION, MASS, Robot};
+
+/// A robot.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Model {
+    /// Metres.
+    radius: f32,
+    /// Metres; what lies lower does not hide it. Default: twice the radius.
+    height: Option<f32>,
+    /// Kilograms.
+    #[serde(default = "mass")]
+    mass: f32,
+    drive: Value,
+    /// Coefficient of friction with other robots and with walls.
+    #[serde(default = "friction")]
+    friction: [f32; 2],
+    battery: Option<Value>,
+    #[serde(default)]
+    sensors: Vec<Value>,
+    #[serde(default)]
+    actuators: Vec<Value>,
+}
+
+fn mass() -> f32 {
+    MASS
+}
+
+fn friction() -> [f32; 2] {
+    FRICTION
+}
+
+/// One of several kinds, with complaints that name its place.
+fn parsed_kind<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, ParameterError> {
+    swarmwright_values::read_kind(value).map_err(|mismatch| mismatch_at(at, mismatch))
+}
+
+/// Reads a robot. Complaints name places within it; `others_send`: whether it may hear messages without sending one.
+///
+/// # Errors
+/// All that is wrong with it.
+pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, Mistakes> {
+    let model: Model = swarmwright_values::read(value).map_err(|mut mismatch| {
+        if mismatch.reason == "missing field `radius`" {
+            mismatch.reason +=
+                "; to change a built-in robot, name it, too, such as preset: e-puck-rm1.1";
+        }
+        mismatch_at("", mismatch)
+    })?;
+    let mut mistakes = Mistakes::default();
+    mistakes.take(within("mass", model.mass, MASSES));
+    let Some(mut robot) = mistakes.take(body(&model)) else {
+        return Err(mistakes);
+    };
+    let battery = |given| part::<BatteryText>(given, "battery").and_then(BatteryText::read);
+    let battery = model.battery.as_ref().map(battery).transpose();
+    robot.battery = mistakes.take(battery).flatten();
+    for (index, actuator) in model.actuators.iter().enumerate() {
+        let at = format!("actuators[{index}]");
+        let read = parsed_kind::<Actuator>(actuator, &at);
+        let added = read.and_then(|actuator| actuators::add(&mut robot, &actuator, &at));
+        mistakes.take(added);
+    }
+    let before = mistakes.len();
+    for (index, sensor) in model.sensors.iter().enumerate() {
+        let at = format!("sensors[{index}]");
+        let read = parsed_kind::<Sensor>(sensor, &at);
+        // Whether messages can be heard is known only where all actuators are.
+        let others_send = others_send || before > 0;
+        let added = read.and_then(|sensor| sensors::add(&mut robot, &sensor, &at, others_send));
+        mistakes.take(added);
+    }
+    if mistakes.len() > before {
+        return Err(mistakes);
+    }
+    if robot.outputs.is_empty() {
+        mistakes.add(wrong("sensors", "a robot needs at least one sensor"));
+    }
+    if robot.message > 0 && robot.links.is_none() {
+        mistakes.add(wrong(
+            "actuators",
+            "no robot receives the message; add a sensor {kind: range_and_bearing, gives: [message]}",
+        ));
+    }
+    mistakes.or(Some(robot))
+}
+
+/// A robot without sensors.
+fn body(model: &Model) -> Result<Robot, ParameterError> {
+    let height = model.height.unwrap_or(2.0 * model.radius);
+    let drive: DriveText = parsed_kind(&model.drive, "drive")?;
+    let mut robot = drive::body(model.radius, height, model.friction, &drive)?;
+    robot.mass = model.mass;
+    Ok(robot)
+}

@@ -1,0 +1,49 @@
+//! Robots as they are written: by name, as a built-in one with changes, or composed of parts.
+
+mod actuators;
+mod battery;
+mod changed;
+mod composed;
+mod drive;
+mod limits;
+mod presets;
+mod radio;
+mod sensors;
+
+use serde_json::Value;
+use swarmwright_simulation::parameters::wrong;
+
+use super::robot::Robot;
+use crate::mistakes::{Mistakes, with_place};
+
+pub use presets::robots;
+
+impl Robot {
+    /// A model as a name or an object; `place` is what it is called in complaints, `others_send` whether other kinds of robots
+    /// send messages that it hears.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub(crate) fn read(value: &Value, place: &str, others_send: bool) -> Result<Self, Mistakes> {
+        let expected = || format!("the name of a robot ({}) or an object", presets::names());
+        match value {
+            Value::String(name) => Self::preset(name).ok_or_else(|| {
+                let hint = presets::suggestion(name);
+                wrong(
+                    place,
+                    format!("{name:?} found, expected {}{hint}", expected()),
+                )
+                .into()
+            }),
+            Value::Object(_) => {
+                let read = if value.get("preset").is_some() {
+                    changed::read(value).map_err(Mistakes::from)
+                } else {
+                    composed::read(value, others_send)
+                };
+                read.map_err(|mistakes| mistakes.map(|mistake| with_place(place, mistake)))
+            }
+            other => Err(wrong(place, format!("{other} found, expected {}", expected())).into()),
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! Light: the sum over the lamps that no body hides.
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use super::others::Others;
+use crate::bodies::Bodies;
+use crate::math::functions::{absolute, bearing, exp};
+use crate::place::{Light, Place};
+use crate::robots::{LightSensors, Team};
+
+/// Writes the readings of a robot, without noise.
+#[inline(always)]
+pub(crate) fn read<L: Lanes>(
+    sensors: &LightSensors,
+    (team, range): (&Team, f32),
+    place: &Place,
+    bodies: &Bodies<L>,
+    index: usize,
+    others: &Others<L>,
+    readings: &mut [Number<L>],
+) {
+    for index in 0..readings.len() {
+        readings[index] = number(0.0);
+    }
+    for light in &place.lights {
+        if light.intensity <= 0.0 {
+            continue;
+        }
+        let (dx, dy) = (
+            number(light.at[0]) - bodies.x[index],
+            number(light.at[1]) - bodies.y[index],
+        );
+        let square = dx * dx + dy * dy;
+        let height = light.at[2];
+        let far = (square + height * height).sqrt() * (1.0 / light.intensity);
+        let seen = far.le(number(sensors.reach));
+        if !seen.any() {
+            continue;
+        }
+        let distance = square.sqrt();
+        let at = [bodies.x[index], bodies.y[index]];
+        let hidden = behind_robot((team, range), light, [dx, dy], distance, others)
+            .or(behind_wall(place, light, at[0], at[1]))
+            .or(bodies.objects.shade(at, light));
+        let seen = seen.and_not(hidden);
+        if !seen.any() {
+            continue;
+        }
+        let strength = exp((far * -2.0).at_least(number(-80.0))).only_where(seen);
+        // In the frame of the robot.
+        let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
+        let angle = bearing(dx * cos + dy * sin, dy * cos - dx * sin);
+        for index in 0..sensors.angles.len() {
+            let reading = &mut readings[index];
+            let off = absolute(angle - sensors.angles[index]);
+            let off = (number(2.0) - off).select(off, number(1.0).lt(off));
+            let facing = (number(1.0) - off - off).at_least(number(0.0));
+            *reading += strength * facing;
+        }
+    }
+}
+
+/// Whether another robot stands in the line from the foot of the robot to a lamp. `way` points to the lamp, of length
+/// `distance` in the plane.
+#[inline(always)]
+fn behind_robot<L: Lanes>(
+    (team, range): (&Team, f32),
+    light: &Light,
+    way: [Number<L>; 2],
+    distance: Number<L>,
+    others: &Others<L>,
+) -> L::Mask {
+    let mut hidden = L::Mask::from_bits(0);
+    let inverse = number::<L>(1.0) / distance.at_least(number(f32::MIN_POSITIVE));
+    let (ux, uy) = (way[0] * inverse, way[1] * inverse);
+    for kind in 0..others.kinds() {
+        let robot = team.kind(kind);
+        // Up to here the line is not above the robots.
+        let below = distance * (robot.height / light.at[2]).min(1.0);
+        let radius = number::<L>(robot.radius * robot.radius);
+        let reach = (below + robot.radius).at_most(number(range));
+        let reach = reach * reach;
+        for other in others.of(kind) {
+            let near = other.square.lt(reach);
+            if !near.any() {
+                continue;
+            }
+            let along = other.x * ux + other.y * uy;
+            let aside = other.x * uy - other.y * ux;
+            let depth = radius - aside * aside;
+            let meets = near.and(number(0.0).lt(depth)).and(number(0.0).lt(along));
+            if !meets.any() {
+                continue;
+            }
+            // Where the line enters the body: not before its start, since a body around the start does not hide.
+            let entry = along - depth.at_least(number(0.0)).sqrt();
+            hidden = hidden.or(meets.and(number(0.0).le(entry)).and(entry.le(below)));
+        }
+    }
+    hidden
+}
+
+/// Whether a wall stands in that line.
+#[inline(always)]
+fn behind_wall<L: Lanes>(place: &Place, light: &Light, x: Number<L>, y: Number<L>) -> L::Mask {
+    let mut hidden = L::Mask::from_bits(0);
+    for face in &place.faces {
+        let [ax, ay] = face.along;
+        let ahead = |x: f32, y: f32| (y - face.middle[1]) * ax - (x - face.middle[0]) * ay;
+        let behind = ahead(light.at[0], light.at[1]);
+        if behind >= 0.0 {
+            continue;
+        }
+        let (dx, dy) = (x - face.middle[0], y - face.middle[1]);
+        let front = dy * ax - dx * ay;
+        // The part of the way at which the line enters the wall, and how high it is there.
+        let part = front / (front - number(behind));
+        let low = number(0.0)
+            .lt(front)
+            .and((part * light.at[2]).le(number(face.height)));
+        if !low.any() {
+            continue;
+        }
+        let side = dx * ax + dy * ay;
+        let goal = (light.at[0] - face.middle[0]) * ax + (light.at[1] - face.middle[1]) * ay;
+        let at = side + (number(goal) - side) * part;
+        let inside = at.le(number(face.half)).and(number(-face.half).le(at));
+        hidden = hidden.or(low.and(inside));
+    }
+    hidden
+}

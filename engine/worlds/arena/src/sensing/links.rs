@@ -1,0 +1,254 @@
+//! Range and bearing: messages of the robots around, where nothing stands between and nothing is lost.
+
+use swarmwright_controllers::functions::lanes::tanh;
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use super::others::Others;
+use super::radio::{Reception, both};
+use super::slots::Slots;
+use crate::bodies::Bodies;
+use crate::math::functions::either;
+use crate::math::random::Keys;
+use crate::place::Place;
+use crate::robots::{Links, Team};
+
+/// Ticks whose messages count for the attraction.
+const WINDOW: usize = 11;
+/// Messages that are looked at at a time.
+const AT_A_TIME: usize = 4;
+
+/// Messages of the last ticks.
+pub(crate) struct LinkWindow<L: Lanes> {
+    /// By robot and tick of the window: the sum over its messages, in the frame that the robot then had.
+    sums: Vec<[[Number<L>; 2]; WINDOW]>,
+    /// By robot: messages of this tick.
+    pub heard: Vec<Number<L>>,
+    /// By robot: the sum over the window.
+    pub attraction: Vec<[Number<L>; 2]>,
+    sent: Sent<L>,
+    /// In which lanes no other robot hears a robot; empty where all are heard.
+    pub mute: Vec<L::Mask>,
+    /// The probability with which failures lose messages, beside that of the robots; none where they lose none.
+    pub failing: Option<f32>,
+}
+
+/// Messages that were not lost: the way to their sender, and the distance of middles at which its rim touches, centimetres.
+type Sent<L> = Slots<L, 3, AT_A_TIME>;
+
+/// Those that arrive: their number, and their sum.
+#[derive(Clone, Copy)]
+struct Arrived<L> {
+    count: Number<L>,
+    sum: [Number<L>; 2],
+}
+
+impl<L: Lanes> LinkWindow<L> {
+    pub(crate) fn new(robots: usize) -> Self {
+        Self {
+            sums: vec![[[number(0.0); 2]; WINDOW]; robots],
+            heard: vec![number(0.0); robots],
+            attraction: vec![[number(0.0); 2]; robots],
+            sent: Sent::new([0.0; 3]),
+            mute: Vec::new(),
+            failing: None,
+        }
+    }
+
+    #[inline(always)]
+    pub(crate) fn clear(&mut self) {
+        self.sums.fill([[number(0.0); 2]; WINDOW]);
+    }
+
+    /// The probability with which a robot does not receive a message: by its own loss, or by a failure.
+    #[inline(always)]
+    pub(crate) fn loss(&self, links: &Links) -> f32 {
+        match self.failing {
+            None => links.loss,
+            Some(failing) => either(links.loss, failing),
+        }
+    }
+
+    /// A robot hears the others.
+    #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
+    #[inline(always)]
+    pub(crate) fn hear(
+        &mut self,
+        links: &Links,
+        team: &Team,
+        place: &Place,
+        bodies: &Bodies<L>,
+        index: usize,
+        (others, indices): (&Others<L>, &[u32]),
+        keys: Keys<L>,
+        tick: u32,
+    ) {
+        let loss = self.loss(links);
+        let (mut kind, mut left) = (0, 0);
+        let (mut range, mut rims) = (number::<L>(0.0), number(0.0));
+        let mut arrived = Arrived {
+            count: number(0.0),
+            sum: [number(0.0); 2],
+        };
+        let mut reception = Reception::new(
+            links,
+            team,
+            (others, indices),
+            (loss, &self.mute),
+            (keys, tick, index),
+        );
+        let slots = &mut self.sent;
+        slots.clear();
+        let at = [bodies.x[index], bodies.y[index]];
+        for k in 0..others.len() {
+            let (other, sender) = (&others[k], indices[k] as usize);
+            while left == 0 {
+                let of = team.kind(kind);
+                range = number(both(links, of));
+                rims = number(100.0 * (team.robot(index).radius + of.radius));
+                left = others.of(kind).len();
+                kind += 1;
+            }
+            left -= 1;
+            let of = team.kind(kind - 1);
+            let mut sent = reception.arrives((sender, of), other.square, range);
+            if !self.mute.is_empty() {
+                sent = sent.and_not(self.mute[sender]);
+            }
+            if sent.any() {
+                let rest = slots.put([other.x, other.y, rims], sent);
+                if rest.any() {
+                    receive(
+                        links,
+                        team,
+                        (place, bodies),
+                        at,
+                        others,
+                        slots,
+                        &mut arrived,
+                    );
+                    slots.clear();
+                    slots.put([other.x, other.y, rims], rest);
+                }
+            }
+        }
+        receive(
+            links,
+            team,
+            (place, bodies),
+            at,
+            others,
+            slots,
+            &mut arrived,
+        );
+        self.heard[index] = arrived.count;
+        let sums = &mut self.sums[index];
+        let ([x, y], cos, sin) = (arrived.sum, bodies.cos[index], bodies.sin[index]);
+        sums[tick as usize % WINDOW] = [x * cos + y * sin, y * cos - x * sin];
+        let mut total = [number(0.0); 2];
+        for sum in sums.iter() {
+            total[0] += sum[0];
+            total[1] += sum[1];
+        }
+        self.attraction[index] = total;
+    }
+}
+
+/// Adds the messages that nothing hides.
+#[inline(always)]
+fn receive<L: Lanes>(
+    links: &Links,
+    team: &Team,
+    (place, bodies): (&Place, &Bodies<L>),
+    at: [Number<L>; 2],
+    others: &Others<L>,
+    slots: &Sent<L>,
+    arrived: &mut Arrived<L>,
+) {
+    for place_of in 0..slots.used() {
+        let ([x, y, rims], nothing) = slots.get(place_of);
+        let way = [x, y];
+        // As of all others, so that the sender itself does not stand between.
+        let square = way[0] * way[0] + way[1] * way[1];
+        let mut hidden = nothing;
+        if links.line_of_sight() {
+            hidden = hidden
+                .or(behind_robot(team, way, square, others))
+                .or(behind_wall(place, at, way))
+                .or(bodies.objects.hide(at, way));
+        }
+        let distance = square.sqrt();
+        // From rim to rim, and 1: a sum of two that overlap would be huge, or point away.
+        let far = (distance * 100.0 + (number::<L>(1.0) - rims)).at_least(number(1.0));
+        let weight = number::<L>(1.0) / (far * distance);
+        let weight = number::<L>(0.0).select(weight, hidden);
+        arrived.count += number::<L>(0.0).select(number(1.0), hidden);
+        arrived.sum[0] += way[0] * weight;
+        arrived.sum[1] += way[1] * weight;
+    }
+}
+
+/// Whether a third robot stands between.
+#[inline(always)]
+pub(crate) fn behind_robot<L: Lanes>(
+    team: &Team,
+    [x, y]: [Number<L>; 2],
+    square: Number<L>,
+    others: &Others<L>,
+) -> L::Mask {
+    let mut hidden = L::Mask::from_bits(0);
+    for kind in 0..others.kinds() {
+        let radius = team.kind(kind).radius;
+        let width = square * (radius * radius);
+        for other in others.of(kind) {
+            let cross = x * other.y - y * other.x;
+            let dot = x * other.x + y * other.y;
+            let between = number(0.0).lt(dot).and(other.square.lt(square));
+            hidden = hidden.or((cross * cross).lt(width).and(between));
+        }
+    }
+    hidden
+}
+
+/// Whether a wall stands between.
+#[inline(always)]
+pub(crate) fn behind_wall<L: Lanes>(
+    place: &Place,
+    [x, y]: [Number<L>; 2],
+    way: [Number<L>; 2],
+) -> L::Mask {
+    let mut hidden = L::Mask::from_bits(0);
+    for face in &place.faces {
+        if face.outer {
+            continue;
+        }
+        let [ax, ay] = face.along;
+        let front = face.ahead(x, y);
+        let goal = front + (way[1] * ax - way[0] * ay);
+        let crosses = (front * goal).lt(number(0.0));
+        if crosses.any() {
+            let side = (x - face.middle[0]) * ax + (y - face.middle[1]) * ay;
+            let part = front / (front - goal);
+            let at = side + (way[0] * ax + way[1] * ay) * part;
+            let inside = at.le(number(face.half)).and(number(-face.half).le(at));
+            hidden = hidden.or(crosses.and(inside));
+        }
+    }
+    hidden
+}
+
+/// A vector squashed to the length tanh(length / 2), along the four diagonals; 0 where that is negative.
+#[inline(always)]
+pub(crate) fn parts<L: Lanes>([x, y]: [Number<L>; 2]) -> [Number<L>; 4] {
+    let length = (x * x + y * y).sqrt();
+    let some = number(0.0).lt(length);
+    let factor = (Number(tanh((length * 0.5).0)) / length).only_where(some);
+    let half = factor * std::f32::consts::FRAC_1_SQRT_2;
+    let (sum, difference) = ((x + y) * half, (y - x) * half);
+    let none = number(0.0);
+    [
+        sum.at_least(none),
+        difference.at_least(none),
+        (-sum).at_least(none),
+        (-difference).at_least(none),
+    ]
+}

@@ -1,0 +1,150 @@
+//! What objects hide, and where rays meet them.
+
+use std::ops::Range;
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use crate::bodies::{Bodies, Moving, Object, Objects};
+use crate::math::functions::absolute;
+use crate::place::{Form, Light};
+use crate::robots::Proximity;
+
+/// Components of directions that are smaller count as this.
+const LEAST: f32 = 1e-12;
+
+/// Where a line is inside of an object, as multiples of its direction; nothing where `meets` does not hold.
+struct Crossing<L: Lanes> {
+    from: Number<L>,
+    to: Number<L>,
+    meets: L::Mask,
+}
+
+impl<L: Lanes> Objects<L> {
+    /// Shortens the rays of a robot that meet an object; `readings`: the distance from the start of each ray.
+    #[inline(always)]
+    pub(crate) fn shorten(
+        &self,
+        sensors: &Proximity,
+        bodies: &Bodies<L>,
+        index: usize,
+        readings: &mut [Number<L>],
+    ) {
+        let (x, y) = (bodies.x[index], bodies.y[index]);
+        let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
+        for object in 0..self.things.len() {
+            let (thing, moving) = (&self.things[object], &self.moving[object]);
+            let way = [moving.x - x, moving.y - y];
+            let reach = sensors.start + sensors.range + thing.radius;
+            let near = (way[0] * way[0] + way[1] * way[1]).lt(number(reach * reach));
+            if !near.any() {
+                continue;
+            }
+            for ray in 0..readings.len() {
+                let [ax, ay] = sensors.rays[ray].along;
+                let along = [cos * ax - sin * ay, sin * ax + cos * ay];
+                let line = cross(thing, moving, way, along);
+                let distance = line.from - number(sensors.start);
+                let seen = line
+                    .meets
+                    .and(number(sensors.least()).le(distance))
+                    .and(near);
+                let nearest = readings[ray];
+                readings[ray] = distance.select(nearest, seen).at_most(nearest);
+            }
+        }
+    }
+
+    /// In which lanes an object stands between a place and what lies at the end of `way`.
+    #[inline(always)]
+    pub(crate) fn hide(&self, at: [Number<L>; 2], way: [Number<L>; 2]) -> L::Mask {
+        self.hide_by(0..self.things.len(), at, way)
+    }
+
+    /// The same for an object, which does not hide itself.
+    #[inline(always)]
+    pub(crate) fn hide_object(
+        &self,
+        object: usize,
+        at: [Number<L>; 2],
+        way: [Number<L>; 2],
+    ) -> L::Mask {
+        let before = self.hide_by(0..object, at, way);
+        before.or(self.hide_by(object + 1..self.things.len(), at, way))
+    }
+
+    #[inline(always)]
+    fn hide_by(
+        &self,
+        objects: Range<usize>,
+        [x, y]: [Number<L>; 2],
+        way: [Number<L>; 2],
+    ) -> L::Mask {
+        let mut hidden = L::Mask::from_bits(0);
+        for object in objects {
+            let (thing, moving) = (&self.things[object], &self.moving[object]);
+            let line = cross(thing, moving, [moving.x - x, moving.y - y], way);
+            let between = number(0.0).lt(line.to).and(line.from.lt(number(1.0)));
+            hidden = hidden.or(line.meets.and(between));
+        }
+        hidden
+    }
+
+    /// In which lanes an object stands in the line from the foot of a robot at a place to a lamp.
+    #[inline(always)]
+    pub(crate) fn shade(&self, [x, y]: [Number<L>; 2], light: &Light) -> L::Mask {
+        let way = [number(light.at[0]) - x, number(light.at[1]) - y];
+        let mut hidden = L::Mask::from_bits(0);
+        for object in 0..self.things.len() {
+            let (thing, moving) = (&self.things[object], &self.moving[object]);
+            // Up to this part of the way the line is not above the object.
+            let below = number((thing.height / light.at[2]).min(1.0));
+            let line = cross(thing, moving, [moving.x - x, moving.y - y], way);
+            let inside = number(0.0).le(line.from).and(line.from.le(below));
+            hidden = hidden.or(line.meets.and(inside));
+        }
+        hidden
+    }
+}
+
+/// Where a line crosses an object. `way`: from its beginning to the middle of the object.
+#[inline(always)]
+fn cross<L: Lanes>(
+    object: &Object,
+    moving: &Moving<L>,
+    way: [Number<L>; 2],
+    along: [Number<L>; 2],
+) -> Crossing<L> {
+    match object.form {
+        Form::Disc { radius } => {
+            let square = along[0] * along[0] + along[1] * along[1];
+            let forward = way[0] * along[0] + way[1] * along[1];
+            let aside = way[0] * along[1] - way[1] * along[0];
+            let depth = square * (radius * radius) - aside * aside;
+            let meets = number(0.0).lt(depth);
+            let half = depth.at_least(number(0.0)).sqrt();
+            let inverse = (number::<L>(1.0) / square).only_where(meets);
+            Crossing {
+                from: (forward - half) * inverse,
+                to: (forward + half) * inverse,
+                meets,
+            }
+        }
+        Form::Box { half } => {
+            let (way, along) = (moving.within(way), moving.within(along));
+            let (mut from, mut to) = (number(f32::MIN), number(f32::MAX));
+            for axis in 0..2 {
+                let least = absolute(along[axis]).lt(number(LEAST));
+                let inverse = number::<L>(1.0) / number(LEAST).select(along[axis], least);
+                let one = (way[axis] - number(half[axis])) * inverse;
+                let other = (way[axis] + half[axis]) * inverse;
+                from = one.at_most(other).at_least(from);
+                to = one.at_least(other).at_most(to);
+            }
+            Crossing {
+                from,
+                to,
+                meets: from.lt(to),
+            }
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! The robots around one that looks.
+
+use swarmwright_lanes::Number;
+
+/// The way to another robot, along the axes of the arena.
+#[derive(Clone, Copy)]
+pub(crate) struct Other<L> {
+    pub x: Number<L>,
+    pub y: Number<L>,
+    pub square: Number<L>,
+}
+
+/// The robots around one, kind by kind.
+pub(crate) struct Others<L> {
+    /// As many as there ever were; those of the robot that looks come first.
+    pub all: Vec<Other<L>>,
+    pub count: usize,
+    /// By kind: where its robots end.
+    pub ends: Vec<usize>,
+}
+
+impl<L> std::ops::Deref for Others<L> {
+    type Target = [Other<L>];
+
+    #[inline(always)]
+    fn deref(&self) -> &[Other<L>] {
+        &self.all[..self.count]
+    }
+}
+
+impl<L> Others<L> {
+    /// Number of kinds.
+    #[inline(always)]
+    pub(crate) fn kinds(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Those of a kind.
+    #[inline(always)]
+    pub(crate) fn of(&self, kind: usize) -> &[Other<L>] {
+        let first = if kind == 0 { 0 } else { self.ends[kind - 1] };
+        &self.all[first..self.ends[kind]]
+    }
+}

@@ -1,0 +1,204 @@
+//! Proximity: rays that end at the nearest robot or wall.
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use super::others::Others;
+use super::slots::Slots;
+use crate::bodies::Bodies;
+use crate::math::functions::absolute;
+use crate::place::Place;
+use crate::robots::{Proximity, Team};
+
+/// Robots, or walls, that a lane has in reach at a time; more of them are looked at in several turns.
+const AT_A_TIME: usize = 4;
+/// In so many lanes something is seen by most rays, so that asking costs more than it saves.
+const BRANCHLESS: usize = 8;
+/// Nothing that is so far away is seen, metres.
+const FAR: f32 = 1e6;
+
+/// What the rays of a robot may meet.
+pub(crate) struct Seen<L: Lanes> {
+    /// The ways to robots.
+    robots: Slots<L, 2, AT_A_TIME>,
+    /// How far the robot is in front of a face and beside its middle, half its length, its direction.
+    faces: Slots<L, 5, AT_A_TIME>,
+}
+
+impl<L: Lanes> Seen<L> {
+    pub(crate) fn new() -> Self {
+        Self {
+            robots: Slots::new([FAR; 2]),
+            faces: Slots::new([FAR, 0.0, 0.0, 0.0, 0.0]),
+        }
+    }
+}
+
+/// Writes the distances from where a robot's rays begin, the sensor's range where they meet nothing. Where a ray begins inside
+/// of a body that the robot is pressed to, the distance is negative, or the body is not seen at all ([`Proximity::least`]).
+#[expect(
+    clippy::too_many_arguments,
+    reason = "what rays meet, and where they look"
+)]
+#[inline(always)]
+pub(crate) fn measure<L: Lanes>(
+    sensors: &Proximity,
+    team: &Team,
+    place: &Place,
+    bodies: &Bodies<L>,
+    index: usize,
+    (others, faces): (&Others<L>, &[[u32; 2]]),
+    seen: &mut Seen<L>,
+    readings: &mut [Number<L>],
+) {
+    for index in 0..readings.len() {
+        readings[index] = number(sensors.range);
+    }
+    let turn = [bodies.cos[index], bodies.sin[index]];
+    let slots = &mut seen.robots;
+    for kind in 0..others.kinds() {
+        let radius = team.kind(kind).radius;
+        let reach = sensors.start + sensors.range + radius;
+        slots.clear();
+        for other in others.of(kind) {
+            let near = other.square.lt(number(reach * reach));
+            if near.any() {
+                let rest = slots.put([other.x, other.y], near);
+                if rest.any() {
+                    to_robots(sensors, radius, turn, slots, readings);
+                    slots.clear();
+                    slots.put([other.x, other.y], rest);
+                }
+            }
+        }
+        to_robots(sensors, radius, turn, slots, readings);
+    }
+    let (x, y) = (bodies.x[index], bodies.y[index]);
+    let reach = number(sensors.start + sensors.range);
+    let slots = &mut seen.faces;
+    slots.clear();
+    for [_, face] in faces {
+        let face = &place.faces[*face as usize];
+        // In front of the face: its normal is `along` turned left.
+        let ahead = face.ahead(x, y);
+        let near = ahead.lt(reach).and(number(0.0).lt(ahead));
+        if !near.any() {
+            continue;
+        }
+        let side = (x - face.middle[0]) * face.along[0] + (y - face.middle[1]) * face.along[1];
+        let beyond = (side - number(face.half)).at_least(-(side + face.half));
+        let near = near.and(beyond.lt(reach));
+        if !near.any() {
+            continue;
+        }
+        let [ax, ay] = face.along;
+        let wall = [ahead, side, number(face.half), number(ax), number(ay)];
+        let rest = slots.put(wall, near);
+        if rest.any() {
+            to_walls(sensors, turn, slots, readings);
+            slots.clear();
+            slots.put(wall, rest);
+        }
+    }
+    to_walls(sensors, turn, slots, readings);
+    bodies.objects.shorten(sensors, bodies, index, readings);
+}
+
+/// Turns distances into readings, without noise.
+#[inline(always)]
+pub(crate) fn respond<L: Lanes>(sensors: &Proximity, readings: &mut [Number<L>]) {
+    let range = number(sensors.range);
+    let [c0, c1, c2] = sensors.response;
+    for reading in readings {
+        let distance = reading.at_least(number(0.0));
+        let value = ((distance * c2 + c1) * distance + c0).within(0.0, 1.0);
+        *reading = value.only_where(distance.lt(range));
+    }
+}
+
+/// A vector in the frame of a robot with this cosine and sine.
+#[inline(always)]
+fn turned<L: Lanes>([cos, sin]: [Number<L>; 2], [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
+    [x * cos + y * sin, y * cos - x * sin]
+}
+
+/// Shortens a ray, and the one opposite to it if there is one. `distance` holds for the ray in the lanes `forward`, else for
+/// the opposite one, and where something is `seen`.
+#[inline(always)]
+fn shorten<L: Lanes>(
+    readings: &mut [Number<L>],
+    (ray, opposite): (usize, Option<usize>),
+    distance: Number<L>,
+    seen: L::Mask,
+    forward: L::Mask,
+) {
+    if L::WIDTH < BRANCHLESS && !seen.any() {
+        return;
+    }
+    let nearest = readings[ray];
+    readings[ray] = distance.select(nearest, seen.and(forward)).at_most(nearest);
+    if let Some(opposite) = opposite {
+        let nearest = readings[opposite];
+        readings[opposite] = distance
+            .select(nearest, seen.and_not(forward))
+            .at_most(nearest);
+    }
+}
+
+#[inline(always)]
+fn to_robots<L: Lanes>(
+    sensors: &Proximity,
+    radius: f32,
+    turn: [Number<L>; 2],
+    slots: &Slots<L, 2, AT_A_TIME>,
+    readings: &mut [Number<L>],
+) {
+    let zero = number(0.0);
+    let radius = number(radius * radius);
+    for place in 0..slots.used() {
+        let [x, y] = turned(turn, slots.get(place).0);
+        for index in 0..sensors.halves() {
+            let ray = &sensors.rays[index];
+            let along = x * ray.along[0] + y * ray.along[1];
+            let aside = x * ray.along[1] - y * ray.along[0];
+            let depth = radius - aside * aside;
+            let meets = zero.lt(depth);
+            if L::WIDTH >= BRANCHLESS || meets.any() {
+                let entry = absolute(along) - depth.at_least(zero).sqrt();
+                let distance = entry - number(sensors.start);
+                let seen = meets.and(number(sensors.least()).le(distance));
+                let rays = (index, sensors.opposite(index));
+                shorten(readings, rays, distance, seen, zero.lt(along));
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn to_walls<L: Lanes>(
+    sensors: &Proximity,
+    turn: [Number<L>; 2],
+    slots: &Slots<L, 5, AT_A_TIME>,
+    readings: &mut [Number<L>],
+) {
+    let zero = number(0.0);
+    for place in 0..slots.used() {
+        let ([ahead, side, half, ax, ay], _) = slots.get(place);
+        let [nx, ny] = turned(turn, [-ay, ax]);
+        for index in 0..sensors.halves() {
+            let ray = &sensors.rays[index];
+            // How fast the ray comes nearer, and how it drifts along the wall: the normal turned right.
+            let towards = -(nx * ray.along[0] + ny * ray.along[1]);
+            let drift = ny * ray.along[0] - nx * ray.along[1];
+            let whole = ahead / absolute(towards);
+            let distance = whole - number(sensors.start);
+            let forward = zero.lt(towards);
+            let place = side + whole.select(-whole, forward) * drift;
+            let seen = number(sensors.least())
+                .le(distance)
+                .and(distance.lt(number(sensors.range)))
+                .and(absolute(place).le(half));
+            let rays = (index, sensors.opposite(index));
+            shorten(readings, rays, distance, seen, forward);
+        }
+    }
+}

@@ -1,0 +1,456 @@
+//! What robots perceive in a tick, and what controllers get of it.
+
+use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi, tanh};
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use super::ground::GroundWindow;
+use super::links::{LinkWindow, parts};
+use super::others::{Other, Others};
+use super::proximity::{self, Seen};
+use super::verlet::VerletLists;
+use super::{camera, grey, light, messages, neighbours};
+use crate::bodies::Bodies;
+use crate::contacts::near::Close;
+use crate::contacts::walls;
+use crate::math::random::{Keys, Purpose, halves, noise, uniform};
+use crate::place::Place;
+use crate::robots::{Group, Links, Output, Team};
+
+/// Readings of the robot that looks, and the numbers of all robots.
+pub(crate) struct Senses<L: Lanes> {
+    /// Numbers for controllers, robot after robot.
+    pub outputs: Vec<L>,
+    pub close: Close,
+    ground: GroundWindow<L>,
+    pub links: LinkWindow<L>,
+    others: Others<L>,
+    /// Which robots they are.
+    indices: Vec<u32>,
+    proximity: Vec<Number<L>>,
+    /// By robot: the lengths of its rays where another simulator measured them; empty where they are followed here.
+    measured: Vec<Number<L>>,
+    light: Vec<Number<L>>,
+    /// By group: which controllers are told of both, half turns.
+    angles: Vec<[Vec<f32>; 2]>,
+    seen: Seen<L>,
+    /// By robot: the numbers of its message; as many ticks one after the other as messages take, and one more.
+    pub sent: Vec<Number<L>>,
+    /// By number of a message: how many that a robot hears lack it; empty where all messages have as many.
+    lacking: Vec<Number<L>>,
+    /// By robot: what the drive aimed at, for encoders.
+    pub turned: Vec<Number<L>>,
+    /// By robot: the code of the colour that it shows; empty where robots have neither LEDs nor cameras.
+    pub shown: Vec<Number<L>>,
+    /// By robot: the charge of its battery; empty where robots have none.
+    pub charges: Vec<Number<L>>,
+}
+
+impl<L: Lanes> Senses<L> {
+    pub(crate) fn new(team: &Team) -> Self {
+        let robots = team.len();
+        let angles = |group: &Group| {
+            let rays = group.robot.proximity.as_ref().map_or(&[][..], |p| &p.rays);
+            let lights = group.robot.light.as_ref().map_or(&[][..], |l| &l.angles);
+            [
+                rays.iter().map(|ray| ray.reported).collect(),
+                lights.to_vec(),
+            ]
+        };
+        let angles: Vec<[Vec<f32>; 2]> = team.groups().iter().map(angles).collect();
+        let most = |part: usize| angles.iter().map(|angles| angles[part].len()).max();
+        Self {
+            outputs: vec![L::splat(0.0); robots * team.sensors()],
+            close: Close::default(),
+            ground: GroundWindow::new(robots),
+            links: LinkWindow::new(robots),
+            others: Others {
+                all: Vec::new(),
+                count: 0,
+                ends: Vec::new(),
+            },
+            indices: Vec::new(),
+            proximity: vec![number(0.0); most(0).unwrap_or(0)],
+            measured: Vec::new(),
+            light: vec![number(0.0); most(1).unwrap_or(0)],
+            angles,
+            seen: Seen::new(),
+            sent: vec![number(0.0); robots * team.message() * (team.delay() as usize + 1)],
+            lacking: if team.any(|robot| robot.message < robot.heard) {
+                vec![number(0.0); team.message()]
+            } else {
+                Vec::new()
+            },
+            turned: vec![number(0.0); robots * team.encoders()],
+            shown: if team.any(|robot| !robot.leds.is_empty() || robot.camera.is_some()) {
+                vec![number(0.0); robots]
+            } else {
+                Vec::new()
+            },
+            charges: if team.any(|robot| robot.battery.is_some()) {
+                vec![number(0.0); robots]
+            } else {
+                Vec::new()
+            },
+        }
+    }
+
+    /// Goes to the start of an episode.
+    #[inline(always)]
+    pub(crate) fn forget(&mut self, team: &Team) {
+        self.ground.clear();
+        self.links.clear();
+        self.measured.clear();
+        self.sent.fill(number(0.0));
+        self.turned.fill(number(0.0));
+        self.shown.fill(number(0.0));
+        for (index, charge) in self.charges.iter_mut().enumerate() {
+            // Robots without a battery have what they need.
+            let battery = team.robot(index).battery.as_ref();
+            *charge = number(battery.map_or(1.0, |battery| battery.charge));
+        }
+    }
+
+    /// All robots look, where they are now.
+    #[inline(always)]
+    pub(crate) fn update(
+        &mut self,
+        bodies: &Bodies<L>,
+        verlet: &VerletLists<L>,
+        team: &Team,
+        (place, colors): (&Place, &[Number<L>]),
+        keys: Keys<L>,
+        tick: u32,
+    ) {
+        let width = team.sensors();
+        self.close.robots.clear();
+        self.close.faces.clear();
+        let (reach, largest) = (team.reach(), team.radius());
+        let (encoders, gap) = (team.encoders(), team.gap());
+        // Of the kind that robots are of up to now.
+        let (mut kind, mut range, mut beside) = (usize::MAX, 0.0, number(0.0));
+        for index in 0..bodies.len() {
+            let (group, robot) = (team.group(index), team.robot(index));
+            if group != kind {
+                kind = group;
+                range = robot.range(largest);
+                beside = number(walls::reach_of_walls(robot, gap));
+            }
+            self.look_around(bodies, (verlet, team), [range.max(reach), reach], index);
+            let first = self.close.faces.len();
+            let (x, y) = (bodies.x[index], bodies.y[index]);
+            for (face, wall) in place.faces.iter().enumerate() {
+                let ahead = wall.ahead(x, y);
+                if ahead.lt(beside).and((-beside).lt(ahead)).any() {
+                    self.close.faces.push([index as u32, face as u32]);
+                }
+            }
+            let faces = &self.close.faces[first..];
+            if let Some(sensors) = &robot.proximity {
+                let most = self.proximity.len();
+                let readings = &mut self.proximity[..sensors.rays.len()];
+                if self.measured.is_empty() {
+                    L::apart(
+                        #[inline(always)]
+                        || {
+                            proximity::measure(
+                                sensors,
+                                team,
+                                place,
+                                bodies,
+                                index,
+                                (&self.others, faces),
+                                &mut self.seen,
+                                readings,
+                            );
+                        },
+                    );
+                } else {
+                    let measured = &self.measured[index * most..][..readings.len()];
+                    readings.copy_from_slice(measured);
+                }
+                proximity::respond(sensors, readings);
+                for (block, readings) in readings.chunks_mut(8).enumerate() {
+                    let words = keys.draw(tick, index, Purpose::Proximity(block as u32));
+                    add_noise(readings, sensors.noise, words);
+                }
+            }
+            if let Some(sensors) = &robot.light {
+                let readings = &mut self.light[..sensors.angles.len()];
+                L::apart(
+                    #[inline(always)]
+                    || {
+                        light::read(
+                            sensors,
+                            (team, range),
+                            place,
+                            bodies,
+                            index,
+                            &self.others,
+                            readings,
+                        );
+                    },
+                );
+                for (block, readings) in readings.chunks_mut(8).enumerate() {
+                    let words = keys.draw(tick, index, Purpose::Light(block as u32));
+                    add_noise(readings, sensors.noise, words);
+                }
+            }
+            let [first, second, third, given] = keys.draw(tick, index, Purpose::Ground);
+            let ([a, b], [c, d], [e, f]) = (halves(first), halves(second), halves(third));
+            if let Some(sensors) = &robot.ground {
+                let more;
+                let units = if sensors.points.len() > 3 {
+                    more = keys.draw(tick, index, Purpose::Floor).map(halves::<L>);
+                    more.as_flattened()
+                } else {
+                    &[a, b, c]
+                };
+                self.ground
+                    .read(sensors, (place, colors), bodies, index, tick, units);
+            }
+            if let Some(links) = &robot.links {
+                L::apart(
+                    #[inline(always)]
+                    || {
+                        self.links.hear(
+                            links,
+                            team,
+                            place,
+                            bodies,
+                            index,
+                            (&self.others, &self.indices),
+                            keys,
+                            tick,
+                        );
+                    },
+                );
+            }
+            let outputs = &mut self.outputs[index * width..][..width];
+            let mut at = 0;
+            for output in &robot.outputs {
+                let width = robot.width(*output);
+                let numbers = &mut outputs[at..][..width];
+                match output {
+                    Output::Proximity => copy(&self.proximity, numbers),
+                    Output::Light => copy(&self.light, numbers),
+                    Output::ProximityVector => {
+                        let [x, y] = sum_along(&self.angles[group][0], &self.proximity);
+                        let length = (x * x + y * y).sqrt();
+                        let long = number(1.0).lt(length);
+                        let factor = (number::<L>(1.0) / length).select(number(1.0), long);
+                        copy(&[x * factor, y * factor], numbers);
+                    }
+                    Output::LightDirection => {
+                        let [x, y] = sum_along(&self.angles[group][1], &self.light);
+                        let mut seen = L::Mask::from_bits(0);
+                        for reading in &self.light[..self.angles[group][1].len()] {
+                            seen = seen.or(number(0.2).lt(*reading));
+                        }
+                        let length = (x * x + y * y).sqrt();
+                        let seen = seen.and(number(0.0).lt(length));
+                        let factor = (number::<L>(1.0) / length).only_where(seen);
+                        copy(
+                            &[(x * factor).only_where(seen), (y * factor).only_where(seen)],
+                            numbers,
+                        );
+                    }
+                    Output::Ground => copy(&[self.ground.seen[index]], numbers),
+                    Output::GroundDrawn => {
+                        copy(&grey::drawn(self.ground.seen[index], [d, e, f]), numbers);
+                    }
+                    Output::MessageCount => copy(&[self.links.heard[index]], numbers),
+                    Output::MessageCountSquashed => {
+                        let n = self.links.heard[index];
+                        copy(&[Number(tanh((n * 0.5).0))], numbers);
+                    }
+                    Output::Attraction => copy(&self.links.attraction[index], numbers),
+                    Output::AttractionParts => {
+                        copy(&parts(self.links.attraction[index]), numbers);
+                    }
+                    Output::GroundReadings => copy(&self.ground.readings, numbers),
+                    Output::Message => {
+                        let all = team.len() * team.message();
+                        let delay = robot.links.as_ref().map_or(0, Links::delay);
+                        let then = team.sent_at(tick, delay);
+                        let sent = &self.sent[then..][..all];
+                        let others = (sent, &self.others, &self.indices[..]);
+                        L::apart(
+                            #[inline(always)]
+                            || {
+                                messages::hear(
+                                    (robot, team),
+                                    place,
+                                    bodies,
+                                    index,
+                                    others,
+                                    &self.links,
+                                    (keys, tick),
+                                    (numbers, &mut self.lacking),
+                                );
+                            },
+                        );
+                    }
+                    Output::Encoders => {
+                        let draw = keys.draw(tick, index, Purpose::Encoders);
+                        let turned = &self.turned[index * encoders..][..width];
+                        for ((number, turned), word) in numbers.iter_mut().zip(turned).zip(draw) {
+                            *number = (*turned + noise(uniform(word), robot.encoder_noise)).0;
+                        }
+                    }
+                    Output::Compass => {
+                        let [word, ..] = keys.draw(tick, index, Purpose::Compass);
+                        let off = noise(uniform(word), robot.compass_noise);
+                        let (cos, sin) = (Number(cos_pi(off.0)), Number(sin_pi(off.0)));
+                        let (x, y) = (bodies.cos[index], -bodies.sin[index]);
+                        copy(&[x * cos - y * sin, x * sin + y * cos], numbers);
+                    }
+                    Output::NeighbourCount
+                    | Output::NeighbourCenter
+                    | Output::NeighbourHeading
+                    | Output::NeighbourNearest => {
+                        let range = robot.neighbour_range.unwrap_or(1.0);
+                        let seen = neighbours::see(
+                            *output,
+                            range,
+                            bodies,
+                            index,
+                            (&self.others, &self.indices),
+                        );
+                        copy(&seen, numbers);
+                    }
+                    Output::Camera => {
+                        if let Some(camera) = &robot.camera {
+                            let others = (&self.shown[..], &self.others, &self.indices[..]);
+                            L::apart(
+                                #[inline(always)]
+                                || {
+                                    camera::see(
+                                        camera,
+                                        (robot, team),
+                                        place,
+                                        bodies,
+                                        index,
+                                        others,
+                                        (keys, tick),
+                                        numbers,
+                                    );
+                                },
+                            );
+                        }
+                    }
+                    Output::Battery => {
+                        let [word, ..] = keys.draw(tick, index, Purpose::Battery);
+                        let off = noise(uniform(word), robot.battery_noise);
+                        copy(&[(self.charges[index] + off).within(0.0, 1.0)], numbers);
+                    }
+                    Output::Random => copy(&[uniform(given)], numbers),
+                    Output::Gripper => {
+                        let holds = bodies.objects.held_by(index);
+                        copy(&[number(1.0).only_where(holds)], numbers);
+                    }
+                    Output::Absent(_, neutral) => numbers.fill(L::splat(neutral.number())),
+                }
+                at += width;
+            }
+        }
+    }
+
+    /// Fills `others` with the robots within a range around one, and notes those within a reach.
+    #[inline(always)]
+    fn look_around(
+        &mut self,
+        bodies: &Bodies<L>,
+        (verlet, team): (&VerletLists<L>, &Team),
+        [range, reach]: [f32; 2],
+        index: usize,
+    ) {
+        let Others { all, count, ends } = &mut self.others;
+        *count = 0;
+        ends.clear();
+        let (list, kinds) = (verlet.of(index), team.groups().len());
+        if all.len() < list.len() {
+            let nowhere = Other {
+                x: number(0.0),
+                y: number(0.0),
+                square: number(0.0),
+            };
+            all.resize(list.len(), nowhere);
+            self.indices.resize(list.len(), 0);
+        }
+        let (all, indices) = (&mut all[..list.len()], &mut self.indices[..list.len()]);
+        for other in list {
+            if *other as usize == index {
+                continue;
+            }
+            if kinds > 1 {
+                let kind = team.group(*other as usize);
+                while ends.len() < kind {
+                    ends.push(*count);
+                }
+            }
+            let [x, y] = bodies.between(index, *other as usize);
+            let square = x * x + y * y;
+            // Written in any case, and overwritten unless it is near: which are near cannot be foreseen.
+            all[*count] = Other { x, y, square };
+            indices[*count] = *other;
+            *count += usize::from(square.lt(number(range * range)).any());
+            if *other as usize > index && square.lt(number(reach * reach)).any() {
+                self.close.robots.push([index as u32, *other]);
+            }
+        }
+        while ends.len() < kinds {
+            ends.push(*count);
+        }
+    }
+}
+
+impl Senses<f32> {
+    /// The lengths of the rays of `robots` robots, as many for each as that with most of them has, metres; empty where they
+    /// are to be followed here.
+    pub(crate) fn measured(&mut self, distances: &[f32], robots: usize) {
+        debug_assert!(distances.is_empty() || distances.len() == robots * self.proximity.len());
+        self.measured.clear();
+        self.measured.extend(distances.iter().copied().map(Number));
+    }
+}
+
+#[inline(always)]
+fn copy<L: Lanes>(from: &[Number<L>], to: &mut [L]) {
+    for index in 0..to.len() {
+        to[index] = from[index].0;
+    }
+}
+
+/// Adds uniform noise to up to eight readings, and limits them to 0..=1.
+#[inline(always)]
+fn add_noise<L: Lanes>(readings: &mut [Number<L>], extent: f32, words: [L::Int; 4]) {
+    let units = [
+        halves::<L>(words[0]),
+        halves::<L>(words[1]),
+        halves::<L>(words[2]),
+        halves::<L>(words[3]),
+    ];
+    let units = units.as_flattened();
+    if let Ok(readings) = <&mut [Number<L>; 8]>::try_from(&mut *readings) {
+        // Of a known number, which the compiler puts side by side where there is one lane.
+        for index in 0..readings.len() {
+            readings[index] = (readings[index] + noise(units[index], extent)).within(0.0, 1.0);
+        }
+        return;
+    }
+    for index in 0..readings.len() {
+        readings[index] = (readings[index] + noise(units[index], extent)).within(0.0, 1.0);
+    }
+}
+
+/// The sum of readings along their angles.
+#[inline(always)]
+fn sum_along<L: Lanes>(angles: &[f32], readings: &[Number<L>]) -> [Number<L>; 2] {
+    let (mut x, mut y) = (number(0.0), number(0.0));
+    for index in 0..angles.len() {
+        let reading = readings[index];
+        x += reading * swarmwright_controllers::functions::cos_pi(angles[index]);
+        y += reading * swarmwright_controllers::functions::sin_pi(angles[index]);
+    }
+    [x, y]
+}

@@ -1,0 +1,209 @@
+//! Verlet lists: for each robot the others that can be within reach of it, ascending.
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use crate::bodies::Bodies;
+
+/// With more robots the memory of all lanes would matter: one episode at a time.
+pub(crate) const MOST_IN_LANES: usize = 16_384;
+/// Up to so many robots it is faster to look at all others, one episode at a time.
+const FEW: usize = 48;
+/// The same in lanes.
+const FEW_IN_LANES: usize = 96;
+/// Ticks in which the fastest robots cross the skin: lists serve at least as long.
+const SKIN_TICKS: f32 = 6.0;
+
+/// For each robot a list of others. With few robots all are in it, with many those within reach, in any lane, so that work for
+/// a robot does not grow with their number. What is not in it is too far to matter, so that the lists decide nothing.
+///
+/// As lists of Verlet (1967), they have those in a skin beyond the reach, too, and are made anew when a robot has moved by half
+/// of its thickness.
+pub(crate) struct VerletLists<L: Lanes> {
+    /// Where each robot's list begins, and where the last one ends.
+    starts: Vec<u32>,
+    others: Vec<u32>,
+    /// Within this distance others matter, metres; none where all are looked at.
+    reach: Option<f32>,
+    /// Thickness of the skin, metres.
+    skin: f32,
+    /// Where robots were when the lists were made.
+    x: Vec<Number<L>>,
+    y: Vec<Number<L>>,
+    /// By lane.
+    cells: Vec<Cells>,
+    /// Robots of a list, as bits.
+    marks: Vec<u64>,
+}
+
+impl<L: Lanes> VerletLists<L> {
+    /// Lists for robots of which others within `reach` metres matter; `gap`: how far robots come towards each other in a tick
+    /// at most, metres.
+    pub(crate) fn new(robots: usize, reach: f32, gap: f32) -> Self {
+        let few = if L::WIDTH == 1 { FEW } else { FEW_IN_LANES };
+        Self {
+            starts: Vec::new(),
+            others: (0..robots as u32).collect(),
+            reach: (robots > few).then_some(reach),
+            skin: gap * SKIN_TICKS,
+            x: Vec::new(),
+            y: Vec::new(),
+            cells: Vec::new(),
+            marks: Vec::new(),
+        }
+    }
+
+    /// The robots that may be near one, ascending; it may be among them itself.
+    #[inline(always)]
+    pub(crate) fn of(&self, robot: usize) -> &[u32] {
+        if self.reach.is_none() {
+            return &self.others;
+        }
+        &self.others[self.starts[robot] as usize..self.starts[robot + 1] as usize]
+    }
+
+    /// After robots have moved.
+    #[inline(always)]
+    pub(crate) fn update(&mut self, bodies: &Bodies<L>) {
+        let Some(reach) = self.reach else {
+            return;
+        };
+        if self.x.len() == bodies.len() {
+            let mut most = number::<L>(0.0);
+            for robot in 0..bodies.len() {
+                let (x, y) = (
+                    bodies.x[robot] - self.x[robot],
+                    bodies.y[robot] - self.y[robot],
+                );
+                most = most.at_least(x * x + y * y);
+            }
+            // A little less than half, so that rounding does not matter.
+            let far = self.skin * 0.499;
+            if !number(far * far).lt(most).any() {
+                return;
+            }
+        }
+        self.x.clear();
+        self.x.extend_from_slice(&bodies.x);
+        self.y.clear();
+        self.y.extend_from_slice(&bodies.y);
+        self.list(reach + self.skin);
+    }
+
+    /// Makes the lists of all robots, of others within `reach`.
+    fn list(&mut self, reach: f32) {
+        self.cells.resize_with(L::WIDTH, Cells::default);
+        for (lane, cells) in self.cells.iter_mut().enumerate() {
+            cells.points.clear();
+            let points = self.x.iter().zip(&self.y);
+            cells
+                .points
+                .extend(points.map(|(x, y)| [x.lane(lane), y.lane(lane)]));
+            cells.sort(reach);
+        }
+        self.starts.clear();
+        self.others.clear();
+        self.marks.resize(self.x.len().div_ceil(64), 0);
+        for robot in 0..self.x.len() as u32 {
+            let first = self.others.len();
+            self.starts.push(first as u32);
+            for cells in &self.cells {
+                cells.around(robot, reach, &mut self.others);
+            }
+            if L::WIDTH == 1 {
+                self.others[first..].sort_unstable();
+                continue;
+            }
+            // Those of all lanes, once.
+            for other in self.others.drain(first..) {
+                self.marks[other as usize / 64] |= 1 << (other % 64);
+            }
+            for (word, marks) in self.marks.iter_mut().enumerate() {
+                while *marks != 0 {
+                    self.others.push(word as u32 * 64 + marks.trailing_zeros());
+                    *marks &= *marks - 1;
+                }
+            }
+        }
+        self.starts.push(self.others.len() as u32);
+    }
+}
+
+/// Points in the cells of a grid.
+#[derive(Debug, Clone, Default)]
+struct Cells {
+    points: Vec<[f32; 2]>,
+    low: [f32; 2],
+    /// Cells in a metre, at most one in a reach, and cells along x and y.
+    scale: f32,
+    counts: [usize; 2],
+    /// Where each cell begins in `sorted`.
+    begins: Vec<u32>,
+    sorted: Vec<([f32; 2], u32)>,
+}
+
+impl Cells {
+    /// Sorts the points into cells of at least `reach`, about as many as there are points at most.
+    fn sort(&mut self, reach: f32) {
+        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+        for point in &self.points {
+            for axis in 0..2 {
+                low[axis] = low[axis].min(point[axis]);
+                high[axis] = high[axis].max(point[axis]);
+            }
+        }
+        let extent = [high[0] - low[0], high[1] - low[1]];
+        let side = (extent[0] * extent[1] / self.points.len() as f32)
+            .sqrt()
+            .max(extent[0].max(extent[1]) / self.points.len() as f32)
+            // A little more, so that rounding does not put neighbours two cells apart.
+            .max(reach * 1.001);
+        self.low = low;
+        self.scale = 1.0 / side;
+        self.counts = extent.map(|extent| (extent * self.scale) as usize + 1);
+        self.begins.clear();
+        self.begins.resize(self.counts[0] * self.counts[1] + 1, 0);
+        for point in &self.points {
+            let [column, row] = self.cell(*point);
+            self.begins[row * self.counts[0] + column] += 1;
+        }
+        // Where each cell ends; putting the points in, the last one first, moves that to where it begins.
+        let mut end = 0;
+        for begin in &mut self.begins {
+            end += *begin;
+            *begin = end;
+        }
+        self.sorted.resize(self.points.len(), ([0.0; 2], 0));
+        for (index, point) in self.points.iter().enumerate().rev() {
+            let [column, row] = self.cell(*point);
+            let begin = &mut self.begins[row * self.counts[0] + column];
+            *begin -= 1;
+            self.sorted[*begin as usize] = (*point, index as u32);
+        }
+    }
+
+    fn cell(&self, point: [f32; 2]) -> [usize; 2] {
+        let of = |axis: usize| {
+            let cell = ((point[axis] - self.low[axis]) * self.scale) as usize;
+            cell.min(self.counts[axis] - 1)
+        };
+        [of(0), of(1)]
+    }
+
+    /// Adds the others that are less than `reach` away.
+    fn around(&self, robot: u32, reach: f32, others: &mut Vec<u32>) {
+        let [x, y] = self.points[robot as usize];
+        let [column, row] = self.cell([x, y]);
+        let last = (column + 1).min(self.counts[0] - 1);
+        for row in row.saturating_sub(1)..=(row + 1).min(self.counts[1] - 1) {
+            let row = row * self.counts[0];
+            let begin = self.begins[row + column.saturating_sub(1)] as usize;
+            let end = self.begins[row + last + 1] as usize;
+            for ([px, py], index) in &self.sorted[begin..end] {
+                let (dx, dy) = (px - x, py - y);
+                if dx * dx + dy * dy < reach * reach && *index != robot {
+                    others.push(*index);
+                }
+            }
+        }
+    }
+}

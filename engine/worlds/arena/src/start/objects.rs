@@ -1,0 +1,130 @@
+//! Where objects stand at the start: not in walls, not in each other.
+
+use swarmwright_controllers::functions::{cos_pi, sin_pi};
+use swarmwright_lanes::Number;
+use swarmwright_simulation::counter::uniform;
+
+use crate::place::area::{pose, within};
+use crate::place::{Face, Form, Kind, MOST_OBJECTS, Place, Places, Pose, to_face};
+
+/// Draws for an object before it is said that it does not fit.
+const TRIES: u64 = 2_000;
+/// The stream of random numbers of objects.
+const STREAM: u64 = 0x6F62_6A65_6374_7300;
+
+/// Draws where all objects are, one kind's after another's: those without a fixed place stand apart from walls and others.
+///
+/// # Errors
+/// The index of the kind of which not all found a place, and how many did.
+pub(crate) fn draw(kinds: &[Kind], place: &Place, seed: u64) -> Result<Vec<Pose>, (usize, usize)> {
+    let fixed = kinds.iter().filter_map(|kind| match kind.places {
+        Places::Fixed(pose) => Some((kind.form, pose)),
+        Places::Drawn(..) => None,
+    });
+    let mut taken: Vec<(Form, Pose)> = fixed.collect();
+    let mut poses = Vec::new();
+    for (index, kind) in kinds.iter().enumerate() {
+        let (start, count) = match &kind.places {
+            Places::Fixed(pose) => {
+                poses.push(*pose);
+                continue;
+            }
+            Places::Drawn(start, count) => (start, *count),
+        };
+        for found in 0..count {
+            let number = (index * MOST_OBJECTS + found) as u64;
+            let pose = (0..TRIES)
+                .map(|attempt| {
+                    let of = |part| uniform(seed, STREAM, (number * TRIES + attempt) * 4 + part);
+                    pose(start, [of(0), of(1), of(2)])
+                })
+                .find(|pose| {
+                    let one = (kind.form, *pose);
+                    within(pose.at, start)
+                        && free(one, place)
+                        && !taken.iter().any(|other| overlap(one, *other))
+                });
+            let pose = pose.ok_or((index, found))?;
+            taken.push((kind.form, pose));
+            poses.push(pose);
+        }
+    }
+    Ok(poses)
+}
+
+/// Corners of a box, counter-clockwise.
+pub(crate) fn corners([x, y]: [f32; 2], pose: Pose) -> [[f32; 2]; 4] {
+    let (cos, sin) = (cos_pi(pose.heading), sin_pi(pose.heading));
+    let corner = |x: f32, y: f32| {
+        [
+            pose.at[0] + x * cos - y * sin,
+            pose.at[1] + x * sin + y * cos,
+        ]
+    };
+    [corner(-x, -y), corner(x, -y), corner(x, y), corner(-x, y)]
+}
+
+/// Whether all of an object is inside of the walls and outside of obstacles.
+pub(crate) fn free((form, pose): (Form, Pose), place: &Place) -> bool {
+    let off = |face: &Face| match form {
+        Form::Disc { radius } => {
+            let [x, y] = pose.at.map(Number);
+            let [x, y] = to_face::<f32>(face, x, y).map(|number| number.0);
+            x * x + y * y >= radius * radius
+        }
+        Form::Box { half } => {
+            let [from, to] = face.ends();
+            let across = [-face.along[1], face.along[0]];
+            apart(&corners(half, pose), &[from, to], &[across])
+                || apart(&corners(half, pose), &[from, to], &axes(pose))
+        }
+    };
+    place.faces.iter().all(off) && place.is_free(pose.at.map(f64::from))
+}
+
+/// Whether two objects overlap.
+pub(crate) fn overlap((a, at): (Form, Pose), (b, other): (Form, Pose)) -> bool {
+    match (a, b) {
+        (Form::Disc { radius }, _) => distance((b, other), at.at) < radius,
+        (_, Form::Disc { radius }) => distance((a, at), other.at) < radius,
+        (Form::Box { half: one }, Form::Box { half: two }) => {
+            let (one, two) = (corners(one, at), corners(two, other));
+            !apart(&one, &two, &axes(at)) && !apart(&one, &two, &axes(other))
+        }
+    }
+}
+
+/// From a point to the rim of an object, metres; 0 from inside.
+pub(crate) fn distance((form, pose): (Form, Pose), [x, y]: [f32; 2]) -> f32 {
+    let [dx, dy] = [x - pose.at[0], y - pose.at[1]];
+    match form {
+        Form::Disc { radius } => ((dx * dx + dy * dy).sqrt() - radius).max(0.0),
+        Form::Box { half } => {
+            let (cos, sin) = (cos_pi(pose.heading), sin_pi(pose.heading));
+            let ax = ((dx * cos + dy * sin).abs() - half[0]).max(0.0);
+            let ay = ((dy * cos - dx * sin).abs() - half[1]).max(0.0);
+            (ax * ax + ay * ay).sqrt()
+        }
+    }
+}
+
+/// The directions of the sides of a box.
+fn axes(pose: Pose) -> [[f32; 2]; 2] {
+    let (cos, sin) = (cos_pi(pose.heading), sin_pi(pose.heading));
+    [[cos, sin], [-sin, cos]]
+}
+
+/// Whether points lie on different sides of a line across one of these axes.
+fn apart(one: &[[f32; 2]], other: &[[f32; 2]], axes: &[[f32; 2]]) -> bool {
+    axes.iter().any(|[ax, ay]| {
+        let extent = |points: &[[f32; 2]]| {
+            let start = (f32::INFINITY, f32::NEG_INFINITY);
+            points.iter().fold(start, |(low, high), [x, y]| {
+                let at = x * ax + y * ay;
+                (low.min(at), high.max(at))
+            })
+        };
+        let ((low, high), (least, most)) = (extent(one), extent(other));
+        high <= least || most <= low
+    })
+}

@@ -1,0 +1,63 @@
+//! Batteries: what robots use up in a tick, and where they charge.
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use crate::bodies::Bodies;
+use crate::math::functions::absolute;
+use crate::place::Place;
+use crate::robots::Team;
+use crate::time::TICK;
+
+/// Takes everything from robots that are told something with an empty battery: they stand, show no colour.
+#[inline(always)]
+pub(crate) fn stop<L: Lanes>(charges: &[Number<L>], row: usize, told: &mut [L]) {
+    for (robot, row) in told.chunks_exact_mut(row).enumerate() {
+        let left = number(0.0).lt(charges[robot]);
+        for told in row {
+            *told = Number(*told).only_where(left).0;
+        }
+    }
+}
+
+/// Writes in which lanes no other robot hears a robot as it has no charge.
+#[inline(always)]
+pub(crate) fn mute<L: Lanes>(charges: &[Number<L>], mute: &mut Vec<L::Mask>) {
+    mute.resize(charges.len(), L::Mask::from_bits(0));
+    for robot in 0..charges.len() {
+        mute[robot] = mute[robot].or(charges[robot].le(number(0.0)));
+    }
+}
+
+/// A tick: robots discharge by time and by the mean of what their drives are told, or charge on the patch for that.
+#[inline(always)]
+pub(crate) fn update<L: Lanes>(
+    team: &Team,
+    place: &Place,
+    bodies: &Bodies<L>,
+    told: &[L],
+    charges: &mut [Number<L>],
+) {
+    for (robot, row) in told.chunks_exact(team.actuators()).enumerate() {
+        let Some(battery) = &team.robot(robot).battery else {
+            continue;
+        };
+        let standing = TICK / battery.standing;
+        let drive = &row[team.drive(robot)];
+        let more = (TICK / battery.driving - standing) / drive.len() as f32;
+        let mut effort = number::<L>(0.0);
+        for told in drive {
+            effort += absolute(Number(*told)).at_most(number(1.0));
+        }
+        let charge = charges[robot];
+        let used = effort * more + standing;
+        let mut next = charge - used;
+        // What is left of the last tick by rounding is not another one.
+        next = next.only_where((used * 0.5).lt(next));
+        if let Some(charging) = &battery.charging {
+            let shape = &place.patches[charging.patch].shape;
+            let on = shape.holds(bodies.x[robot], bodies.y[robot]);
+            next = (charge + TICK / charging.duration).select(next, on);
+        }
+        charges[robot] = next.within(0.0, 1.0);
+    }
+}

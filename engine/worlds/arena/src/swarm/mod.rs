@@ -1,0 +1,331 @@
+//! The robots of as many episodes as there are lanes: where they are, and a tick.
+
+mod battery;
+
+use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
+use swarmwright_lanes::{Int, Lanes, MOST_LANES, Mask, Number, number};
+
+use crate::bodies::Bodies;
+use crate::contacts::solver::Contacts;
+use crate::failures::{Failing, Failure};
+use crate::math::functions::normal;
+use crate::math::random::{Keys, Purpose, halves, key};
+use crate::place::{Kind, Place, Pose};
+use crate::robots::{Drive, Output, Team};
+use crate::sensing::camera;
+use crate::sensing::senses::Senses;
+use crate::sensing::verlet::VerletLists;
+use crate::time::{SUBSTEP, SUBSTEPS};
+
+/// The robots and all that they carry.
+pub(crate) struct Swarm<L: Lanes> {
+    pub bodies: Bodies<L>,
+    pub verlet: VerletLists<L>,
+    pub senses: Senses<L>,
+    contacts: Contacts<L>,
+    keys: Keys<L>,
+    failing: Failing<L>,
+    /// What robots are told in place of what their controllers say.
+    told: Vec<L>,
+    /// Of the patches of the floor.
+    pub colors: Vec<Number<L>>,
+    /// The tick that the robots are in, from 1.
+    pub tick: u32,
+}
+
+impl<L: Lanes> Swarm<L> {
+    /// Memory for robots and objects; [`start`](Self::start) places them.
+    #[inline(always)]
+    pub(crate) fn new(team: &Team, objects: &[Kind]) -> Self {
+        let robots = team.len();
+        Self {
+            bodies: Bodies::new(team, objects),
+            verlet: VerletLists::new(robots, team.reach().max(team.range()), team.gap()),
+            senses: Senses::new(team),
+            contacts: Contacts::new(robots),
+            keys: Keys::new(|_| key(0)),
+            failing: Failing::new(),
+            told: Vec::new(),
+            colors: Vec::new(),
+            tick: 1,
+        }
+    }
+
+    /// The first tick of an episode in each lane: no robot moves, all sense.
+    #[inline(always)]
+    pub(crate) fn start(
+        &mut self,
+        team: &Team,
+        place: &Place,
+        failures: &[Failure],
+        seed: impl Fn(usize) -> u64,
+        mut pose: impl FnMut(usize, usize) -> Pose,
+        object: impl FnMut(usize, usize) -> Pose,
+    ) {
+        self.keys = Keys::new(|lane| key(seed(lane)));
+        self.failing.start(failures, &self.bodies, &seed);
+        let mut colors = vec![[0.0; MOST_LANES]; place.patches.len()];
+        for lane in 0..L::WIDTH {
+            for (lanes, color) in colors.iter_mut().zip(place.colors(seed(lane))) {
+                lanes[lane] = color;
+            }
+        }
+        self.colors.clear();
+        self.colors
+            .extend(colors.iter().map(|lanes| Number::load(lanes)));
+        self.tick = 1;
+        let bodies = &mut self.bodies;
+        for index in 0..bodies.len() {
+            let mut lanes = [[0.0; MOST_LANES]; 3];
+            let [x, y, heading] = &mut lanes;
+            for lane in 0..L::WIDTH {
+                let pose = pose(lane, index);
+                [x[lane], y[lane]] = pose.at;
+                heading[lane] = pose.heading;
+            }
+            bodies.x[index] = Number::load(x);
+            bodies.y[index] = Number::load(y);
+            bodies.heading[index] = Number::load(heading);
+            bodies.cos[index] = Number(cos_pi(bodies.heading[index].0));
+            bodies.sin[index] = Number(sin_pi(bodies.heading[index].0));
+            bodies.vx[index] = number(0.0);
+            bodies.vy[index] = number(0.0);
+            bodies.spin[index] = number(0.0);
+        }
+        bodies.objects.start(object);
+        self.contacts.forget();
+        self.senses.forget(team);
+        self.sense(team, place);
+    }
+
+    /// One tick: all drive with these actuators, one robot's after another's, each in -1..=1, then all look.
+    #[inline(always)]
+    pub(crate) fn step(&mut self, team: &Team, place: &Place, actuators: &[L]) {
+        self.command(team, actuators);
+        L::apart(
+            #[inline(always)]
+            || {
+                self.contacts
+                    .resolve(&mut self.bodies, &self.senses.close, team, place);
+            },
+        );
+        self.look(team, place);
+    }
+
+    /// The first part of a tick: what drives aim at.
+    #[inline(always)]
+    pub(crate) fn command(&mut self, team: &Team, actuators: &[L]) {
+        let mut told = std::mem::take(&mut self.told);
+        // By the time at which the tick begins.
+        let mut other = self.failing.tell(self.tick, actuators, team, &mut told);
+        self.tick += 1;
+        if !self.senses.charges.is_empty() {
+            if !other {
+                told.clear();
+                told.extend_from_slice(actuators);
+                other = true;
+            }
+            battery::stop(&self.senses.charges, team.actuators(), &mut told);
+        }
+        let actuators = if other { &told } else { actuators };
+        L::apart(
+            #[inline(always)]
+            || self.drive(team, actuators),
+        );
+        if let Some(place) = team.gripper() {
+            L::apart(
+                #[inline(always)]
+                || self.grip(team, place, actuators),
+            );
+        }
+        self.told = told;
+    }
+
+    /// Robots whose number for the gripper, at this place, is above 0 hold what they held, or what is within reach.
+    #[inline(always)]
+    fn grip(&mut self, team: &Team, place: usize, actuators: &[L]) {
+        let bodies = &mut self.bodies;
+        for (index, row) in actuators.chunks_exact(team.actuators()).enumerate() {
+            let robot = team.robot(index);
+            if let Some(reach) = robot.gripper {
+                let wanted = number(0.0).lt(Number(row[place]));
+                let at = [bodies.x[index], bodies.y[index]];
+                let objects = &mut bodies.objects;
+                objects.grip(index, (at, robot.radius, reach), wanted);
+            }
+        }
+    }
+
+    /// The last part of a tick: all look, where they are now.
+    #[inline(always)]
+    pub(crate) fn look(&mut self, team: &Team, place: &Place) {
+        let charges = &mut self.senses.charges;
+        if !charges.is_empty() {
+            L::apart(
+                #[inline(always)]
+                || battery::update(team, place, &self.bodies, &self.told, charges),
+            );
+        }
+        let bodies = &mut self.bodies;
+        for index in 0..bodies.len() {
+            bodies.cos[index] = Number(cos_pi(bodies.heading[index].0));
+            bodies.sin[index] = Number(sin_pi(bodies.heading[index].0));
+        }
+        self.sense(team, place);
+    }
+
+    /// What the drives aim at, with their noise; turns the robots.
+    #[inline(always)]
+    fn drive(&mut self, team: &Team, actuators: &[L]) {
+        let bodies = &mut self.bodies;
+        let encoders = team.encoders();
+        let (message, message_at) = (team.message(), team.message_at());
+        let mut words = [L::Int::splat(0); 4];
+        for (index, row) in actuators.chunks_exact(team.actuators()).enumerate() {
+            let robot = team.robot(index);
+            if index % 4 == 0 {
+                words = self.keys.draw(self.tick, index / 4, Purpose::Wheels);
+            }
+            let [length, angle] = halves(words[index % 4]);
+            let noise = normal(length, angle);
+            // No closures: what they do would not be inlined into kernels.
+            let noise = [
+                noise[0] * robot.wheel_noise + 1.0,
+                noise[1] * robot.wheel_noise + 1.0,
+            ];
+            let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
+            let told = &row[team.drive(index)];
+            let (aim, spin) = match robot.drive {
+                Drive::Differential { wheel_base } => {
+                    let left = Number(told[0]) * robot.top_speed * noise[0];
+                    let right = Number(told[1]) * robot.top_speed * noise[1];
+                    let ahead = (left + right) * 0.5;
+                    let spin = (right - left) * (1.0 / wheel_base);
+                    ([ahead * cos, ahead * sin], spin)
+                }
+                Drive::Holonomic { turn } => {
+                    let (x, y) = (Number(told[0]) * noise[0], Number(told[1]) * noise[1]);
+                    // Not faster across than along.
+                    let length = (x * x + y * y).sqrt().at_least(number(1.0));
+                    let speed = number::<L>(robot.top_speed) / length;
+                    let (x, y) = (x * speed, y * speed);
+                    (
+                        [x * cos - y * sin, x * sin + y * cos],
+                        Number(told[2]) * turn,
+                    )
+                }
+                Drive::Car {
+                    wheel_base,
+                    steering,
+                } => {
+                    let speed = Number(told[0]) * robot.top_speed * noise[0];
+                    let angle = (Number(told[1]) * steering * noise[1]).within(-0.48, 0.48);
+                    let tangent = Number(sin_pi(angle.0)) / Number(cos_pi(angle.0));
+                    let spin = speed * tangent * (1.0 / wheel_base);
+                    ([speed * cos, speed * sin], spin)
+                }
+            };
+            if encoders > 0 {
+                let width = robot.width(Output::Encoders).min(encoders);
+                let factors = [noise[0], noise[1], number(1.0)];
+                for (part, factor) in factors.into_iter().enumerate().take(width) {
+                    self.senses.turned[index * encoders + part] = Number(told[part]) * factor;
+                }
+            }
+            if !robot.leds.is_empty() {
+                let given = &row[team.leds(index)..];
+                self.senses.shown[index] = camera::shown(&robot.leds, given);
+            }
+            let sent = &row[message_at..][..robot.message];
+            let now = team.sent_at(self.tick, 0);
+            for (kept, number) in self.senses.sent[now + index * message..]
+                .iter_mut()
+                .zip(sent)
+            {
+                *kept = Number(*number);
+            }
+            self.contacts.aim[index] = aim;
+            // The first substep still turns as in the tick before.
+            let turn = (bodies.spin[index] + spin * (SUBSTEPS - 1) as f32)
+                * (SUBSTEP * std::f32::consts::FRAC_1_PI);
+            let heading = bodies.heading[index] + turn;
+            let heading = (heading - number(2.0)).select(heading, heading.gt(number(1.0)));
+            bodies.heading[index] = (heading + 2.0).select(heading, heading.lt(number(-1.0)));
+            bodies.spin[index] = spin;
+        }
+    }
+
+    #[inline(always)]
+    fn sense(&mut self, team: &Team, place: &Place) {
+        L::apart(
+            #[inline(always)]
+            || self.verlet.update(&self.bodies),
+        );
+        let links = &mut self.senses.links;
+        links.failing = self.failing.loss(self.tick);
+        self.failing
+            .mute(self.tick, self.bodies.len(), &mut links.mute);
+        if !self.senses.charges.is_empty() {
+            battery::mute(&self.senses.charges, &mut self.senses.links.mute);
+        }
+        L::apart(
+            #[inline(always)]
+            || {
+                self.senses.update(
+                    &self.bodies,
+                    &self.verlet,
+                    team,
+                    (place, &self.colors),
+                    self.keys,
+                    self.tick,
+                );
+            },
+        );
+        self.failing
+            .blind(self.tick, team.sensors(), &mut self.senses.outputs);
+    }
+}
+
+impl Swarm<f32> {
+    /// What a drive aims at: velocity along the axes of the arena, m/s, and rotation, rad/s.
+    pub(crate) fn aim(&self, robot: usize) -> ([f32; 2], f32) {
+        let velocity = self.contacts.aim[robot].map(|number| number.0);
+        (velocity, self.bodies.spin[robot].0)
+    }
+
+    /// What scenes call a robot that cannot do all, or that holds something.
+    pub(crate) fn state(&self, robot: usize) -> Option<&'static str> {
+        let charge = self.senses.charges.get(robot);
+        if charge.is_some_and(|charge| charge.0 <= 0.0) {
+            return Some("empty");
+        }
+        let holds = self.bodies.objects.held_by(robot).any();
+        let failing = self.failing.state(self.tick, robot);
+        failing.or(holds.then_some("holds an object"))
+    }
+
+    /// All are elsewhere, `seconds` later.
+    pub(crate) fn put(
+        &mut self,
+        robots: impl Iterator<Item = Pose>,
+        objects: impl Iterator<Item = Pose>,
+        seconds: f32,
+    ) {
+        let bodies = &mut self.bodies;
+        for (
+            index,
+            Pose {
+                at: [x, y],
+                heading,
+            },
+        ) in robots.enumerate()
+        {
+            bodies.vx[index] = Number((x - bodies.x[index].0) / seconds);
+            bodies.vy[index] = Number((y - bodies.y[index].0) / seconds);
+            bodies.x[index] = Number(x);
+            bodies.y[index] = Number(y);
+            bodies.heading[index] = Number(heading);
+        }
+        bodies.objects.put(objects);
+    }
+}
