@@ -59,7 +59,6 @@ __all__ = [
     "centered_ranks",
     "certificates",
     "check_instructions",
-    "check_parameters",
     "decimals",
     "describe",
     "distances",
@@ -127,17 +126,11 @@ def missions() -> list[Mission]:
 def robots() -> list[str]:
     """The names of the built-in models of robots of the arena."""
 
-def check_parameters(title: str, parameters: dict[str, Any]) -> None:
-    """Raise InputError (naming the parameter) unless `parameters` configure the built-in simulation `title`.
+def parameter_mistakes(title: str, parameters: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return all that is wrong with parameters of a built-in simulation, each as (place, reason).
 
     Here and below: parameters are values of JSON's kinds; InputError names the place of any other and of numbers that
     are not finite.
-    """
-
-def parameter_mistakes(title: str, parameters: dict[str, Any]) -> list[tuple[str, str]] | None:
-    """Return all that is wrong with parameters, each as (name, reason).
-
-    None for simulations that tell one at a time, which `check_parameters` raises.
     """
 
 def steers_itself(title: str, parameters: dict[str, Any]) -> bool:

@@ -1,7 +1,6 @@
 """Checks of an experiment's values, each by itself and with the others."""
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -30,6 +29,7 @@ from swarmwright.methods.rankings.multi_fidelity import MultiFidelityOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.catalogue import steers_itself, titles
 from swarmwright.simulations.fitness import FitnessExpression
+from swarmwright.simulations.parameters import ParameterMistake
 
 
 def check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
@@ -50,52 +50,24 @@ def check_parameters(simulation: str | None, parameters: dict[str, Any], report:
         report(("parameters", key), problem)
     everything = catalogue.takes_any(simulation)
     given = {key: value for key, value in parameters.items() if everything or key in known}
-    mistakes = catalogue.parameter_mistakes(simulation, given)
-    if mistakes is not None:
-        for place, reason in mistakes:
-            _report_parameter(place, reason, given, report)
-        return
-    first = True
-    # The simulation names one at a time: it is removed to find the next. What only its absence makes wrong is
-    # not reported.
-    while (wrong := catalogue.parameters_problem(simulation, given)) is not None:
-        place, _, reason = wrong.removeprefix("parameter ").partition(": ")
-        name = _parameter_of(place)
-        if not (reason and name in given):
-            if first:
-                report((("parameters", name) if reason and name in known else ("parameters",)), wrong)
-            return
-        if first or _is_wrong_alone(simulation, name, given[name], wrong):
-            _report_parameter(place, reason, given, report)
-        del given[name]
-        first = False
+    for mistake in catalogue.parameter_mistakes(simulation, given):
+        _report_parameter(mistake, given, report)
 
 
-def _parameter_of(place: str) -> str:
-    """Return the name of the parameter in which a place is."""
-    return re.split(r"[.[]", place, maxsplit=1)[0]
-
-
-def _report_parameter(place: str, reason: str, given: Mapping[str, Any], report: Report) -> None:
+def _report_parameter(mistake: ParameterMistake, given: Mapping[str, Any], report: Report) -> None:
     """Report why a parameter is refused, at its place in the file."""
-    if place == "mission.robots" and _has_own_radius(given):
-        place, reason = "robot.radius", f"{reason}, or a smaller radius"
-    name = _parameter_of(place)
-    if name in given:
-        report(("parameters", *path_of(place)), reason)
-    else:
-        report(("parameters", name), f"parameter {place}: {reason}")
+    if mistake.place == "mission.robots" and _has_own_radius(given):
+        mistake = ParameterMistake("robot.radius", f"{mistake.reason}, or a smaller radius")
+    if mistake.parameter in given:
+        report(("parameters", *path_of(mistake.place)), mistake.reason)
+    else:  # that of its default, with other parameters
+        report(("parameters", mistake.parameter), f"parameter {mistake}")
 
 
 def _has_own_radius(parameters: Mapping[str, Any]) -> bool:
     """Whether the arena's robots have a radius that is given, in a mission that is not written out."""
     robot, mission = parameters.get("robot"), parameters.get("mission")
     return isinstance(robot, Mapping) and "radius" in robot and not isinstance(mission, Mapping)
-
-
-def _is_wrong_alone(simulation: str, name: str, value: Any, wrong: str) -> bool:  # noqa: ANN401 - any value of a file
-    """Whether a parameter is wrong whatever the others are."""
-    return catalogue.parameters_problem(simulation, {name: value}) == wrong
 
 
 def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa: ANN401 - any value of a file
@@ -352,11 +324,10 @@ def _check_method(checked: Checked, representation: Representation | None, repor
 
 def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
     """Check that parameters that are evolved are none of the fixed ones, and fit the simulation."""
-    options = checked.get("controller")
+    options, parameters = checked.get("controller"), checked["parameters"]
     if isinstance(options, ParameterSetOptions):
-        for path, message in problems(
-            checked["simulation"], checked["parameters"], options.parameters, here=here
-        ):
+        here = here and not any(_unsendable(parameters, ()))
+        for path, message in problems(checked["simulation"], parameters, options.parameters, here=here):
             report(path, message)
 
 

@@ -35,7 +35,7 @@ def problems(
     names = catalogue.parameter_names(simulation)
     known = {name: one for name, one in evolved.items() if everything or name in names}
     fixed = {name: value for name, value in parameters.items() if name not in evolved}
-    if len(known) < len(evolved) or catalogue.parameters_problem(simulation, fixed):
+    if len(known) < len(evolved) or catalogue.parameter_mistakes(simulation, fixed):
         return
     found = list(_refusals(simulation, fixed, known))
     yield from found
@@ -81,10 +81,11 @@ def _refusals(
 ) -> Iterator[tuple[Path_, str]]:
     found: dict[tuple[str, str], tuple[Any, str]] = {}
     for name, _, values in _corners(fixed, evolved):
-        problem = catalogue.parameters_problem(simulation, values)
-        if problem is None:
+        mistakes = catalogue.parameter_mistakes(simulation, values)
+        if not mistakes:
             continue
-        wrong, reason = _named(problem, name, evolved)
+        # Where another parameter is named, the value that was changed is what makes it wrong.
+        wrong, reason = mistakes[0] if mistakes[0].place in evolved else (name, str(mistakes[0]))
         # One that is wrong by itself is so beside each value of the others.
         found.setdefault((wrong, repr(values[wrong])), (values[wrong], reason))
     for (wrong, _), (refused, reason) in found.items():
@@ -95,12 +96,6 @@ def _refusals(
         if type(refused) is int and catalogue.declares_boolean(simulation, wrong):
             hint = "; for a boolean write {type: categorical, choices: [true, false]}"
         yield (*_EVOLVED, wrong), f"{catalogue.title(simulation)} refuses {refused!r}: {reason}{hint}"
-
-
-def _named(problem: str, name: str, evolved: Mapping[str, Parameter]) -> tuple[str, str]:
-    """Return the parameter that a simulation says is wrong, the one that was changed by default, and why."""
-    place, _, reason = problem.removeprefix("parameter ").partition(": ")
-    return (place, reason) if reason and place in evolved else (name, problem)
 
 
 def _corners(

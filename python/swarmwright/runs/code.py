@@ -520,9 +520,9 @@ def _with_simulation(experiment: Experiment, simulation: str | type) -> Experime
                 f"simulation: {name} has {announced[key]} {key}, but the run's controllers are made for "
                 f"{recorded}; start a new run with it"
             )
-    problem = catalogue.parameters_problem(name, experiment.parameters)
-    if problem is not None:
-        raise InputError(f"simulation: {name} refuses the run's parameters: {problem}")
+    mistakes = catalogue.parameter_mistakes(name, experiment.parameters)
+    if mistakes:
+        raise InputError(f"simulation: {name} refuses the run's parameters: {'; '.join(map(str, mistakes))}")
     return dataclasses.replace(experiment, simulation=name)
 
 

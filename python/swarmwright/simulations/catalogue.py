@@ -1,7 +1,6 @@
 """Descriptions of simulations: built-in ones, and those named by a class in Python."""
 
 import inspect
-import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cache
@@ -12,7 +11,7 @@ from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.groups import DeclaredGroup
 from swarmwright.common.simulation_names import MISSIONS, is_command, is_python
 from swarmwright.common.warn_once import warn_once
-from swarmwright.simulations.parameters import filled_in
+from swarmwright.simulations.parameters import ParameterMistake, filled_in, mistakes_in
 
 if TYPE_CHECKING:
     from swarmwright.common.engine_types import Description
@@ -385,37 +384,13 @@ def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
         return _engine.steers_itself(known, parameters)
 
 
-def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | None:
-    """Return what is wrong with the parameters of a simulation that is here, None when nothing is."""
-    if not _is_finite(parameters):
-        return "a number is not finite; .inf and .nan cannot be sent to a simulation"
-    try:
-        known = _engine_title(simulation)
-        if known is None:
-            filled_in(_python_description(simulation).parameters, parameters)
-            return None
-        with engine_errors():
-            _engine.check_parameters(known, parameters)
-    except InputError as error:
-        return str(error)
-    return None
+def parameter_mistakes(simulation: str, parameters: dict[str, Any]) -> list[ParameterMistake]:
+    """Return all that is wrong with the parameters of a simulation that is here.
 
-
-def parameter_mistakes(simulation: str, parameters: dict[str, Any]) -> list[tuple[str, str]] | None:
-    """Return all that is wrong with the parameters of a simulation that is here, each as (place, reason).
-
-    None for simulations that tell one mistake at a time, which `parameters_problem` returns.
+    Raises InputError for a class that cannot be loaded, and for values that cannot be sent as JSON.
     """
     known = _engine_title(simulation)
-    if known is None or not _is_finite(parameters):
-        return None
+    if known is None:
+        return list(mistakes_in(_python_description(simulation).parameters, parameters))
     with engine_errors():
-        return _engine.parameter_mistakes(known, parameters)
-
-
-def _is_finite(value: Any) -> bool:  # noqa: ANN401 - any nested value
-    if isinstance(value, dict):
-        return all(map(_is_finite, value.values()))
-    if isinstance(value, list | tuple):
-        return all(map(_is_finite, value))
-    return not isinstance(value, float) or math.isfinite(value)
+        return [ParameterMistake(*one) for one in _engine.parameter_mistakes(known, parameters)]

@@ -2,9 +2,10 @@
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from swarmwright.common.errors import InputError
 
@@ -115,13 +116,32 @@ def filled_in(
             else value
             for name, value in given.items()
         }
+    for mistake in mistakes_in(known, given):
+        raise InputError(str(mistake))
     values = {name: copy.deepcopy(one.default) for name, one in known.items()}
-    for name, value in given.items():
-        if name in known:
-            problem = known[name].problem(value)
-            if problem is not None:
-                raise InputError(f"{name}: {problem}")
-            values[name] = known[name].taken(value)
-        else:
-            values[name] = value
+    values.update((name, known[name].taken(value) if name in known else value) for name, value in given.items())
     return values
+
+
+class ParameterMistake(NamedTuple):
+    """What is wrong with a parameter of a simulation."""
+
+    place: str
+    """The parameter, and the place in it: `mission.robots`, `robots[0].count`."""
+    reason: str
+
+    @property
+    def parameter(self) -> str:
+        """The parameter's name."""
+        return re.split(r"[.[]", self.place, maxsplit=1)[0]
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.reason}"
+
+
+def mistakes_in(known: Mapping[str, Parameter], given: Mapping[str, Any]) -> Iterator[ParameterMistake]:
+    """Yield what is wrong with values for the parameters that a class declares."""
+    for name, value in given.items():
+        problem = known[name].problem(value) if name in known else None
+        if problem is not None:
+            yield ParameterMistake(name, problem)

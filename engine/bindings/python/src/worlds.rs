@@ -6,7 +6,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swarmwright_controllers::{Controller, Specification};
-use swarmwright_worlds::{self as worlds, Description, ParameterError, Parameters, Simulation};
+use swarmwright_worlds::{self as worlds, Description, Parameters, Simulation};
 
 use swarmwright_wrapper::guarded;
 
@@ -78,24 +78,38 @@ pub fn robots() -> Vec<&'static str> {
     worlds::robots()
 }
 
-/// Checks parameters against a built-in simulation.
-#[pyfunction]
-pub fn check_parameters(title: &str, parameters: &Bound<'_, PyDict>) -> PyResult<()> {
-    create(title)?
-        .reset(&object("parameters", parameters)?)
-        .map_err(input)
-}
-
-/// All that is wrong with parameters of a built-in simulation, each as name and reason; none where the simulation tells one at a
-/// time, which [`check_parameters`] does.
+/// All that is wrong with parameters of a built-in simulation, each as place and reason.
+///
+/// Of simulations that name one mistake at a time, its parameter is left out to find the next, and what only that makes wrong
+/// is not told.
 #[pyfunction]
 pub fn parameter_mistakes(
     title: &str,
     parameters: &Bound<'_, PyDict>,
-) -> PyResult<Option<Vec<(String, String)>>> {
-    let mistakes = create(title)?.mistakes(&object("parameters", parameters)?);
-    let parts = |mistake: ParameterError| (mistake.name, mistake.reason);
-    Ok(mistakes.map(|mistakes| mistakes.into_iter().map(parts).collect()))
+) -> PyResult<Vec<(String, String)>> {
+    let mut given = object("parameters", parameters)?;
+    if let Some(all) = create(title)?.mistakes(&given) {
+        return Ok(all.into_iter().map(|one| (one.name, one.reason)).collect());
+    }
+    let mut mistakes = Vec::new();
+    while let Err(mistake) = create(title)?.reset(&given) {
+        let end = mistake.name.find(['.', '[']);
+        let name = &mistake.name[..end.unwrap_or(mistake.name.len())];
+        let value = given.remove_entry(name);
+        let missing = value.is_none();
+        let alone = value.map(|entry| Parameters::from_iter([entry]));
+        let is_wrong_alone = match &alone {
+            Some(alone) => create(title)?.reset(alone) == Err(mistake.clone()),
+            None => false,
+        };
+        if mistakes.is_empty() || is_wrong_alone {
+            mistakes.push((mistake.name, mistake.reason));
+        }
+        if missing {
+            break;
+        }
+    }
+    Ok(mistakes)
 }
 
 /// Whether a built-in simulation steers its agents itself, with these parameters.

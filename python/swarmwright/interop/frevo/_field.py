@@ -199,9 +199,12 @@ def find_field(problem: Section, session: Path, given: Path | None) -> FieldFile
 
 def _read(path: Path) -> dict[str, Any]:
     value = read_field(path) if path.suffix.lower() == ".ser" else read_object(path)
-    problem = catalogue.parameters_problem("emergency_exit", {"field": value})
-    if problem is not None:
-        raise InputError(f"{path}: {problem.removeprefix('parameter ')}")
+    try:
+        mistakes = catalogue.parameter_mistakes("emergency_exit", {"field": value})
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    if mistakes:
+        raise InputError("\n".join(f"{path}: {one}" for one in mistakes))
     return value
 
 

@@ -187,7 +187,7 @@ def test_values_nested_too_deeply_are_refused() -> None:
     endless: dict[str, Any] = {}
     endless["again"] = endless
     with pytest.raises(_engine.InputError, match="is nested too deeply"):
-        _engine.check_parameters("minisim", endless)
+        _engine.parameter_mistakes("minisim", endless)
 
 
 def test_parameters_arrive_as_they_are() -> None:
