@@ -8,13 +8,11 @@ from pydantic import BaseModel, ValidationError
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import check_utf8
-from swarmwright.common.suggestions import did_you_mean, unknown_key
-from swarmwright.common.yaml import Path_, parse
+from swarmwright.common.suggestions import UnknownKey, did_you_mean, unknown_key
+from swarmwright.common.yaml import Path_, dotted_path, parse
 
 Report = Callable[[Path_, str], None]
 """Takes a problem: where, what."""
-MISSING = "is missing"
-"""What is said of a key that is not there."""
 _WANTED = {
     "int_type": "an integer",
     "int_from_float": "an integer",
@@ -49,19 +47,66 @@ def shown(value: Any, limit: int = 60) -> str:  # noqa: ANN401 - any value of a 
     return text if len(text) <= limit else f"{text[: limit - 3]}..."
 
 
-def problems_of(error: ValidationError, model: type[BaseModel], at: Path_ = ()) -> list[tuple[Path_, str]]:
-    """Return (path, message) for everything pydantic found wrong with a section at `at`."""
-    return [_problem(dict(found), model, at) for found in error.errors(include_url=False)]
+class FieldError(InputError, ValueError):
+    """A field of what was given is wrong. The message is `path: reason`.
+
+    Validators of options raise it for one of their fields, as pydantic takes any ValueError.
+    """
+
+    def __init__(self, path: Path_ | str, reason: str) -> None:
+        self.path = (path,) if isinstance(path, str) else path
+        self.reason = reason
+        super().__init__(f"{dotted_path(self.path)}: {reason}" if self.path else reason)
+
+    def __reduce__(self) -> tuple[type, tuple[Path_, str]]:
+        """Return what `pickle` makes the same error of."""
+        return type(self), (self.path, self.reason)
 
 
-def _problem(found: dict[str, Any], model: type[BaseModel], at: Path_) -> tuple[Path_, str]:
-    """Return path and message. That of a section as a whole may begin with the key that is to be changed."""
-    path, message = (*at, *found["loc"]), _message(found, model)
-    key, colon, rest = message.partition(": ")
-    section = found.get("input")
-    if found["type"] == "value_error" and colon and isinstance(section, Mapping) and key in section:
-        return (*path, key), rest
-    return path, message
+def problems_of(
+    error: ValidationError,
+    model: type[BaseModel],
+    at: Path_ = (),
+    values: Any = None,  # noqa: ANN401 - any values of a file
+) -> list[tuple[Path_, str]]:
+    """Return (path, message) for everything pydantic found wrong with a section at `at`.
+
+    values: the whole file; paths are then those in it, without pydantic's names of tried union variants.
+    """
+    return [_problem(dict(found), model, at, values) for found in error.errors(include_url=False)]
+
+
+def _problem(
+    found: dict[str, Any],
+    model: type[BaseModel],
+    at: Path_,
+    values: Any,  # noqa: ANN401 - as above
+) -> tuple[Path_, str]:
+    path = (*at, *found["loc"])
+    if values is not None:
+        path = _as_written(path, values, keep_last=found["type"] == "missing")
+    error = found.get("ctx", {}).get("error")
+    if isinstance(error, FieldError):
+        return (*path, *error.path), error.reason
+    return path, _message(found, model)
+
+
+def _as_written(path: Path_, values: Any, *, keep_last: bool) -> Path_:  # noqa: ANN401 - as above
+    """Return a path without the parts that are not in the file: names of union variants that were tried."""
+    written: list[str | int] = []
+    for index, part in enumerate(path):
+        if _holds(values, part):
+            written.append(part)
+            values = values[part]
+        elif index == len(path) - 1 and keep_last:
+            written.append(part)
+    return tuple(written)
+
+
+def _holds(values: Any, part: str | int) -> bool:  # noqa: ANN401 - as above
+    if isinstance(values, Mapping):
+        return part in values
+    return isinstance(values, list | tuple) and isinstance(part, int) and 0 <= part < len(values)
 
 
 def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
@@ -69,7 +114,7 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
     context: dict[str, Any] = found.get("ctx", {})
     value = found.get("input")
     if kind == "missing":
-        return MISSING
+        return "is missing"
     if kind == "extra_forbidden":
         return _unknown_key(str(found["loc"][-1]), model_at(model, found["loc"][:-1]))
     if kind == "list_type":
@@ -146,12 +191,13 @@ def _lists_of(value: Any) -> Iterator[list[Any]]:  # noqa: ANN401 - any value of
 
 def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
     if model is None:
-        return "unknown key"
+        return UnknownKey("unknown key")
     keys = [field.alias or name for name, field in model.model_fields.items()]
     if key.casefold() == "files" and "servers" in keys:
-        return (
-            "unknown key; files that the simulation reads are named in the section servers, such as "
-            "servers: {launcher: process, count: 4, files: [map.json]}"
+        return UnknownKey(
+            "unknown key",
+            "; files that the simulation reads are named in the section servers, such as "
+            "servers: {launcher: process, count: 4, files: [map.json]}",
         )
     return unknown_key(key, keys)
 

@@ -3,6 +3,7 @@
 import unicodedata
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from typing import Self
 
 _MOST_NAMES = 1000
 """Names that are compared by their spelling; more, as hostile files have, would take seconds each time."""
@@ -63,9 +64,28 @@ def unknown(what: str, name: str, known: Iterable[str]) -> str:
     return f"unknown {what} {name!r}{hint} available: {', '.join(names)}"
 
 
-def unknown_key(key: str, known: Iterable[str]) -> str:
+class UnknownKey(str):
+    """A message about a key that is not known where it stands.
+
+    Args:
+        subject: what is said of it, "unknown key".
+        hint: what follows, "; did you mean 'population'?".
+    """
+
+    __slots__ = ("subject",)
+
+    subject: str
+
+    def __new__(cls, subject: str, hint: str = "") -> Self:
+        """Return the message."""
+        message = super().__new__(cls, subject + hint)
+        message.subject = subject
+        return message
+
+
+def unknown_key(key: str, known: Iterable[str]) -> UnknownKey:
     """Say that a file has no such key, with the nearest known one or the list of all, in their order."""
-    return f"unknown key{meant_or_all(key, known, 'known keys')}"
+    return UnknownKey("unknown key", meant_or_all(key, known, "known keys"))
 
 
 def folded(name: str) -> str:

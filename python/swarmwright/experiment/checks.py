@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from swarmwright.common import suggestions
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
-from swarmwright.common.problems import MISSING, Report, problems_of, shown
+from swarmwright.common.problems import FieldError, Report, problems_of, shown
 from swarmwright.common.registry import Registry
 from swarmwright.common.simulation_names import is_command
 from swarmwright.common.yaml import Path_, path_of
@@ -115,7 +115,8 @@ def check_values(
         }
     except ValidationError as error:
         for path, message in problems_of(error, Document):
-            report(path, f"{message}{_right_form(path, values)}")
+            form = _right_form(path, values)
+            report(path, f"{message}{form}" if form else message)
     for name, registry in REGISTRIES.items():
         section = values.get(name, {})
         if isinstance(section, Mapping):
@@ -187,8 +188,8 @@ def _check_section(
     try:
         return model.model_validate(section, context={"ask": ask})
     except ValidationError as error:
-        for path, message in problems_of(error, model, (name,)):
-            report(_as_written(path, message, {name: section}), message)
+        for path, message in problems_of(error, model, (name,), {name: section}):
+            report(path, message)
         return None
 
 
@@ -229,24 +230,6 @@ def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str,
             report(("method", option, name), problem)
 
 
-def _as_written(path: Path_, message: str, values: Any) -> Path_:  # noqa: ANN401 - any values of a file
-    """Return a path without the parts that are not in the file: names of union variants that were tried."""
-    written: list[str | int] = []
-    for index, part in enumerate(path):
-        if _holds(values, part):
-            written.append(part)
-            values = values[part]
-        elif index == len(path) - 1 and message == MISSING:
-            written.append(part)
-    return tuple(written)
-
-
-def _holds(values: Any, part: str | int) -> bool:  # noqa: ANN401 - any values of a file
-    if isinstance(values, Mapping):
-        return part in values
-    return isinstance(values, list | tuple) and isinstance(part, int) and 0 <= part < len(values)
-
-
 def _check_groups(checked: Checked, here: bool, report: Report) -> None:
     """Fill in what the simulation declares of the groups of a team; check it against the file."""
     options = checked.get("controller")
@@ -262,14 +245,14 @@ def _check_groups(checked: Checked, here: bool, report: Report) -> None:
             checked["controller"] = with_groups(options, declared, checked["simulation"])
             return
         if here and catalogue.built_in(checked["simulation"]) is not None:
-            raise InputError(_no_groups(checked["simulation"]))
+            raise FieldError(("controller", "kind"), _no_groups(checked["simulation"]))
         if here or not catalogue.is_described(checked["simulation"]):
             check_counts(options)
         for name in ("sensors", "actuators"):
             if checked[name] is None:
                 checked[name] = most(options, name)
-    except InputError as error:
-        _report_controller(error, report)
+    except FieldError as error:
+        report(error.path, error.reason)
         checked["controller"] = None
 
 
@@ -280,16 +263,9 @@ def _no_groups(simulation: str) -> str:
         "arena": "make the parameter robots a list of kinds of robots",
     }.get(catalogue.built_in(simulation) or "", "all its agents are alike")
     return (
-        f"controller.kind: a team needs several kinds of agents, but {simulation} has one with these "
+        f"a team needs several kinds of agents, but {simulation} has one with these "
         f"parameters; {hint}, or take another kind of controller"
     )
-
-
-def _report_controller(error: InputError, report: Report) -> None:
-    """Report what is wrong with the controller, `controller[.KEY]: why`, at its place."""
-    place, found, reason = str(error).removeprefix("controller").partition(": ")
-    path = [part for part in place.split(".") if part] if found else []
-    report(("controller", *path), reason or str(error))
 
 
 def _check_representation(checked: Checked, report: Report) -> Representation | None:
@@ -304,8 +280,11 @@ def _check_representation(checked: Checked, report: Report) -> Representation | 
         return None
     try:
         made: Representation = component(options, sensors=sensors, actuators=actuators)
+    except FieldError as error:
+        report(error.path, error.reason)
+        return None
     except InputError as error:
-        _report_controller(error, report)
+        report(("controller",), str(error))
         return None
     return made
 

@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, mo
 
 from swarmwright import _engine
 from swarmwright.common.options import Options
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import FieldError, shown
 from swarmwright.common.simulation_names import is_command
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.experiment.broker_address import broker_problem, prefix_problem
@@ -198,8 +198,8 @@ def _ranges(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     for key, ends in value.items():
         numbers = isinstance(ends, list | tuple) and len(ends) == 2
         if not numbers or any(isinstance(one, bool) or not isinstance(one, int | float) for one in ends):
-            raise ValueError(
-                f"{key}: must be the lowest and the highest value, [0.4, 0.8], not {shown(ends)}"
+            raise FieldError(
+                str(key), f"must be the lowest and the highest value, [0.4, 0.8], not {shown(ends)}"
             )
     return {str(key): list(ends) for key, ends in value.items()}
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright.common.arrays import shortest
-from swarmwright.common.suggestions import meant_or_all
+from swarmwright.common.suggestions import UnknownKey, meant_or_all
 from swarmwright.common.yaml import Path_
 from swarmwright.controllers.kinds.parameter_set import CategoricalParameter, Parameter, RealParameter
 from swarmwright.simulations import catalogue
@@ -72,8 +72,10 @@ def unknown(simulation: str, names: Iterable[str]) -> Iterator[tuple[str, str]]:
     known, title = catalogue.parameter_names(simulation), catalogue.title(simulation)
     for name in names:
         if name not in known:
-            hint = meant_or_all(name, known, "known parameters")
-            yield name, f"unknown parameter of {title}{hint}"
+            yield (
+                name,
+                UnknownKey(f"unknown parameter of {title}", meant_or_all(name, known, "known parameters")),
+            )
 
 
 def _refusals(

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, ClassVar
 from pydantic import Field, model_validator
 
 from swarmwright.common.options import Options
+from swarmwright.common.problems import FieldError
 from swarmwright.common.registry import Registry
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ class LauncherOptions(Options):
         if self.min is not None and self.max is None:
             raise ValueError("min needs max: the number of servers follows the work between the two")
         if self.min is not None and self.max is not None and self.min > self.max:
-            raise ValueError(f"min: {self.min} is more than max: {self.max}")
+            raise FieldError("min", f"{self.min} is more than max: {self.max}")
         if self.max is not None and "count" in self.model_fields_set and self.count != 1:
             raise ValueError("give either count, or min and max")
         if self.budget is not None and not self.cost_per_hour:

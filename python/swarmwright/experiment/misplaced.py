@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.suggestions import nearest
+from swarmwright.common.suggestions import UnknownKey, nearest
 from swarmwright.experiment.document import (
     DEFAULT_KINDS,
     Document,
@@ -31,8 +31,6 @@ _SECTIONS: Mapping[str, type[BaseModel]] = {
     "timeouts": Timeouts,
     "faults": Faults,
 }
-_UNKNOWN = ("unknown key", "unknown parameter of ")
-"""How messages about keys begin that are not known where they stand."""
 
 
 def with_right_place(
@@ -47,9 +45,9 @@ def with_right_place(
         values: all of the experiment, as the file says.
         parameters: names of the simulation's parameters, as far as they are known.
     """
-    if not message.startswith(_UNKNOWN):
+    if not isinstance(message, UnknownKey):
         return message
-    subject = message.partition("; ")[0]
+    subject = message.subject
     kinds = _kinds_with(key, section)
     if kinds:
         return f"{subject}; it is an option of other kinds: {', '.join(kinds)}"

@@ -21,6 +21,7 @@ from swarmwright.common.ranges import shortest_decimal
 from swarmwright.controllers.source.in_c import Code, Table
 from swarmwright.controllers.source.text import identifiers, is_reserved, literals, plain, wrapped
 from swarmwright.export._base import Files, facts, part_of, render
+from swarmwright.export.golden import Golden
 from swarmwright.export.programs import command, run, standard_option, stepped, steps
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Channel, Subject
@@ -248,7 +249,8 @@ def self_test(folder: Path, language: Language, prefix: str, sources: list[str])
 
 def tests(subject: Subject, values: Mapping[str, str]) -> str:
     """Return the source of a self-test."""
-    golden, walk = subject.golden, walk_of(subject)
+    made, walk = Golden.of(subject), walk_of(subject)
+    golden = made.sequences
     starts = [*np.flatnonzero(golden.first).tolist(), len(golden)]
     lengths = [str(end - begin) for begin, end in pairwise(starts) if end > begin] or ["0"]
     # A table without a step has a row that is not used.
@@ -268,7 +270,7 @@ def tests(subject: Subject, values: Mapping[str, str]) -> str:
             **values,
             "ending": "cpp" if cpp else "c",
             "facts": facts(subject),
-            "golden": subject.golden_words,
+            "golden": made.words,
             "coverage": "\n".join(f" * {line}" for line in wrap(coverage, 105)),
             "count": str(len(golden)),
             "lengths": wrapped(lengths),

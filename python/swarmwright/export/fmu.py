@@ -23,8 +23,8 @@ from swarmwright.controllers.source.text import MARK, check_header
 from swarmwright.export._base import Exporter, Files, facts, file_bytes, render
 from swarmwright.export.c import LANGUAGE, C
 from swarmwright.export.fmu_parts import add_range, add_units, named, token, unit_name, xml, zipped
+from swarmwright.export.golden import Golden
 from swarmwright.export.programs import command, run, standard_option
-from swarmwright.export.python_family import golden_text
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Channel, Subject
 
@@ -166,8 +166,7 @@ class Fmu(Exporter):
                 {
                     "p": prefix,
                     "facts": facts(subject, "    "),
-                    "golden": subject.golden_words,
-                    "sequences": golden_text(subject.golden),
+                    **Golden.of(subject).values(),
                     "period": repr(_period(subject)),
                     **_TEST[self.fmi],
                 },

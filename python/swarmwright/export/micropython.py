@@ -14,7 +14,8 @@ from swarmwright.common.errors import RunError
 from swarmwright.controllers.source.text import check_module
 from swarmwright.export._base import Exporter, Files, not_exported
 from swarmwright.export.programs import command, run, stepped
-from swarmwright.export.python_family import MICROPYTHON, as_bytes, modules, parts
+from swarmwright.export.python import modules
+from swarmwright.export.python_family import MICROPYTHON, as_bytes, parts
 from swarmwright.export.python_modules import has_own
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.controllers.source.in_onnx import Graph
 from swarmwright.export._base import Exporter, Files, NotInstalledError, facts, part_of, render
+from swarmwright.export.golden import Golden
 from swarmwright.export.programs import run
-from swarmwright.export.python_family import golden_text
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
@@ -172,8 +172,7 @@ def _test(subject: Subject, graph: Graph, prefix: str) -> str:
         {
             "p": prefix,
             "facts": facts(subject, "    "),
-            "golden": subject.golden_words,
-            "sequences": golden_text(subject.golden),
+            **Golden.of(subject).values(),
             "reset": graph.initial_state or "None",
             "state_input": ', "state": state' if graph.initial_state else "",
             "outputs": "actuators, state" if graph.initial_state else "(actuators,)",

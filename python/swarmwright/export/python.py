@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import RunError
+from swarmwright.controllers.source.in_python import Numbers
 from swarmwright.controllers.source.text import check_module
 from swarmwright.export._base import Exporter, Files, render
+from swarmwright.export.golden import Golden
 from swarmwright.export.programs import run, stepped, steps
-from swarmwright.export.python_family import as_decimals, module_text, modules
+from swarmwright.export.python_family import PYTHON, PYTHON_WORDS, as_decimals, module_text, values_of
 from swarmwright.export.python_modules import OwnPython, has_own, own_python
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
@@ -39,22 +41,16 @@ for at in range(0, len(data), width):
 """
 
 
-_WORDS = "Numbers are rounded to 32 bits after every operation, as in the simulation."
-_DIALECT = {
-    "dialect": "",
-    "imports": "from array import array\nfrom collections.abc import Sequence",
-    "words": _WORDS,
-    "own": "",
-    "exact": "",
-    "none": " -> None",
-    "sensors_type": ": Sequence[float]",
-    "actuators_type": " -> list[float]",
-}
+def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, str]) -> Files:
+    """Return the module and its self-test; parameters have none. Arguments as of `module_text`."""
+    files: Files = {f"{prefix}.py": module_text(subject, prefix, numbers, dialect)}
+    if subject.steers:
+        files[f"{prefix}_test.py"] = _test(subject, values_of(subject, prefix))
+    return files
 
 
-def module_of(subject: Subject, prefix: str) -> str:
-    """Return the module of a controller without code of its own, as `Python.files` does."""
-    return module_text(subject, prefix, as_decimals, _DIALECT)
+def _test(subject: Subject, values: dict[str, str]) -> str:
+    return render("python_test.txt", {**values, **Golden.of(subject).values()})
 
 
 class Python(Exporter):
@@ -74,8 +70,8 @@ class Python(Exporter):
         check_module(prefix)
         own = own_python(subject, prefix) if has_own(subject) else OwnPython({}, "")
         dialect = {
-            **_DIALECT,
-            "words": f"{_WORDS}{own.words}",
+            **PYTHON,
+            "words": f"{PYTHON_WORDS}{own.words}",
             "own": render("python_own_import.txt", {"p": prefix}).rstrip("\n") if own.files else "",
         }
         return {**modules(subject, prefix, as_decimals, dialect), **own.files}

@@ -8,7 +8,7 @@ import numpy as np
 from swarmwright.common.untrusted import one_line
 from swarmwright.controllers.source.in_python import Numbers, PythonCode, Values
 from swarmwright.controllers.source.text import decimals, quoted, wrapped
-from swarmwright.export._base import Files, facts, part_of, render
+from swarmwright.export._base import facts, part_of, render
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
 
@@ -41,19 +41,6 @@ _CODES = {"f4": "f", "f8": "d", "u2": "H", "u4": "L"}
 """Of arrays and of `struct`, by kind and bytes."""
 
 
-def golden_text(golden: Sequences) -> str:
-    """Return sequences as elements of a tuple in Python: tuples of (sensors, actuators), both as bytes."""
-    if not len(golden):
-        return ""
-    lines: list[str] = []
-    for index in range(len(golden)):
-        if golden.first[index]:
-            lines += [*(["    ),"] if lines else []), "    ("]
-        row = f"{byte_text(golden.sensors[index])}, {byte_text(golden.actuators[index])}"
-        lines.append(f"        ({row}),")
-    return "\n".join([*lines, "    ),"])
-
-
 def byte_text(values: Values) -> str:
     """Return the bytes of numbers, the lowest first, as Python writes them."""
     data = values.astype(values.dtype.newbyteorder("<")).tobytes()
@@ -62,14 +49,6 @@ def byte_text(values: Values) -> str:
 
 MICROPYTHON = ", for MicroPython"
 """In the first line of a module for MicroPython, which has the name of the one for Python."""
-
-
-def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, str]) -> Files:
-    """Return the module and its self-test; parameters have none. Arguments as of `module_text`."""
-    files: Files = {f"{prefix}.py": module_text(subject, prefix, numbers, dialect)}
-    if subject.steers:
-        files[f"{prefix}_test.py"] = _test(subject, _values(subject, prefix))
-    return files
 
 
 def module_text(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, str]) -> str:
@@ -81,7 +60,7 @@ def module_text(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[s
         numbers: how numbers are written.
         dialect: replacements that differ between Python and MicroPython.
     """
-    values = _values(subject, prefix)
+    values = values_of(subject, prefix)
     if not subject.steers:
         lines = [f"    {name!r}: {value!r}," for name, value in subject.values.items()]
         return render("python_parameters.txt", {**values, "parameters": "\n".join(lines)})
@@ -109,7 +88,8 @@ def module_text(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[s
     )
 
 
-def _values(subject: Subject, prefix: str) -> dict[str, str]:
+def values_of(subject: Subject, prefix: str) -> dict[str, str]:
+    """Return what the texts of a module and of its self-test have in common."""
     return {"p": prefix, "facts": facts(subject, "    ").rstrip()}
 
 
@@ -129,11 +109,6 @@ def _names(channels: list[Channel]) -> str:
     return "\n".join(lines)
 
 
-def _test(subject: Subject, values: dict[str, str]) -> str:
-    golden = {"golden": subject.golden_words, "sequences": golden_text(subject.golden)}
-    return render("python_test.txt", {**values, **golden})
-
-
 def parts(sequences: Sequences, size: int) -> list[slice]:
     """Return slices of whole sequences with at most so many steps, one sequence at least."""
     starts = [*np.flatnonzero(sequences.first).tolist(), len(sequences)]
@@ -143,3 +118,23 @@ def parts(sequences: Sequences, size: int) -> list[slice]:
             found.append(slice(begin, end))
             begin = end
     return found
+
+
+PYTHON_WORDS = "Numbers are rounded to 32 bits after every operation, as in the simulation."
+
+
+PYTHON = {
+    "dialect": "",
+    "imports": "from array import array\nfrom collections.abc import Sequence",
+    "words": PYTHON_WORDS,
+    "own": "",
+    "exact": "",
+    "none": " -> None",
+    "sensors_type": ": Sequence[float]",
+    "actuators_type": " -> list[float]",
+}
+
+
+def module_of(subject: Subject, prefix: str) -> str:
+    """Return the module of a controller without code of its own, as `Python.files` does."""
+    return module_text(subject, prefix, as_decimals, PYTHON)

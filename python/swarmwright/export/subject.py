@@ -229,34 +229,12 @@ class Subject(Evolved):
         return bool(((recorded >= 0) & (recorded <= 1)).all())
 
     @cached_property
-    def _tried(self) -> Sequences:
-        """What `golden` begins with: whole sequences, in some of which a network may overflow."""
+    def tried(self) -> Sequences:
+        """What self-tests begin with: whole sequences, in some of which a network may overflow."""
         if self.episodes is None or not len(self.episodes):
             return random_sequences(self.specification, _EPISODES_WITHOUT, refused=False)
         width = self.episodes.sensors.shape[1] + self.episodes.actuators.shape[1]
         return self.episodes.until(_GOLDEN // width)
-
-    @cached_property
-    def golden(self) -> Sequences:
-        """Episodes of some agents, or random sequences without a simulation, for a self-test.
-
-        Whole ones, but in a network that overflows the steps before; none where it does so in each first one.
-        """
-        from swarmwright.export.walk import before_overflow  # noqa: PLC0415 - exports a subject
-
-        return self._tried.part(before_overflow(self.specification, self._tried))
-
-    @property
-    def golden_words(self) -> str:
-        """What the golden vectors are."""
-        golden = self.golden
-        steps = f"{len(golden)} steps"
-        if len(golden) < len(self._tried):
-            steps += " before a node overflows"
-        if self.episodes is None or not len(self.episodes):
-            return f"{golden.count} random sequences, {steps}"
-        what = "whole episodes" if len(golden) == len(self._tried) else "episodes"
-        return f"{what} of {golden.count} agent{'' if golden.count == 1 else 's'}, {steps}"
 
 
 def _different(names: list[Any], what: str) -> list[str]:

@@ -17,6 +17,7 @@ from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
 from swarmwright.common.plug_in_code import is_plug_in, numbers
+from swarmwright.common.problems import FieldError
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers import Representation
 
@@ -277,10 +278,10 @@ class Method(SteadyState):
 
     def __init__(self, options: MethodOptions, representation: Representation, *, seed: int) -> None:
         for name, reason in self.problems(options, representation).items():
-            raise InputError(f"method.{name}: {reason}")
+            raise FieldError(("method", name), reason)
         missing = self.missing()
         if missing is not None:
-            raise InputError(f"method.kind: {missing}")
+            raise FieldError(("method", "kind"), missing)
         self.options = options
         self.representation = representation
         self.seed = seed

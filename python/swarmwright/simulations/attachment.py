@@ -28,7 +28,7 @@ from pydantic import Field, PrivateAttr, ValidationError, field_validator, model
 from swarmwright.common import metric_names, yaml
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
-from swarmwright.common.problems import problems_of
+from swarmwright.common.problems import FieldError, problems_of
 from swarmwright.simulations.command.definition import Command
 from swarmwright.simulations.command.process import resolved_word
 from swarmwright.simulations.command.ros_definition import Area, Interval, Pose, Reduce
@@ -89,7 +89,7 @@ class Metric(Options):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if (self.sensor is None) == (self.pose is None):
-            raise ValueError("sensor: give either a sensor, or pose: x, y, z or yaw")
+            raise FieldError("sensor", "give either a sensor, or pose: x, y, z or yaw")
         return self
 
 
@@ -135,18 +135,18 @@ class Attachment(Options):
     def _fits(self) -> Self:
         twice = next((one for index, one in enumerate(self.robots) if one in self.robots[:index]), None)
         if twice is not None:
-            raise ValueError(f"robots: {twice} is there twice")
+            raise FieldError("robots", f"{twice} is there twice")
         if self.poses and self.area is not None:
-            raise ValueError("poses: give either poses or area")
+            raise FieldError("poses", "give either poses or area")
         if self.poses and len(self.poses) != len(self.robots):
-            raise ValueError(
-                f"poses: {len(self.poses)} found, expected one of each of {len(self.robots)} robots"
+            raise FieldError(
+                "poses", f"{len(self.poses)} found, expected one of each of {len(self.robots)} robots"
             )
         names = [one.sensor for one in self.sensors]
         for name, metric in self.metrics.items():
             if metric.sensor is not None and metric.sensor not in names:
-                raise ValueError(
-                    f"metrics: {name}: there is no sensor {metric.sensor!r}; {', '.join(names)} are"
+                raise FieldError(
+                    "metrics", f"{name}: there is no sensor {metric.sensor!r}; {', '.join(names)} are"
                 )
         return self
 

@@ -118,9 +118,9 @@ def filled_in(
         }
     for mistake in mistakes_in(known, given):
         raise InputError(str(mistake))
-    values = {name: copy.deepcopy(one.default) for name, one in known.items()}
-    values.update((name, known[name].taken(value) if name in known else value) for name, value in given.items())
-    return values
+    defaults = {name: copy.deepcopy(one.default) for name, one in known.items()}
+    taken = {name: known[name].taken(value) if name in known else value for name, value in given.items()}
+    return defaults | taken
 
 
 class ParameterMistake(NamedTuple):

@@ -17,6 +17,7 @@ import numpy as np
 
 from swarmwright.common.arrays import Fitness, Genome, Genomes, Limits
 from swarmwright.common.errors import InputError
+from swarmwright.common.problems import FieldError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import REPRESENTATIONS, Representation, RepresentationOptions
 from swarmwright.methods import METHODS, Method
@@ -228,7 +229,7 @@ def _check_refusal(component: type[Method], subject: Representation) -> None:
     try:
         _steady_new(component, subject, 1)
     except InputError as error:
-        if not str(error).startswith("method.operation: "):
+        if not (isinstance(error, FieldError) and error.path == ("method", "operation")):
             raise AssertionError(f"the message must name method.operation: {error}") from error
         return
     raise AssertionError(f"{component.kind} has no steady_state, and takes operation: steady_state")
@@ -356,7 +357,7 @@ def _accepts(kind: str, representation: Representation) -> bool:
     try:
         _new(kind, representation)
     except InputError as error:
-        if not str(error).startswith("method.kind: "):
+        if not (isinstance(error, FieldError) and error.path == ("method", "kind")):
             raise AssertionError(f"the message must name method.kind: {error}") from error
         return False
     raise AssertionError(f"{kind} says that {representation.kind} is unsuitable, and takes it")

@@ -9,9 +9,9 @@ import pytest
 from swarmwright.export import Exporter
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
+from swarmwright.export.golden import Golden, before_overflow, walk_of
 from swarmwright.export.python import Python
 from swarmwright.export.sequences import Sequences
-from swarmwright.export.walk import before_overflow, walk_of
 from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, Specification, network, subject
 
@@ -51,8 +51,9 @@ def test_the_self_test_has_the_steps_before(after: int, tmp_path: Path) -> None:
         begun = overflow_at(specification)
         recorded = episode(specification, min(begun + after, STEPS))
         made = replace(subject(specification), episodes=recorded, episode_count=1)
-        assert len(made.golden) == begun
-        assert f"episodes of 1 agent, {begun} steps before a node overflows" in made.golden_words
+        golden = Golden.of(made)
+        assert len(golden.sequences) == begun
+        assert f"episodes of 1 agent, {begun} steps before a node overflows" in golden.words
         folder = tmp_path / str(number)
         write(Python().files(made, "robot"), folder)
         assert Python().self_test(folder, "robot") == "robot_test.py"
@@ -69,7 +70,7 @@ def test_a_network_that_overflows_at_once_has_a_self_test_without_steps(
     first = np.arange(40) == 0
     recorded = Sequences.computed(specification, first, np.full((40, 3), 2, np.float32))
     at_once = replace(subject(specification), episodes=recorded, episode_count=1)
-    assert len(at_once.golden) == 0
+    assert len(Golden.of(at_once).sequences) == 0
     write(exporter.files(at_once, "robot"), tmp_path)
     assert exporter.self_test(tmp_path, "robot")
 

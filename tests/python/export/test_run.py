@@ -12,6 +12,7 @@ import pytest
 import swarmwright
 from swarmwright import InputError, Run
 from swarmwright.controllers.source.text import identifiers, plain
+from swarmwright.export.golden import Golden
 from swarmwright.export.subject import Subject, subject_of
 from swarmwright.runs.store.database import seal_facts
 from swarmwright.simulations import catalogue
@@ -90,7 +91,7 @@ def test_the_duration_of_a_step_is_not_that_of_a_frame(minisim: Run, tmp_path: P
 
 def test_golden_vectors_are_whole_episodes(minisim: Run) -> None:
     subject = subject_of(minisim)
-    golden, episodes = subject.golden, subject.episodes
+    golden, episodes = Golden.of(subject).sequences, subject.episodes
     assert episodes is not None
     assert len(golden) == len(episodes) <= 4000 // 5
     first = episodes.until(0)

@@ -12,8 +12,18 @@ from swarmwright import _engine
 from swarmwright.analysis.episodes import LeftOut
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.recorded import with_names
-from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, UnreadableRunError, reason
+from swarmwright.analysis.sweep.run import (
+    BusyRunError,
+    Executor,
+    Listener,
+    Task,
+    UnreadableRunError,
+    finished,
+    finished_run,
+    reason,
+)
 from swarmwright.analysis.sweep.variants import Variant
+from swarmwright.analysis.sweep.workers import SideBySide
 from swarmwright.analysis.sweep_folders import as_missing, as_unreadable
 from swarmwright.common.errors import InputError, PlugInError
 from swarmwright.common.files import write_whole
@@ -23,7 +33,6 @@ from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.launcher_entries import written
 from swarmwright.methods import METHODS
 from swarmwright.runs import picture
-from swarmwright.runs.optimization.generation import Generation
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import FILE as STORE
 from swarmwright.runs.store.folder import SWEEP
@@ -175,40 +184,6 @@ def _recorded_variant(variant: Variant) -> dict[str, Any]:
     return with_names(kept, variant.names)
 
 
-class Listener:
-    """Receives the progress of a sweep; the base class ignores it."""
-
-    def found(self, task: Task, run: Run) -> None:
-        """A run was finished before."""
-
-    def finished_elsewhere(self, task: Task, run: Run) -> None:
-        """Another process has finished a run since the sweep was started, before its turn here."""
-
-    def planned(self, runs: int, jobs: int) -> None:
-        """So many runs are to be done, so many at a time."""
-
-    def begun(self, task: Task) -> None:
-        """A run begins, or goes on."""
-
-    def generation(self, task: Task, generation: Generation) -> None:
-        """A run has evaluated a generation."""
-
-    def evaluating(self, task: Task, done: int, total: int, waiting_for: str) -> None:
-        """Within a generation; see `swarmwright.optimize`."""
-
-    def ended(self, task: Task, run: Run) -> None:
-        """A run is finished."""
-
-    def failed(self, task: Task, message: str) -> None:
-        """A run failed; the others go on."""
-
-    def busy(self, task: Task) -> None:
-        """Another process works on a run, which is left to it."""
-
-    def tick(self) -> None:
-        """Some time has passed, a quarter of a second or less."""
-
-
 @dataclass
 class Outcome:
     """The results of a sweep's runs."""
@@ -311,7 +286,7 @@ def conduct(
     """
     outcome = Outcome(tasks)
     noting = _Noting(outcome, listener)
-    before = [_finished_run(task) for task in tasks]  # report errors before anything is started
+    before = [finished_run(task) for task in tasks]  # report errors before anything is started
     try:
         write(sweep, tasks)
     except InputError as error:  # a folder that may be read alone: finished runs are compared nevertheless
@@ -334,8 +309,6 @@ def conduct(
         parts = shares(experiments, len(left), jobs, broker=broker, servers=servers) if left else []
         noting.planned(len(left), len(parts))
         if len(parts) > 1:
-            from swarmwright.analysis.sweep.workers import SideBySide  # noqa: PLC0415 - it imports this module
-
             SideBySide(sweep.variants, broker=broker, servers=parts, listener=noting).run(left)
         elif left:
             outcome.interrupted = not _one_after_another(sweep, left, noting, broker, parts[0])
@@ -352,28 +325,6 @@ def _look_again(outcome: Outcome) -> None:
         if run is not None:
             outcome.busy.remove(task)
             outcome.runs[task] = run
-
-
-def finished(task: Task) -> Run | None:
-    """Return a run that another process has finished meanwhile; None for one that it has not."""
-    with suppress(InputError):  # reported when it is done here, or it remains what it was
-        run = _finished_run(task)
-        return run if isinstance(run, Run) else None
-    return None
-
-
-def _finished_run(task: Task) -> Run | UnreadableRunError | None:
-    """Return a run that is finished, or why it cannot be read; None for what is left to do."""
-    try:
-        run = task.found()
-        if run is None:
-            return None
-    except UnreadableRunError as error:
-        return error
-    try:
-        return run if task.is_finished(run) else None
-    except InputError as error:  # such as a plug-in that is not installed: the run itself is whole
-        return UnreadableRunError(str(error))
 
 
 def _one_after_another(

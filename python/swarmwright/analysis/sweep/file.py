@@ -1,15 +1,24 @@
 """Sweep files: which variants of an experiment, with which seeds, where the results go."""
 
-import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Self, TypeGuard
+from typing import Any, Self
 
-from swarmwright.analysis.sweep.variants import MOST_RUNS, Variant, changed, variants_of
+from swarmwright.analysis.sweep.recorded import is_record, sweep_of
+from swarmwright.analysis.sweep.variants import (
+    MOST_RUNS,
+    Variant,
+    are_seeds,
+    changed,
+    is_whole,
+    leaves,
+    value_at,
+    variants_of,
+)
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import near_file
 from swarmwright.common.problems import shown
@@ -56,28 +65,6 @@ def require_effect(
                     f"'{_replacing(base, leaf, grids)}' in the grid; leave it out, or take the key out of "
                     "the grid"
                 )
-
-
-def leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[str, ...]]:  # noqa: ANN401 - as in a file
-    """Yield the paths of what a setting sets: of all parts of a mapping."""
-    if not isinstance(value, Mapping) or not value:
-        yield path
-        return
-    for key, part in value.items():
-        yield from leaves((*path, str(key)), part)
-
-
-def value_at(experiment: Experiment, path: tuple[str, ...]) -> str | None:
-    """Return what an experiment has at a path, as text; None where there is nothing."""
-    value: Any = experiment.to_mapping()
-    for part in path:
-        if isinstance(value, Mapping) and part in value:
-            value = value[part]
-        elif isinstance(value, list | tuple) and part.isdecimal() and int(part) < len(value):
-            value = value[int(part)]
-        else:
-            return None
-    return json.dumps(value, sort_keys=True, default=str)
 
 
 def _replacing(base: Experiment, path: tuple[str, ...], grids: Iterable[Mapping[Any, Any]]) -> str:
@@ -149,8 +136,6 @@ class Sweep:
             raise InputError(
                 f"{file}: is not a sweep file; a sweep file begins like 'experiment: minisim.yaml'"
             )
-        from swarmwright.analysis.sweep.recorded import is_record, sweep_of  # noqa: PLC0415 - it imports this module
-
         settings = tuple(settings)
         for one in parse_settings(settings):
             if one.path == ("seed",):
@@ -229,7 +214,7 @@ def _experiment(source: Source, file: Path | None, settings: Iterable[str]) -> E
 
 def _seeds(source: Source) -> tuple[int, ...]:
     seeds = source.values.get("seeds", _SEEDS)
-    if _whole(seeds) and 1 <= seeds <= MOST_RUNS:
+    if is_whole(seeds) and 1 <= seeds <= MOST_RUNS:
         return tuple(range(1, seeds + 1))
     if are_seeds(seeds):
         counts = Counter(seeds)
@@ -244,15 +229,6 @@ def _seeds(source: Source) -> tuple[int, ...]:
         f"{source.place(('seeds',))}must be a number of seeds, from 1 on, or a list of seeds, which are "
         f"whole numbers from 0 on, not {shown(seeds)}"
     )
-
-
-def are_seeds(value: Any) -> TypeGuard[list[int]]:  # noqa: ANN401 - whatever a file says
-    """Return whether a value is a list of seeds, of which some may be the same."""
-    return isinstance(value, list) and bool(value) and all(_whole(seed) and seed >= 0 for seed in value)
-
-
-def _whole(value: Any) -> bool:  # noqa: ANN401 - whatever the file says
-    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _out(source: Source, stem: str) -> Path:

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from swarmwright.analysis.sweep.file import are_seeds, leaves, value_at
-from swarmwright.analysis.sweep.run import comparable
-from swarmwright.analysis.sweep.variants import Variant
+from swarmwright.analysis.sweep.variants import Variant, are_seeds, comparable, leaves, value_at
 from swarmwright.analysis.sweep_folders import names_of
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import is_in_file, is_python

@@ -5,8 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from swarmwright.analysis.sweep.execution import Listener
-from swarmwright.analysis.sweep.run import Task
+from swarmwright.analysis.sweep.run import Listener, Task
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.runs.optimization.generation import Generation, how_far
 from swarmwright.runs.run import Run

@@ -19,10 +19,10 @@ from swarmwright.analysis.comparison import (
 from swarmwright.analysis.episodes import LeftOut, episodes_of, left_out
 from swarmwright.analysis.groups import as_written, differing_keys, flattened_of, written_missions
 from swarmwright.analysis.indicators import By, measure, quick_indicators
-from swarmwright.analysis.sweep.execution import Listener, conduct
+from swarmwright.analysis.sweep.execution import conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
-from swarmwright.analysis.sweep.run import Task, tasks
+from swarmwright.analysis.sweep.run import Listener, Task, tasks
 from swarmwright.analysis.sweep_folders import variant_of
 from swarmwright.analysis.table import option_columns
 from swarmwright.common.arguments import checked, path_of

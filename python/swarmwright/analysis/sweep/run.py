@@ -9,19 +9,18 @@ from pathlib import Path
 from typing import Any, Self
 
 from swarmwright.analysis.sweep.file import Sweep
-from swarmwright.analysis.sweep.variants import Variant
+from swarmwright.analysis.sweep.variants import Variant, comparable
 from swarmwright.analysis.sweep_folders import names_of
 from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.common.files import contents
 from swarmwright.common.json_text import loads
-from swarmwright.common.simulation_names import SimulationName
 from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.document import AUTO, Validate
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.launcher_entries import Entries
 from swarmwright.runs.code import changed_code, check_trusted
 from swarmwright.runs.edits import differences
-from swarmwright.runs.optimization.generation import OnGeneration
+from swarmwright.runs.optimization.generation import Generation, OnGeneration
 from swarmwright.runs.optimization.interruption import reported_by_caller
 from swarmwright.runs.optimization.optimize import adopt_budget, optimize, resume
 from swarmwright.runs.optimization.resuming import NothingLeftError, prolonged
@@ -35,10 +34,6 @@ from swarmwright.servers.evaluation import opening
 from swarmwright.servers.evaluation.base import HERE, Chosen, Progress, Servers, chosen
 from swarmwright.servers.supervision.local_servers import LocalServers
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.user_code.copying import display_name
-
-_IRRELEVANT_KEYS = ELSEWHERE | {"sensors", "actuators"}
-"""Keys that say where it is computed, or that a server may have announced."""
 
 
 class UnreadableRunError(InputError):
@@ -305,28 +300,6 @@ def _identity(experiment: Experiment) -> str:
     return json.dumps(values, sort_keys=True)
 
 
-def comparable(experiment: Experiment) -> dict[str, Any]:
-    """Return the keys of an experiment that have to be the same in a run of it: all but the limits."""
-    values: dict[str, Any] = {
-        key: value for key, value in experiment.to_mapping().items() if key not in _IRRELEVANT_KEYS
-    }
-    parsed = SimulationName.parse(experiment.simulation)
-    if parsed.is_command:
-        values["simulation"] = parsed.in_file(SimulationName.DEFINITION)
-    else:
-        # A copy of a module is a file; `display_name` is what the experiment calls it: package.module:Class.
-        named = SimulationName.parse(display_name(experiment.simulation))
-        # The same file in any folder: `changed_code` compares its content.
-        values["simulation"] = named.text if named.file is None else named.in_file(named.file.name)
-    for key in ("method", "ranking"):
-        kind = SimulationName.parse(display_name(values[key]["kind"]))
-        if kind.file is not None:  # likewise
-            values[key] = {**values[key], "kind": kind.in_file(kind.file.name)}
-    values["method"] = {key: value for key, value in values["method"].items() if key not in LIMITS}
-    found: dict[str, Any] = json.loads(json.dumps(values, default=str))  # tuples are lists
-    return found
-
-
 def reason(error: Exception) -> str:
     """Return why a run failed, in words; with the name of the error if it has no message for users."""
     return str(error) if isinstance(error, SwarmwrightError) else f"{type(error).__name__}: {error}"
@@ -446,3 +419,59 @@ def _go_on(task: Task, run: Run, on_generation: OnGeneration | None, where: Mapp
         adopt_budget(task.folder, task.budget_settings(run))
     now = Run.open(task.folder)
     return resume(task.folder, on_generation, settings=task.settings(now), **where)
+
+
+class Listener:
+    """Receives the progress of a sweep; the base class ignores it."""
+
+    def found(self, task: Task, run: Run) -> None:
+        """A run was finished before."""
+
+    def finished_elsewhere(self, task: Task, run: Run) -> None:
+        """Another process has finished a run since the sweep was started, before its turn here."""
+
+    def planned(self, runs: int, jobs: int) -> None:
+        """So many runs are to be done, so many at a time."""
+
+    def begun(self, task: Task) -> None:
+        """A run begins, or goes on."""
+
+    def generation(self, task: Task, generation: Generation) -> None:
+        """A run has evaluated a generation."""
+
+    def evaluating(self, task: Task, done: int, total: int, waiting_for: str) -> None:
+        """Within a generation; see `swarmwright.optimize`."""
+
+    def ended(self, task: Task, run: Run) -> None:
+        """A run is finished."""
+
+    def failed(self, task: Task, message: str) -> None:
+        """A run failed; the others go on."""
+
+    def busy(self, task: Task) -> None:
+        """Another process works on a run, which is left to it."""
+
+    def tick(self) -> None:
+        """Some time has passed, a quarter of a second or less."""
+
+
+def finished(task: Task) -> Run | None:
+    """Return a run that another process has finished meanwhile; None for one that it has not."""
+    with suppress(InputError):  # reported when it is done here, or it remains what it was
+        run = finished_run(task)
+        return run if isinstance(run, Run) else None
+    return None
+
+
+def finished_run(task: Task) -> Run | UnreadableRunError | None:
+    """Return a run that is finished, or why it cannot be read; None for what is left to do."""
+    try:
+        run = task.found()
+        if run is None:
+            return None
+    except UnreadableRunError as error:
+        return error
+    try:
+        return run if task.is_finished(run) else None
+    except InputError as error:  # such as a plug-in that is not installed: the run itself is whole
+        return UnreadableRunError(str(error))

@@ -6,20 +6,22 @@ import itertools
 import json
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from swarmwright.analysis.labels import label_alone, labels_of, name_of
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import shown
+from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.yaml import Source
 from swarmwright.experiment.budget import LIMITS, sets_limit
-from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.settings import assign, kept_options, key_path
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.simulations.names import absolute
+from swarmwright.simulations.user_code.copying import display_name
 
 MOST_RUNS = 100_000
 _CLASSES = ("simulation", "method", "method.kind", "ranking", "ranking.kind")
@@ -212,3 +214,61 @@ def _with_digest(name: str, values: Mapping[str, Any], taken: Collection[str]) -
     digest = hashlib.sha256(text.encode()).hexdigest()
     lengths = range(_DIGITS, len(digest) + 1)
     return next(free for length in lengths if (free := f"{name}-{digest[:length]}") not in taken)
+
+
+def leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[str, ...]]:  # noqa: ANN401 - as in a file
+    """Yield the paths of what a setting sets: of all parts of a mapping."""
+    if not isinstance(value, Mapping) or not value:
+        yield path
+        return
+    for key, part in value.items():
+        yield from leaves((*path, str(key)), part)
+
+
+def value_at(experiment: Experiment, path: tuple[str, ...]) -> str | None:
+    """Return what an experiment has at a path, as text; None where there is nothing."""
+    value: Any = experiment.to_mapping()
+    for part in path:
+        if isinstance(value, Mapping) and part in value:
+            value = value[part]
+        elif isinstance(value, list | tuple) and part.isdecimal() and int(part) < len(value):
+            value = value[int(part)]
+        else:
+            return None
+    return json.dumps(value, sort_keys=True, default=str)
+
+
+def are_seeds(value: Any) -> TypeGuard[list[int]]:  # noqa: ANN401 - whatever a file says
+    """Return whether a value is a list of seeds, of which some may be the same."""
+    return isinstance(value, list) and bool(value) and all(is_whole(seed) and seed >= 0 for seed in value)
+
+
+def is_whole(value: Any) -> bool:  # noqa: ANN401 - whatever the file says
+    """Return whether a value is an integer."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+_IRRELEVANT_KEYS = ELSEWHERE | {"sensors", "actuators"}
+"""Keys that say where it is computed, or that a server may have announced."""
+
+
+def comparable(experiment: Experiment) -> dict[str, Any]:
+    """Return the keys of an experiment that have to be the same in a run of it: all but the limits."""
+    values: dict[str, Any] = {
+        key: value for key, value in experiment.to_mapping().items() if key not in _IRRELEVANT_KEYS
+    }
+    parsed = SimulationName.parse(experiment.simulation)
+    if parsed.is_command:
+        values["simulation"] = parsed.in_file(SimulationName.DEFINITION)
+    else:
+        # A copy of a module is a file; `display_name` is what the experiment calls it: package.module:Class.
+        named = SimulationName.parse(display_name(experiment.simulation))
+        # The same file in any folder: `changed_code` compares its content.
+        values["simulation"] = named.text if named.file is None else named.in_file(named.file.name)
+    for key in ("method", "ranking"):
+        kind = SimulationName.parse(display_name(values[key]["kind"]))
+        if kind.file is not None:  # likewise
+            values[key] = {**values[key], "kind": kind.in_file(kind.file.name)}
+    values["method"] = {key: value for key, value in values["method"].items() if key not in LIMITS}
+    found: dict[str, Any] = json.loads(json.dumps(values, default=str))  # tuples are lists
+    return found

@@ -13,8 +13,7 @@ from contextlib import suppress
 from tempfile import TemporaryFile
 from typing import IO, Any
 
-from swarmwright.analysis.sweep.execution import Listener, finished
-from swarmwright.analysis.sweep.run import Task
+from swarmwright.analysis.sweep.run import Listener, Task, finished
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.common import processes
 from swarmwright.common.errors import InputError, RunError

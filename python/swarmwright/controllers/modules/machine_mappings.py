@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from swarmwright.common.errors import InputError
+from swarmwright.common.problems import FieldError
+from swarmwright.common.yaml import Path_
 from swarmwright.controllers.modules.grammar import BUILT_IN, Catalogue, Module, Range, State, Transition
 
 
@@ -15,14 +16,14 @@ def states_from(
 ) -> tuple[State, ...]:
     """Return the states of a machine as files hold it: the mapping that `mapping_of` returns.
 
-    Raises InputError with what is wrong, and where in the machine.
+    Raises FieldError with what is wrong, and where in the machine.
     """
-    entries = _list(_keys(machine, "machine", {"states"}).get("states"), "states", 1, most_states)
+    entries = _list(_keys(machine, (), {"states"}).get("states"), ("states",), 1, most_states)
     names: dict[Any, int] = {index: index for index in range(len(entries))}
     for index, entry in enumerate(entries):
         if isinstance(entry, Mapping) and isinstance(entry.get("name"), str):
             if entry["name"] in names:
-                raise InputError(f"states[{index}].name: {entry['name']!r} is given twice")
+                raise FieldError(("states", index, "name"), f"{entry['name']!r} is given twice")
             names[entry["name"]] = index
     return tuple(
         _state(entry, index, names, most_transitions, catalogue) for index, entry in enumerate(entries)
@@ -32,15 +33,15 @@ def states_from(
 def subtrees_from(tree: Any, most: int, catalogue: Catalogue = BUILT_IN) -> tuple[State, ...]:  # noqa: ANN401 - a file's
     """Return the subtrees of a tree as files hold it: the mapping that `tree_mapping_of` returns.
 
-    Raises InputError with what is wrong, and where in the tree.
+    Raises FieldError with what is wrong, and where in the tree.
     """
-    entries = _list(_keys(tree, "tree", {"subtrees"}).get("subtrees"), "subtrees", 1, most)
+    entries = _list(_keys(tree, (), {"subtrees"}).get("subtrees"), ("subtrees",), 1, most)
     found = []
     for index, entry in enumerate(entries):
-        here = f"subtrees[{index}]"
+        here: Path_ = ("subtrees", index)
         given = _keys(entry, here, None)
-        condition = _name(given.get("condition"), f"{here}.condition", catalogue.conditions)
-        behaviour = _name(given.get("behaviour"), f"{here}.behaviour", catalogue.behaviours)
+        condition = _name(given.get("condition"), (*here, "condition"), catalogue.conditions)
+        behaviour = _name(given.get("behaviour"), (*here, "behaviour"), catalogue.behaviours)
         known = _keys(entry, here, {"condition", "behaviour", *condition.parameters, *behaviour.parameters})
         transition = Transition(0, condition.name, _values(known, condition, here))
         found.append(State(behaviour.name, _values(known, behaviour, here), (transition,)))
@@ -79,61 +80,61 @@ def _state(
     catalogue: Catalogue,
 ) -> State:
     """Return a state; own: its number; names: the numbers of all states by their names and numbers."""
-    where = f"states[{own}]"
+    where: Path_ = ("states", own)
     given = _keys(entry, where, None).get("behaviour")
-    behaviour = _name(given, f"{where}.behaviour", catalogue.behaviours)
+    behaviour = _name(given, (*where, "behaviour"), catalogue.behaviours)
     known = _keys(entry, where, {"name", "behaviour", "transitions", *behaviour.parameters})
     parameters = _values(known, behaviour, where)
-    parts = _list(known.get("transitions", []), f"{where}.transitions", 0, most)
+    parts = _list(known.get("transitions", []), (*where, "transitions"), 0, most)
     transitions = []
     for index, part in enumerate(parts):
-        here = f"{where}.transitions[{index}]"
+        here = (*where, "transitions", index)
         named = _keys(part, here, None).get("condition")
-        condition = _name(named, f"{here}.condition", catalogue.conditions)
+        condition = _name(named, (*here, "condition"), catalogue.conditions)
         values = _keys(part, here, {"to", "condition", *condition.parameters})
         to = values.get("to")
         if not isinstance(to, int | str) or isinstance(to, bool) or to not in names:
-            raise InputError(f"{here}.to: {to!r} found, {_other_states(names, own)}")
+            raise FieldError((*here, "to"), f"{to!r} found, {_other_states(names, own)}")
         transitions.append(Transition(names[to], condition.name, _values(values, condition, here)))
     return State(behaviour.name, parameters, tuple(transitions))
 
 
-def _keys(value: Any, where: str, known: set[str] | None) -> Mapping[str, Any]:  # noqa: ANN401 - a file's
+def _keys(value: Any, where: Path_, known: set[str] | None) -> Mapping[str, Any]:  # noqa: ANN401 - a file's
     if not isinstance(value, Mapping):
-        raise InputError(f"{where}: {value!r} found, expected a mapping")
+        raise FieldError(where, f"{value!r} found, expected a mapping")
     unknown = [] if known is None else sorted(str(key) for key in value if key not in known)
     if unknown:
         names = ", ".join(sorted(known or ()))
-        raise InputError(f"{where}.{unknown[0]}: is not known here; known are {names}")
+        raise FieldError((*where, unknown[0]), f"is not known here; known are {names}")
     return value
 
 
-def _list(value: Any, where: str, least: int, most: int) -> Sequence[Any]:  # noqa: ANN401 - a file's
+def _list(value: Any, where: Path_, least: int, most: int) -> Sequence[Any]:  # noqa: ANN401 - a file's
     if not isinstance(value, list | tuple) or not least <= len(value) <= most:
         found = f"{len(value)} entries" if isinstance(value, list | tuple) else repr(value)
-        raise InputError(f"{where}: {found} found, expected a list of {least} to {most} entries")
+        raise FieldError(where, f"{found} found, expected a list of {least} to {most} entries")
     return value
 
 
-def _name(value: Any, where: str, modules: Sequence[Module]) -> Module:  # noqa: ANN401 - a file's
+def _name(value: Any, where: Path_, modules: Sequence[Module]) -> Module:  # noqa: ANN401 - a file's
     for one in modules:
         if one.name == value:
             return one
     names = ", ".join(one.name for one in modules)
-    raise InputError(f"{where}: {value!r} found, expected one of {names}")
+    raise FieldError(where, f"{value!r} found, expected one of {names}")
 
 
-def _values(values: Mapping[str, Any], module: Module, where: str) -> dict[str, float]:
+def _values(values: Mapping[str, Any], module: Module, where: Path_) -> dict[str, float]:
     return {name: _value(values, name, one, where) for name, one in module.parameters.items()}
 
 
-def _value(values: Mapping[str, Any], name: str, limits: Range, where: str) -> float:
+def _value(values: Mapping[str, Any], name: str, limits: Range, where: Path_) -> float:
     low, high, whole = limits
     value = values.get(name)
     number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
     if value is None or not number or not low <= value <= high:
         kind = "an integer" if whole else "a number"
-        raise InputError(f"{where}.{name}: {value!r} found, expected {kind} from {low:g} to {high:g}")
+        raise FieldError((*where, name), f"{value!r} found, expected {kind} from {low:g} to {high:g}")
     return value  # type: ignore[no-any-return] # checked
 
 

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from swarmwright.common import statistics
 from swarmwright.common.arrays import Fitness
+from swarmwright.common.problems import FieldError
 from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 Test = Literal["friedman", "t", "t_holm", "t_bonferroni"]
@@ -277,9 +278,10 @@ class RaceOptions(RankingOptions):
     @model_validator(mode="after")
     def _members(self) -> "RaceOptions":
         if self.reevaluate:
-            raise ValueError(
-                "reevaluate: members that stay have other episodes than new candidates, which cannot race "
-                "with them; leave reevaluate out, or take kind: absolute"
+            raise FieldError(
+                "reevaluate",
+                "members that stay have other episodes than new candidates, which cannot race "
+                "with them; leave reevaluate out, or take kind: absolute",
             )
         return self
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from swarmwright.common.arrays import Fitness
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import FieldError, shown
 from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 METRIC = "slow_fitness"
@@ -57,9 +57,10 @@ class SlowOptions(RankingOptions):
     @model_validator(mode="after")
     def _members(self) -> "SlowOptions":
         if self.reevaluate:
-            raise ValueError(
-                "reevaluate: the fitness of members that stay is of two simulations; leave it out, or take "
-                "kind: absolute"
+            raise FieldError(
+                "reevaluate",
+                "the fitness of members that stay is of two simulations; leave it out, or take "
+                "kind: absolute",
             )
         return self
 

@@ -99,6 +99,28 @@ def create(file: Path, facts: Mapping[str, str], generation: int = 0) -> sqlite3
     return connection
 
 
+class StoreError(InputError):
+    """A store cannot be used. `what` is the reason, without the file's name and without advice."""
+
+    def __init__(self, file: Path, what: str, advice: str = "") -> None:
+        super().__init__(f"{file}: {what}{advice}")
+        self.what = what
+
+
+class DamageError(StoreError):
+    """The content of a store is not what was written: `what`, and in which generation."""
+
+    def __init__(self, file: Path, what: str, generation: int | None = None) -> None:
+        where = "" if generation is None else f"generation {generation}: "
+        super().__init__(file, f"is damaged: {where}{what}", _verify(file))
+        self.what = what
+        self.generation = generation
+
+
+def _verify(file: Path) -> str:
+    return f"; what is still good says: swarmwright runs verify {file.parent}"
+
+
 @lru_cache
 def _without_facts(page: int) -> bytes:
     """Return a store with nothing in it: to make its tables takes longer than to write the file.
@@ -140,7 +162,7 @@ def reopen(file: Path) -> sqlite3.Connection:
             _settle(connection)
             for (line,) in connection.execute("PRAGMA quick_check(1)"):
                 if line != "ok":
-                    raise InputError(f"{file}: is damaged: {line}")
+                    raise DamageError(file, str(line))
         except BaseException:
             connection.close()
             raise
@@ -175,15 +197,15 @@ def checked_facts(connection: sqlite3.Connection, file: Path) -> dict[str, str]:
     facts = dict(connection.execute("SELECT name, value FROM fact"))
     sealed = facts.get(digests.FACT)
     if sealed is None:
-        raise InputError(f"{file}: is damaged: the digest of the table fact is missing")
+        raise DamageError(file, "the digest of the table fact is missing")
     if sealed != digests.of_facts(facts):
-        raise InputError(
-            f"{file}: is damaged: the table fact, with the experiment, is not what was written: it disagrees "
-            "with its digest"
+        raise DamageError(
+            file,
+            "the table fact, with the experiment, is not what was written: it disagrees with its digest",
         )
     missing = {"experiment", "metrics", "name", "created"} - facts.keys()
     if missing:
-        raise InputError(f"{file}: is damaged: {min(missing)} is missing")
+        raise DamageError(file, f"{min(missing)} is missing")
     return facts
 
 
@@ -217,7 +239,7 @@ def _damage(file: Path) -> Iterator[None]:
     try:
         yield
     except (ValueError, TypeError, OverflowError) as error:
-        raise InputError(f"{file}: is damaged: {error}") from error
+        raise DamageError(file, str(error)) from error
 
 
 def connect_to_read(file: Path) -> sqlite3.Connection:
@@ -249,7 +271,7 @@ def _connect_checked(file: Path, how: str) -> sqlite3.Connection:
 def _check_regular(file: Path) -> None:
     """Raise InputError for a pipe, a device or a folder in the place of a store: opening it may never end."""
     if file.exists() and not file.is_file():
-        raise InputError(f"{file}: is not a regular file, so it is not a run store")
+        raise StoreError(file, "is not a regular file, so it is not a run store")
 
 
 def _check(connection: sqlite3.Connection, file: Path) -> None:
@@ -265,7 +287,7 @@ def _check(connection: sqlite3.Connection, file: Path) -> None:
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if application != _APPLICATION:
-        raise InputError(f"{file}: is not a Swarmwright run store")
+        raise StoreError(file, "is not a Swarmwright run store")
     if version > FORMAT:
         raise FormatError(f"{file}: has format {version}; this Swarmwright reads format {FORMAT}: update it")
     if version < FORMAT:
@@ -287,7 +309,7 @@ def _check_schema(connection: sqlite3.Connection, file: Path) -> None:
     try:
         found = _read_schema(connection)
     except UnicodeDecodeError as error:  # of SQLite's message, which quotes what it cannot parse
-        raise InputError(f"{file}: is damaged: the definitions of its tables are not text") from error
+        raise DamageError(file, "the definitions of its tables are not text") from error
     for key in sorted(expected.keys() | found.keys()):
         if expected.get(key) != found.get(key):
             kind, name = key
@@ -298,8 +320,8 @@ def _check_schema(connection: sqlite3.Connection, file: Path) -> None:
                 if key not in expected
                 else f"defines the {kind} {name} differently"
             )
-            raise InputError(
-                f"{file}: is not a store that Swarmwright wrote: it {problem}; nothing was read from it"
+            raise StoreError(
+                file, f"is not a store that Swarmwright wrote: it {problem}; nothing was read from it"
             )
 
 
@@ -355,12 +377,16 @@ def errors(file: Path, kind: _Kind, *, disk: _Kind | None = None) -> Iterator[No
             # Nothing but `_go_on` interrupts, where a signal handler has raised an exception: that of Ctrl-C.
             raise KeyboardInterrupt from error
         if disk is None and kind is InputError and code in _DISK and _full(file):
-            raise InputError(
-                f"{file}: cannot be read while the disk is full, since the index of its log needs a file "
-                "beside it; free some space and run again"
+            raise StoreError(
+                file,
+                "cannot be read while the disk is full, since the index of its log needs a file beside it; "
+                "free some space and run again",
             ) from error
         ours = disk if disk is not None and code in _DISK else kind
-        raise ours(f"{file}: {_reason(error, code, file)}") from error
+        if code == sqlite3.SQLITE_CORRUPT and ours is InputError:
+            raise DamageError(file, str(error)) from error
+        reason = _reason(error, code, file)
+        raise (StoreError(file, reason) if ours is InputError else RunError(f"{file}: {reason}")) from error
 
 
 def code_of(error: BaseException | None) -> int:
@@ -386,9 +412,7 @@ def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
         sqlite3.SQLITE_CANTOPEN: "cannot be opened; is the folder there, and may this user write in it?",
         sqlite3.SQLITE_BUSY: "is being used by another program, or by another part of this one, that has it "
         "open in a transaction of SQLite; close that and try again",
-        sqlite3.SQLITE_CORRUPT: (
-            f"is damaged: {error}; what is still good says: swarmwright runs verify {file.parent}"
-        ),
+        sqlite3.SQLITE_CORRUPT: f"is damaged: {error}{_verify(file)}",
         sqlite3.SQLITE_NOTADB: "is damaged or is not a run store: it is not an SQLite file",
     }
     return reasons.get(code, f"cannot be used: {error}")

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.common.arrays import best_first
-from swarmwright.common.errors import InputError
 from swarmwright.common.statistics import Summary
 from swarmwright.runs.store import digests
 from swarmwright.runs.store.blocks import COLUMNS, EvaluationsDigest, Record, Sample, decoded, of_columns
+from swarmwright.runs.store.database import DamageError
 
 _COLUMNS = (
     "generation, first, seeds, evaluations, best, mean, best_so_far, lower_quartile, median, upper_quartile, "
@@ -33,19 +33,6 @@ ROW_DISAGREES = "the table generation disagrees with its digest"
 _WRONG = (*digests.WRONG_TYPES, ValueError)
 _DISAGREE = "the table block disagrees with its digest"
 _BOTH_DISAGREE = "the tables block and sample disagree with their digest"
-
-
-class DamageError(InputError):
-    """The content of a store is not what was written."""
-
-    def __init__(self, file: Path, what: str, generation: int | None = None) -> None:
-        where = "" if generation is None else f"generation {generation}: "
-        super().__init__(
-            f"{file}: is damaged: {where}{what}; what is still good says: "
-            f"swarmwright runs verify {file.parent}"
-        )
-        self.what = what
-        self.generation = generation
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from typing import Any, Self, SupportsIndex
 import numpy as np
 
 from swarmwright.common.arrays import Genome
-from swarmwright.common.errors import InputError
 from swarmwright.common.groups import problem_of
 from swarmwright.common.json_text import loads
 from swarmwright.common.processes import Place
@@ -21,7 +20,7 @@ from swarmwright.common.statistics import Summary
 from swarmwright.runs.store import journal, pieces
 from swarmwright.runs.store.best_of_equals import BestOfEquals
 from swarmwright.runs.store.blocks import Record, joined
-from swarmwright.runs.store.database import BEST, FILE, FRONT, checked_facts, reading, reading_on
+from swarmwright.runs.store.database import BEST, FILE, FRONT, DamageError, checked_facts, reading, reading_on
 from swarmwright.runs.store.generations import LARGEST, Generations, Row
 from swarmwright.runs.store.lookup import Best, Evaluation, Lookup
 from swarmwright.servers.rows import (
@@ -145,7 +144,7 @@ class StoreReader:
         try:
             return loads(text)
         except (ValueError, TypeError) as error:
-            raise InputError(f"{self.file}: is damaged: {error}") from error
+            raise DamageError(self.file, str(error)) from error
 
     def history(self) -> list[Summary]:
         """Return the figures of each finished generation."""
@@ -231,7 +230,7 @@ class StoreReader:
         try:
             return {} if text is None else read(text)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise InputError(f"{self._folder}: is damaged: servers: {error}") from error
+            raise DamageError(self.file, f"the fact servers: {error}") from error
 
     def channels(self) -> dict[str, Any] | None:
         """Return what is stored of sensors and actuators, see `catalogue.channels`; None in older runs.
@@ -244,7 +243,7 @@ class StoreReader:
         values = self._parsed(text)
         problem = problem_of(values)
         if problem:
-            raise InputError(f"{self.file}: is damaged: the fact channels: {problem}")
+            raise DamageError(self.file, f"the fact channels: {problem}")
         found: dict[str, Any] = values
         return found
 
@@ -434,7 +433,7 @@ class StoreReader:
         try:
             return joined(parts, len(self.metrics))
         except ValueError as error:
-            raise InputError(f"{self.file}: is damaged: {error}") from error
+            raise DamageError(self.file, str(error)) from error
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from swarmwright.common.errors import InputError, SwarmwrightError
-from swarmwright.runs.store.database import FILE, FormatError, checked_facts, reading
+from swarmwright.runs.store.database import FILE, DamageError, FormatError, StoreError, checked_facts, reading
 from swarmwright.runs.store.folder import without_store
 from swarmwright.runs.store.generations import (
     MISSING,
     ROW_DISAGREES,
-    DamageError,
     Generations,
     Row,
     digest_before,
@@ -76,7 +75,7 @@ def verify(folder: Path) -> Verified:
     except FormatError:
         raise
     except InputError as error:
-        found.add(_words(error, file))
+        found.add(_words(error))
         return found
     for version, digest in facts.items():
         if version.startswith(_CODE):
@@ -99,7 +98,7 @@ def _facts(connection: sqlite3.Connection, file: Path, found: Verified) -> dict[
     try:
         facts = checked_facts(connection, file)
     except _UNREADABLE as error:
-        found.add(_words(error, file))
+        found.add(_words(error))
         return {}
     return facts
 
@@ -118,7 +117,7 @@ def _generations(connection: sqlite3.Connection, generations: Generations, found
             for _ in generations.evaluations(row, made=False):
                 pass
         except _UNREADABLE as error:
-            found.add(error.what if isinstance(error, DamageError) else str(error), number)
+            found.add(_words(error), number)
             continue
         found.good.append(number)
         found.evaluations += row.count
@@ -154,9 +153,6 @@ def _try(found: Verified, check: Callable[[], None]) -> None:
         found.add(str(error))
 
 
-def _words(error: Exception, file: Path) -> str:
+def _words(error: Exception) -> str:
     """Return what is wrong, without the file's name and without advice to do what is being done."""
-    if isinstance(error, DamageError):
-        return error.what
-    words = str(error).removeprefix(f"{file}: ").removeprefix("is damaged: ")
-    return words.partition("; what is still good says")[0]
+    return error.what if isinstance(error, StoreError) else str(error)

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import check_utf8
-from swarmwright.common.problems import model_at, problems_of
+from swarmwright.common.problems import problems_of
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.yaml import Path_, dotted_path
 from swarmwright.simulations.command.definition import CommandOptions, Definition
@@ -45,7 +45,7 @@ def read_definition(
     try:
         options = kind.model_validate(dict(values))
     except ValidationError as error:
-        return None, [_placed(path, message, kind) for path, message in problems_of(error, kind)]
+        return None, problems_of(error, kind)
     options = options.model_copy(update={"folder": str(folder / options.folder)})
     if base is None:
         return options, []
@@ -56,14 +56,6 @@ def read_definition(
         return None, [(("folder",), str(error))]
     problems = below.problems()
     return None if problems else options, problems
-
-
-def _placed(path: Path_, message: str, kind: type[Definition]) -> tuple[Path_, str]:
-    """Return a problem of several keys with the first of them, by which its message begins."""
-    key, found, rest = message.partition(": ")
-    section = model_at(kind, path)
-    known = section is not None and found and key in section.model_fields
-    return ((*path, key), rest) if known else (path, message)
 
 
 def checked_definition(values: Mapping[str, Any], folder: Path, where: str) -> CommandOptions:

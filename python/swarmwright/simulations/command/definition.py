@@ -27,7 +27,7 @@ from pydantic import (
 
 from swarmwright.common import metric_names
 from swarmwright.common.options import Options
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import FieldError, shown
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.yaml import Path_
@@ -51,8 +51,8 @@ class Reduction:
         if match is None or match[1] not in FUNCTIONS:
             hint = did_you_mean(match[1], FUNCTIONS) if match else ""
             names = ", ".join(FUNCTIONS)
-            raise ValueError(
-                f"{metric}: {text!r} found, expected one of {names}, or such as mean(column){hint}"
+            raise FieldError(
+                metric, f"{text!r} found, expected one of {names}, or such as mean(column){hint}"
             )
         return cls(match[1], match[2] or metric)
 
@@ -318,44 +318,48 @@ class CommandOptions(Definition):
         if self.controller == "stepwise":
             for name in ("parameters", "seed", "episode", "log"):
                 if f"{{{name}}}" in text:
-                    raise ValueError(
-                        f"command: {{{name}}} differs from episode to episode, but a stepwise command runs "
-                        "many of them; it gets parameters and seed over its standard input"
+                    raise FieldError(
+                        "command",
+                        f"{{{name}}} differs from episode to episode, but a stepwise command runs "
+                        "many of them; it gets parameters and seed over its standard input",
                     )
             if self.log or (
                 self.metrics and any(str(one) != f"last({name})" for name, one in self.reductions.items())
             ):
-                raise ValueError(
-                    "log: a stepwise command reports metrics and fitness in its last line of an episode; "
-                    "leave out log, and write metrics: [NAME]"
+                raise FieldError(
+                    "log",
+                    "a stepwise command reports metrics and fitness in its last line of an episode; "
+                    "leave out log, and write metrics: [NAME]",
                 )
         if "{log}" in text and len(self.log) != 1:
-            raise ValueError(
-                "command: {log} needs one log; write log: result.csv"
+            raise FieldError(
+                "command",
+                "{log} needs one log; write log: result.csv"
                 if not self.log
-                else "command: {log} needs one log, not several; write their paths as {folder}/NAME"
+                else "command: {log} needs one log, not several; write their paths as {folder}/NAME",
             )
         if "{controller}" in text and not self.takes_controller:
-            raise ValueError("command: {controller} needs a controller: json, c, cpp, python or onnx")
+            raise FieldError("command", "{controller} needs a controller: json, c, cpp, python or onnx")
         if "{build}" in text and self.compile is None:
-            raise ValueError("command: {build} needs compile, a command that puts something there")
+            raise FieldError("command", "{build} needs compile, a command that puts something there")
         if self.compile is not None and not self.takes_controller:
-            raise ValueError("compile: needs a controller: json, c, cpp, python or onnx")
+            raise FieldError("compile", "needs a controller: json, c, cpp, python or onnx")
         if not self.log and self.controller != "stepwise":
-            raise ValueError("log: is missing: the file with results that the command writes, or stdout")
+            raise FieldError("log", "is missing: the file with results that the command writes, or stdout")
         return self
 
     @model_validator(mode="after")
     def _weights_fit(self) -> "CommandOptions":
         if self.loads_weights and (self.controller != "c" or self.compile is None):
-            raise ValueError("weights: file needs controller: c, and compile, which is then run once")
+            raise FieldError("weights", "file needs controller: c, and compile, which is then run once")
         if self.loads_weights and "{weights}" in " ".join(self.compile or []):
-            raise ValueError(
-                "compile: {weights} differs from candidate to candidate, but compile is run once for all; "
-                "give it to the command"
+            raise FieldError(
+                "compile",
+                "{weights} differs from candidate to candidate, but compile is run once for all; "
+                "give it to the command",
             )
         if "{weights}" in " ".join([*self.command, *(self.visual or [])]) and not self.loads_weights:
-            raise ValueError("command: {weights} needs weights: file")
+            raise FieldError("command", "{weights} needs weights: file")
         return self
 
     @property

@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, mo
 from swarmwright.common import metric_names
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import FieldError, shown
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean, meant_or_all
 from swarmwright.common.yaml import Path_
@@ -274,7 +274,7 @@ class Channel(Options):
         if bool(self.variable) == bool(self.terminal):
             raise ValueError("write a variable or a terminal, one of them")
         if AGENT in self.terminal:
-            raise ValueError(f"terminal: cannot hold {AGENT}; name its variables")
+            raise FieldError("terminal", f"cannot hold {AGENT}; name its variables")
         return self
 
     @field_validator("range")
@@ -424,9 +424,9 @@ class FmuOptions(Definition):
         numbered = [AGENT in one.variable for one in named]
         if any(numbered) and not all(numbered):
             without = next(one.variable for one in named if AGENT not in one.variable)
-            raise ValueError(f"sensors: {without} has no {AGENT}, but others do: it would be of all agents")
+            raise FieldError("sensors", f"{without} has no {AGENT}, but others do: it would be of all agents")
         if any(numbered) and (self.sensors is None or self.actuators is None):
-            raise ValueError(f"sensors: where names hold {AGENT}, write both sensors and actuators")
+            raise FieldError("sensors", f"where names hold {AGENT}, write both sensors and actuators")
         return self
 
     @property

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, mo
 
 from swarmwright.common import metric_names
 from swarmwright.common.options import Options
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import FieldError, shown
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean, meant_or_all
 from swarmwright.common.yaml import Path_, dotted_path
@@ -240,9 +240,9 @@ class Step(Options):
     @model_validator(mode="after")
     def _fits(self) -> "Step":
         if (self.duration is None) == (self.service is None and self.type is None):
-            raise ValueError("duration: give either the duration of a step or a service that makes one")
+            raise FieldError("duration", "give either the duration of a step or a service that makes one")
         if self.steps != 1 and self.type != STEP_SIMULATION:
-            raise ValueError(f"steps: only {STEP_SIMULATION} has it; write type: {STEP_SIMULATION}")
+            raise FieldError("steps", f"only {STEP_SIMULATION} has it; write type: {STEP_SIMULATION}")
         return self
 
     @property
@@ -345,9 +345,9 @@ class Spawn(Options):
     @model_validator(mode="after")
     def _fits(self) -> "Spawn":
         if (self.uri is None) == (self.file is None):
-            raise ValueError("uri: give either uri, the simulator's name of the model, or file")
+            raise FieldError("uri", "give either uri, the simulator's name of the model, or file")
         if bool(self.poses) == (self.area is not None):
-            raise ValueError("poses: give either poses, one of each robot, or area")
+            raise FieldError("poses", "give either poses, one of each robot, or area")
         return self
 
 
@@ -391,18 +391,18 @@ class Metric(Options):
     def _fits(self) -> "Metric":
         states = self.type == GET_ENTITIES_STATES
         if sum((self.topic is not None, self.sensor is not None, states)) != 1:
-            raise ValueError(f"topic: give a topic, a sensor, or type: {GET_ENTITIES_STATES}")
+            raise FieldError("topic", f"give a topic, a sensor, or type: {GET_ENTITIES_STATES}")
         if self.topic is not None and self.type is None:
-            raise ValueError("type: is missing: that of the topic's messages")
+            raise FieldError("type", "is missing: that of the topic's messages")
         if states and self.field is None:
-            raise ValueError("field: is missing, such as pose.position.x")
+            raise FieldError("field", "is missing, such as pose.position.x")
         given = self.model_dump(exclude_defaults=True)
         of_a_sensor = ("type", "field", "service", "entity", "sector", "reduce", "infinite", "otherwise")
         useless = {"sensor": of_a_sensor, "topic": ("service", "entity")}
         for key, others in useless.items():
             for other in others:
                 if key in given and other in given:
-                    raise ValueError(f"{other}: has no meaning with {key}; leave it out")
+                    raise FieldError(other, f"has no meaning with {key}; leave it out")
         return self
 
     @property
@@ -569,9 +569,9 @@ class RosOptions(Definition):
         possible = ("rospy",) if self.ros == 1 else ("dds", "rclpy")
         if self.middleware is not None and self.middleware not in possible:
             names = " or ".join(possible)
-            raise ValueError(f"middleware: {self.middleware} is not for ROS {self.ros}; {names} is")
+            raise FieldError("middleware", f"{self.middleware} is not for ROS {self.ros}; {names} is")
         if self.python is not None and self.connection == "dds":
-            raise ValueError("python: dds runs in Swarmwright's own Python; leave it out, or take rclpy")
+            raise FieldError("python", "dds runs in Swarmwright's own Python; leave it out, or take rclpy")
         return self
 
     @property

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from swarmwright.common.arrays import Genome, Genomes, Limits, shortest
-from swarmwright.common.errors import InputError
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import FieldError, shown
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers._base import MANY, Representation, RepresentationOptions, in_parts
 
@@ -112,19 +111,21 @@ class MealyFsm(Representation):
         super().__init__(options, sensors=sensors, actuators=actuators)
         levels = self.options.levels
         if isinstance(levels, list) and len(levels) != sensors:
-            raise InputError(
-                f"controller.levels: {len(levels)} entries found, but there are {sensors} sensors; give one "
-                "for each, or a number for all"
+            raise FieldError(
+                ("controller", "levels"),
+                f"{len(levels)} entries found, but there are {sensors} sensors; give one "
+                "for each, or a number for all",
             )
         intervals = [len(of_one) + 1 for of_one in self.thresholds]
         numbers = math.prod(intervals) * self.options.states * self._width
         if numbers > _LARGEST_TABLE:
             product = " x ".join(map(str, intervals))
-            raise InputError(
-                f"controller.levels: {product} combinations of intervals in {self.options.states} states "
+            raise FieldError(
+                ("controller", "levels"),
+                f"{product} combinations of intervals in {self.options.states} states "
                 f"make a table of {numbers} numbers (a next state and {actuators} outputs in each row); at "
                 f"most {_LARGEST_TABLE} are possible: take fewer levels, 2 for sensors that are 0 or 1, 1 "
-                "for those not needed"
+                "for those not needed",
             )
 
     @cached_property

@@ -25,10 +25,10 @@ from pydantic import (
 
 from swarmwright.common.arrays import Genome, Genomes, Limits
 from swarmwright.common.errors import InputError
-from swarmwright.common.problems import problems_of
+from swarmwright.common.problems import FieldError, problems_of
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.common.simulation_names import is_in_file, label_of
-from swarmwright.common.yaml import path_of, read
+from swarmwright.common.yaml import read
 from swarmwright.controllers._base import Representation, RepresentationOptions, in_parts
 from swarmwright.controllers.kinds.modules.automode import is_command_line, machine_of, tree_of
 from swarmwright.controllers.modules import grammar, machine_mappings
@@ -38,12 +38,11 @@ from swarmwright.controllers.modules.registered import module
 _BUILT_IN = frozenset({*grammar.BEHAVIOURS, *grammar.CONDITIONS})
 
 
-def _placed(machine: object, problem: str) -> str:
+def _placed(machine: object, error: InputError) -> str:
     """Return what is wrong with a machine, with its line where it is in a file."""
-    if not isinstance(machine, str) or is_command_line(machine):
-        return problem
-    place, _, reason = problem.partition(": ")
-    return read(Path(machine)).place(path_of(place.removeprefix("machine."))) + reason
+    if not isinstance(machine, str) or is_command_line(machine) or not isinstance(error, FieldError):
+        return str(error)
+    return read(Path(machine)).place(error.path) + error.reason
 
 
 class ModulesOptions(RepresentationOptions):
@@ -106,19 +105,19 @@ class ModulesOptions(RepresentationOptions):
     @model_validator(mode="after")
     def _valid(self, info: ValidationInfo) -> "ModulesOptions":
         if self.form == "tree" and self.states > grammar.MOST_SUBTREES:
-            raise ValueError(
-                f"states: a tree has {grammar.MOST_SUBTREES} subtrees at most, not {self.states}"
+            raise FieldError(
+                "states", f"a tree has {grammar.MOST_SUBTREES} subtrees at most, not {self.states}"
             )
         if self.form == "tree" and self.most_transitions != 1:
-            raise ValueError("transitions: a subtree has one condition; leave it out")
+            raise FieldError("transitions", "a subtree has one condition; leave it out")
         for name in ("behaviours", "conditions"):
             given = [label_of(one) for one in getattr(self, name) or []]
             twice = [one for one in given if given.count(one) > 1]
             if twice:
-                raise ValueError(f"{name}: {twice[0]!r} is given twice")
+                raise FieldError(name, f"{twice[0]!r} is given twice")
             for one in getattr(self, name) or []:
                 if is_in_file(one) and label_of(one) in _BUILT_IN:
-                    raise ValueError(f"{name}: {one}: the engine has a module of this name; rename the class")
+                    raise FieldError(name, f"{one}: the engine has a module of this name; rename the class")
         if self.in_files and not (info.context or {}).get("ask", True):
             return self  # of a run, which is read without importing its code
         for name, what in (("behaviours", "behaviour"), ("conditions", "condition")):
@@ -126,14 +125,15 @@ class ModulesOptions(RepresentationOptions):
                 try:
                     module(what, one)
                 except InputError as error:
-                    raise ValueError(f"{name}: {error}") from None
+                    raise FieldError(name, str(error)) from None
         catalogue = self.catalogue
         both = {name for one in catalogue.behaviours for name in one.parameters}
         both &= {name for one in catalogue.conditions for name in one.parameters}
         if both and self.form == "tree":
-            raise ValueError(
-                f"conditions: {min(both)!r} is a parameter of a behaviour and of a condition, which stand "
-                "beside each other in a subtree; rename one of the two"
+            raise FieldError(
+                "conditions",
+                f"{min(both)!r} is a parameter of a behaviour and of a condition, which stand "
+                "beside each other in a subtree; rename one of the two",
             )
         return self
 
@@ -152,7 +152,7 @@ class ModulesOptions(RepresentationOptions):
             options.start()
         except InputError as error:
             given = values.get("machine") if isinstance(values, Mapping) else None
-            raise ValueError(f"machine: {_placed(given, str(error))}") from None
+            raise FieldError("machine", _placed(given, error)) from None
         return options
 
     @property
@@ -379,12 +379,13 @@ class Modules(Representation):
         """Raise InputError for other sensors and actuators than these machines have."""
         super().__init__(options, sensors=sensors, actuators=actuators)
         if (sensors, actuators) != self.shape:
-            raise InputError(
-                f"controller.kind: modules needs {grammar.SENSORS} sensors (proximity x and y, light x and "
+            raise FieldError(
+                ("controller", "kind"),
+                f"modules needs {grammar.SENSORS} sensors (proximity x and y, light x and "
                 "y, ground, number of neighbours, attraction x and y, a random number) and "
                 f"{grammar.ACTUATORS} actuators (left and right wheel), but the simulation has {sensors} and "
                 f"{actuators}; take a robot such as e-puck-rm1.2 of arena for all agents, or another kind of "
-                "controller"
+                "controller",
             )
 
     @cached_property

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from swarmwright.common.errors import InputError
+from swarmwright.common.problems import FieldError
 from swarmwright.controllers._base import RepresentationOptions
 from swarmwright.controllers.networks import NodeNetwork
 
@@ -65,21 +65,22 @@ class Neat(NodeNetwork):
         super().__init__(options, sensors=sensors, actuators=actuators)
         rows = self.sources
         if len(rows) < actuators:
-            raise InputError(
-                f"controller.sources: {len(rows)} lists found, but there are {actuators} actuators; give "
-                "one for each hidden node and each actuator"
+            raise FieldError(
+                ("controller", "sources"),
+                f"{len(rows)} lists found, but there are {actuators} actuators; give "
+                "one for each hidden node and each actuator",
             )
         nodes = sensors + len(rows)
         for row, seen in enumerate(rows):
             beyond = [source for source in seen if source >= nodes]
             if beyond:
-                raise InputError(
-                    f"controller.sources[{row}]: the node {beyond[0]} found, but with {sensors} sensors the "
-                    f"last one is {nodes - 1}"
+                raise FieldError(
+                    ("controller", "sources", row),
+                    f"the node {beyond[0]} found, but with {sensors} sensors the last one is {nodes - 1}",
                 )
         if self.genome_size > _MOST_WEIGHTS:
-            raise InputError(
-                f"controller.sources: {self.genome_size} weights, at most {_MOST_WEIGHTS} are possible"
+            raise FieldError(
+                ("controller", "sources"), f"{self.genome_size} weights, at most {_MOST_WEIGHTS} are possible"
             )
 
     @property

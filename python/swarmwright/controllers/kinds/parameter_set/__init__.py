@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from swarmwright.common.arrays import Genome, Genomes, Limits, shortest
 from swarmwright.common.options import Options
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import FieldError, shown
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers._base import Representation, RepresentationOptions, around, in_parts
 
@@ -63,7 +63,7 @@ class _NumberParameter(Options):
     @model_validator(mode="after")
     def _positive(self) -> "_NumberParameter":
         if self.scale == "log" and self.range[0] <= 0:
-            raise ValueError(f"scale: log needs a range above 0, not {shown(self.range)}")
+            raise FieldError("scale", f"log needs a range above 0, not {shown(self.range)}")
         return self
 
 
@@ -159,8 +159,9 @@ class ParameterSetOptions(RepresentationOptions):
     def _names(self) -> "ParameterSetOptions":
         for name in self.parameters:
             if name in _RESERVED:
-                raise ValueError(
-                    f"parameters: {name!r} is not a parameter that can be evolved: it is set for each episode"
+                raise FieldError(
+                    "parameters",
+                    f"{name!r} is not a parameter that can be evolved: it is set for each episode",
                 )
         return self
 

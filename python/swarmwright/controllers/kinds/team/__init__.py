@@ -15,8 +15,10 @@ from swarmwright.common.arrays import Genome, Genomes, Limits
 from swarmwright.common.errors import InputError
 from swarmwright.common.groups import DeclaredGroup
 from swarmwright.common.options import Options
+from swarmwright.common.problems import FieldError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.common.suggestions import did_you_mean
+from swarmwright.common.yaml import Path_
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.controllers._base import Representation, RepresentationOptions
 from swarmwright.controllers.kinds import words_of
@@ -25,6 +27,8 @@ from swarmwright.controllers.teams import TEAM
 _DEFAULT_KIND = "layered"
 _LARGEST_COUNT = 1_000_000
 """Agents, sensors or actuators of a group, at most."""
+
+_GROUPS: Path_ = ("controller", "groups")
 
 
 class GroupOptions(Options):
@@ -107,9 +111,10 @@ class Team(Representation):
         for what in ("sensors", "actuators"):
             most = max(getattr(part, what) for part in self.parts.values())
             if most != getattr(self, what):
-                raise InputError(
-                    f"controller.groups: have at most {most} {what}, but agents of the simulation have up to "
-                    f"{getattr(self, what)}"
+                raise FieldError(
+                    _GROUPS,
+                    f"have at most {most} {what}, but agents of the simulation have up to "
+                    f"{getattr(self, what)}",
                 )
         self.continuous = all(part.continuous for part in self.parts.values())  # type: ignore[misc] # differs
         sizes = [part.genome_size for part in self.parts.values()]
@@ -122,10 +127,10 @@ class Team(Representation):
         actuators = self.actuators if group.actuators is None else group.actuators
         try:
             return component(group.options, sensors=sensors, actuators=actuators)
+        except FieldError as error:
+            raise FieldError((*_GROUPS, name, *error.path[1:]), error.reason) from error
         except InputError as error:
-            reason = str(error).removeprefix("controller")
-            between = "" if reason.startswith((".", ":")) else ": "
-            raise InputError(f"controller.groups.{name}{between}{reason}") from error
+            raise FieldError((*_GROUPS, name), str(error)) from error
 
     @property
     def genome_size(self) -> int:
@@ -206,7 +211,7 @@ def with_groups(options: TeamOptions, declared: Sequence[DeclaredGroup], simulat
         declared: the groups of the simulation.
         simulation: its title, for messages.
 
-    Raises InputError, `controller.groups[.NAME[.KEY]]: ...`, for groups that there are not, that are missing,
+    Raises FieldError, `controller.groups[.NAME[.KEY]]: ...`, for groups that there are not, that are missing,
     and for keys that contradict the simulation.
     """
     names = [group.name for group in declared]
@@ -214,12 +219,13 @@ def with_groups(options: TeamOptions, declared: Sequence[DeclaredGroup], simulat
         if name not in names:
             hint = did_you_mean(name, names)
             there = f"the groups of {simulation} are {', '.join(names)}"
-            raise InputError(f"controller.groups.{name}: there is no such group{hint or f'; {there}'}")
+            raise FieldError((*_GROUPS, name), f"there is no such group{hint or f'; {there}'}")
     missing = [name for name in names if name not in options.groups]
     if missing:
-        raise InputError(
-            f"controller.groups: {', '.join(missing)} missing; every group of {simulation} needs a "
-            f"controller: {', '.join(names)}"
+        raise FieldError(
+            _GROUPS,
+            f"{', '.join(missing)} missing; every group of {simulation} needs a "
+            f"controller: {', '.join(names)}",
         )
     groups: dict[str, GroupOptions] = {}
     for one in declared:
@@ -228,9 +234,8 @@ def with_groups(options: TeamOptions, declared: Sequence[DeclaredGroup], simulat
         for key in ("sensors", "actuators") if stored else ("agents", "sensors", "actuators"):
             value, found = getattr(given, key), getattr(one, key)
             if value is not None and value != found:
-                raise InputError(
-                    f"controller.groups.{one.name}.{key}: {simulation} has {found}, not {value}; leave the "
-                    "key out"
+                raise FieldError(
+                    (*_GROUPS, one.name, key), f"{simulation} has {found}, not {value}; leave the key out"
                 )
         announced = {"agents": one.agents, "sensors": one.sensors, "actuators": one.actuators}
         groups[one.name] = given.model_copy(update=announced)
@@ -240,13 +245,14 @@ def with_groups(options: TeamOptions, declared: Sequence[DeclaredGroup], simulat
 def check_counts(options: TeamOptions) -> None:
     """Check that every group but the last says how many agents it has, where the simulation does not.
 
-    Raises InputError, `controller.groups.NAME.agents: ...`.
+    Raises FieldError, `controller.groups.NAME.agents: ...`.
     """
     for name in list(options.groups)[:-1]:
         if options.groups[name].agents is None:
-            raise InputError(
-                f"controller.groups.{name}.agents: is missing: the simulation does not declare groups, and "
-                "only the last group can have all other agents"
+            raise FieldError(
+                (*_GROUPS, name, "agents"),
+                "is missing: the simulation does not declare groups, and "
+                "only the last group can have all other agents",
             )
 
 
