@@ -20,7 +20,7 @@ class Golden:
     """Episodes of some agents, or random sequences without a simulation."""
 
     sequences: Sequences
-    """Whole ones; of a network that overflows the steps before, and none where it does so in each first step."""
+    """Whole ones; of a network that overflows the steps before it does, none where that is the first one."""
     words: str
     """What they are."""
 

@@ -9,9 +9,10 @@ import pytest
 from swarmwright.export import Exporter
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
-from swarmwright.export.golden import Golden, before_overflow, walk_of
+from swarmwright.export.golden import Golden, before_overflow
 from swarmwright.export.python import Python
 from swarmwright.export.sequences import Sequences
+from swarmwright.export.walk import walk_of
 from swarmwright.export.writing import write
 from tests.python.export.specifications import ALL, Specification, network, subject
 
