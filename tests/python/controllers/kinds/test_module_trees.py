@@ -83,8 +83,8 @@ def test_a_given_tree_is_where_evolution_starts(tmp_path: Path) -> None:
     [
         ({"states": 5}, "states: a tree has 4 subtrees at most, not 5"),
         ({"transitions": 2}, "transitions: a subtree has one condition; leave it out"),
-        ({"machine": {"states": []}}, "machine: tree.states: is not known here; known are subtrees"),
-        ({"machine": {"subtrees": []}}, "machine: subtrees: 0 entries found, expected a list of 1 to 4 ent"),
+        ({"machine": {"states": []}}, "machine.states: is not known here; known are subtrees"),
+        ({"machine": {"subtrees": []}}, "machine.subtrees: 0 entries found, expected a list of 1 to 4 ent"),
         ({"machine": {"subtrees": [{}]}}, "subtrees[0].condition: None found, expected one of black_floor"),
         (
             {"machine": {"subtrees": [{"condition": "grey_floor", "behaviour": "stop"}]}},

@@ -137,8 +137,8 @@ def changed(*path: Any, value: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("machine", "words"),
     [
-        (changed("states", value=[]), "machine: states: 0 entries found, expected a list of 1 to 4 entries"),
-        (changed("colour", value="red"), "machine: machine.colour: is not known here; known are states"),
+        (changed("states", value=[]), "machine.states: 0 entries found, expected a list of 1 to 4 entries"),
+        (changed("colour", value="red"), "machine.colour: is not known here; known are states"),
         (changed("states", 0, "behaviour", value="fly"), "states[0].behaviour: 'fly' found, expected one of"),
         (
             changed("states", 0, "rwm", value=None),

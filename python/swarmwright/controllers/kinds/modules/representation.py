@@ -38,11 +38,12 @@ from swarmwright.controllers.modules.registered import module
 _BUILT_IN = frozenset({*grammar.BEHAVIOURS, *grammar.CONDITIONS})
 
 
-def _placed(machine: object, error: InputError) -> str:
+def _placed(machine: object, error: InputError) -> FieldError:
     """Return what is wrong with a machine, with its line where it is in a file."""
-    if not isinstance(machine, str) or is_command_line(machine) or not isinstance(error, FieldError):
-        return str(error)
-    return read(Path(machine)).place(error.path) + error.reason
+    path, reason = (error.path, error.reason) if isinstance(error, FieldError) else ((), str(error))
+    if isinstance(machine, str) and not is_command_line(machine):
+        return FieldError("machine", read(Path(machine)).place(path) + reason)
+    return FieldError(("machine", *path), reason)
 
 
 class ModulesOptions(RepresentationOptions):
@@ -152,7 +153,7 @@ class ModulesOptions(RepresentationOptions):
             options.start()
         except InputError as error:
             given = values.get("machine") if isinstance(values, Mapping) else None
-            raise FieldError("machine", _placed(given, error)) from None
+            raise _placed(given, error) from None
         return options
 
     @property
