@@ -81,8 +81,7 @@ def evolve(
         broker: that of the run, where the experiment need not name it.
         prefix: of topics, where the run's experiment has another one.
     """
-    from swarmwright.runs.optimization.interruption import reported_by_caller
-    from swarmwright.runs.optimization.optimize import InterruptedWithResults
+    from swarmwright.runs.optimization.optimize import InterruptedWithResults, reported_by_caller
 
     where = _where(experiment, broker, prefix)
     try:

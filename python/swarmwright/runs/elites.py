@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.runs.run import Run
-    from swarmwright.servers.rows import Evaluated
+    from swarmwright.servers.rows import GenerationResult
 
 
 class Elite(NamedTuple):
@@ -230,7 +230,7 @@ class _Collected:
             self._kept = _Front(options)
             self._seen = _Metrics(self._names, ())
 
-    def add(self, evaluated: "Evaluated", count: int) -> int:
+    def add(self, evaluated: "GenerationResult", count: int) -> int:
         """Add the first `count` candidates of a generation, or all where it has fewer; return how many."""
         fitness, episodes = evaluated.fitness[:count], evaluated.metrics[:count, :, self._columns]
         values = means(episodes)

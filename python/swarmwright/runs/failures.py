@@ -11,7 +11,7 @@ from swarmwright.methods.rankings.race import Race
 if TYPE_CHECKING:
     from swarmwright.methods.rankings import Ranking
     from swarmwright.runs.run import Run
-    from swarmwright.servers.rows import Evaluated
+    from swarmwright.servers.rows import GenerationResult
 
 
 class Taken(NamedTuple):
@@ -31,7 +31,7 @@ def taken(run: "Run") -> Iterator[Taken]:
         yield taken_in(evaluated, ranking)
 
 
-def taken_in(evaluated: "Evaluated", ranking: "Ranking") -> Taken:
+def taken_in(evaluated: "GenerationResult", ranking: "Ranking") -> Taken:
     """Return the episodes of a generation; ranking: of the run."""
     failed = ~np.isfinite(evaluated.episodes)
     lengths = np.full(len(failed), failed.shape[1], np.int64)

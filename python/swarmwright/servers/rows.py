@@ -1,7 +1,7 @@
 """The rows of a store's tables."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from types import UnionType
 from typing import Any, Final, Literal, NamedTuple, Self, get_args, get_origin
 
@@ -12,34 +12,6 @@ from swarmwright import _engine
 from swarmwright.common.arrays import Fitness, Genomes
 from swarmwright.common.engine_types import AttemptFields, FailedEvaluation, Outcome, WarningFields
 from swarmwright.common.statistics import Summary
-
-
-class Evaluated(NamedTuple):
-    """A generation as it was evaluated: what counts for the record."""
-
-    generation: int
-    seeds: list[int]
-    """Simulation seed of each episode."""
-    genomes: Genomes | _engine.Sample
-    """(candidates, genome_size), or what they are made from."""
-    episodes: NDArray[np.float64]
-    """(candidates, episodes) fitness, NaN where an episode failed."""
-    metrics: NDArray[np.float64]
-    """(candidates, episodes, metrics), what the experiment's fitness is made of; (.., 0) without."""
-    fitness: Fitness
-    """(candidates,), as the ranking made it, NaN where a candidate failed."""
-    summary: Summary
-    """Figures of the population after this generation."""
-    leader: int
-    """Number, counted over the whole run from 0, of the evaluation that is best after this generation."""
-    digests: _engine.Digests | None = None
-    """Of its columns in the store, where another process has begun to compute them."""
-
-    def made(self) -> Genomes:
-        """Return the genomes, (candidates, genome_size)."""
-        genomes = self.genomes
-        return genomes.genomes(0, len(genomes)) if isinstance(genomes, _engine.Sample) else genomes
-
 
 IN_PROCESS = -1
 """The server of attempts in the tool's own process."""
@@ -234,13 +206,69 @@ class Journal:
         """Return a journal with more warnings."""
         return type(self)(self.attempts, [*self.warnings, *warnings])
 
-    def extend(self, other: "Journal", first: int) -> None:
-        """Append what was done for candidates that are counted from `first` on here."""
-        self.attempts.extend(entry._replace(candidate=first + entry.candidate) for entry in other.attempts)
-        self.warnings.extend(
-            entry if entry.candidate is None else entry.moved(first + entry.candidate, 0)
-            for entry in other.warnings
+    def extend(self, other: "Journal") -> None:
+        """Append what was done for other evaluations."""
+        self.attempts.extend(other.attempts)
+        self.warnings.extend(other.warnings)
+
+    def placed(self, candidates: Sequence[int], episode: int = 0) -> Self:
+        """Return it with candidates and episodes counted as in the whole of which they are a part.
+
+        Args:
+            candidates: their numbers there, in the order in which they are counted here.
+            episode: the number there of the first episode here.
+        """
+        return type(self)(
+            [
+                one._replace(candidate=candidates[one.candidate], episode=episode + one.episode)
+                for one in self.attempts
+            ],
+            [
+                one.moved(None if one.candidate is None else candidates[one.candidate], episode)
+                for one in self.warnings
+            ],
         )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, slots=True)
+class GenerationResult:
+    """A generation that was evaluated and ranked, and of which the method has been told.
+
+    The loop makes it, the store keeps it as it is, and who reads the store gets it again.
+    """
+
+    generation: int
+    """Index, from 0."""
+    seeds: list[int]
+    """Simulation seed of each episode."""
+    genomes: Genomes | _engine.Sample
+    """(candidates, genome_size), or what they are made from, where the store keeps that."""
+    episodes: NDArray[np.float64]
+    """(candidates, episodes) fitness, NaN where an episode failed or was left out."""
+    metrics: NDArray[np.float64]
+    """(candidates, episodes, metrics), what the experiment's fitness is made of; (.., 0) without."""
+    fitness: Fitness
+    """(candidates,), as the ranking made it, NaN where a candidate failed."""
+    summary: Summary
+    """Figures of the population after this generation."""
+    leader: int
+    """Number, counted over the whole run from 0, of the evaluation that is best after this generation."""
+    journal: Journal = field(default_factory=Journal)
+    """What was done for it; empty where it was read from a store, which has it in tables of its own."""
+    digests: _engine.Digests | None = None
+    """Of its columns in the store, where another thread has begun to compute them."""
+
+    def made(self) -> Genomes:
+        """Return the genomes, (candidates, genome_size)."""
+        genomes = self.genomes
+        return genomes.genomes(0, len(genomes)) if isinstance(genomes, _engine.Sample) else genomes
+
+    def digested(self) -> Self:
+        """Begin to compute the digests, in another thread."""
+        if self.digests is not None:
+            return self
+        digests = _engine.Digests(self.fitness, self.episodes, self.metrics, self.genomes)
+        return replace(self, digests=digests)
 
 
 @dataclass(frozen=True, kw_only=True)

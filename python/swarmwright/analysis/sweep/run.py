@@ -21,8 +21,7 @@ from swarmwright.experiment.launcher_entries import Entries
 from swarmwright.runs.code import changed_code, check_trusted
 from swarmwright.runs.edits import differences
 from swarmwright.runs.optimization.generation import Generation, OnGeneration
-from swarmwright.runs.optimization.interruption import reported_by_caller
-from swarmwright.runs.optimization.optimize import adopt_budget, optimize, resume
+from swarmwright.runs.optimization.optimize import adopt_budget, optimize, reported_by_caller, resume
 from swarmwright.runs.optimization.resuming import NothingLeftError, prolonged
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import FILE

@@ -2,19 +2,48 @@
 
 import math
 import time
+from collections import deque
 
 import numpy as np
 
+from swarmwright.common.arrays import Fitness
 from swarmwright.common.statistics import Summary
 from swarmwright.experiment.budget import Budget
 from swarmwright.methods import Method
-from swarmwright.runs.optimization.ahead import Produced
 from swarmwright.runs.optimization.generation import Generation
-from swarmwright.runs.optimization.rate import Rate
 from swarmwright.runs.store import StoreReader
 
 _UNLIMITED_EVALUATIONS = 10**15
 """Evaluations that stand for no limit of them."""
+_WINDOW_S = 2.0
+"""Seconds over which evaluations per second are counted."""
+
+
+class Rate:
+    """Evaluations per second over about the last two seconds.
+
+    The time between two reports alone says little: generations that were evaluated ahead are reported one
+    right after the other.
+
+    Args:
+        now: a clock, in seconds, when evaluations begin.
+        evaluations: before that.
+    """
+
+    def __init__(self, now: float, evaluations: int) -> None:
+        self._reports = deque([(now, evaluations)])
+
+    def after(self, now: float, evaluations: int) -> float:
+        """Note how many evaluations there are now; return the rate since the report that began the window.
+
+        That is the last one at least two seconds ago, or the begin.
+        """
+        reports = self._reports
+        reports.append((now, evaluations))
+        while now - reports[1][0] >= _WINDOW_S:
+            reports.popleft()
+        begin, before = reports[0]
+        return (evaluations - before) / max(now - begin, 1e-9)
 
 
 class Account:
@@ -30,10 +59,12 @@ class Account:
         self._method = method
         self._budget = budget
         self._reevaluates = reevaluates
+        self.generations = 0
+        """Generations that the method has been told of, since the start."""
         self.evaluations = 0
-        """Candidates of the generations that the method has been told of, since the start."""
+        """Candidates of these."""
         self.failed = 0
-        """Of these, those that failed."""
+        """Of these, candidates that failed."""
         self.stored = 0
         """Generations that were handed to the store."""
         self.best_so_far = -np.inf
@@ -58,11 +89,18 @@ class Account:
         self._started = time.monotonic()
         self._rate = Rate(self._started, self.evaluations)
 
-    def add(self, found: Produced) -> None:
-        """Count a generation that the method has been told of, and note its best."""
-        self._lead(found)
-        self.evaluations += len(found.fitness)
-        self.failed += found.failed
+    def add(self, fitness: Fitness, leader: int, failed: int) -> None:
+        """Count a generation that the method has been told of, and note its best.
+
+        Args:
+            fitness: of its candidates.
+            leader: index of its best candidate.
+            failed: how many of them failed.
+        """
+        self._lead(fitness, leader)
+        self.generations += 1
+        self.evaluations += len(fitness)
+        self.failed += failed
 
     @property
     def target_is_reached(self) -> bool:
@@ -130,15 +168,15 @@ class Account:
         """Return the seconds of this session; 0 before its start."""
         return 0.0 if self._started is None else time.monotonic() - self._started
 
-    def _lead(self, found: Produced) -> None:
+    def _lead(self, fitness: Fitness, leader: int) -> None:
         """Note the best evaluation so far; with re-evaluation, of this generation."""
         if self._method.by_instance:
             incumbent = self._method.incumbent
             if incumbent is not None:
                 self.best_so_far, self.leader = incumbent.fitness, incumbent.evaluation
             return
-        value = float(found.fitness[found.leader])
+        value = float(fitness[leader])
         self._best_seen = max(self._best_seen, value)
         if value > self.best_so_far or self._reevaluates:
             self.best_so_far = value
-            self.leader = self.evaluations + found.leader
+            self.leader = self.evaluations + leader

@@ -10,9 +10,9 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.race import Race
 from swarmwright.methods.rankings.slow_simulation import SlowRanking
-from swarmwright.runs.optimization.raced import race
-from swarmwright.runs.optimization.two_simulations import TwoSimulations, descriptor_columns, evaluate_both
+from swarmwright.runs.optimization.two_simulations import TwoSimulations, descriptor_columns
 from swarmwright.servers.evaluation.base import Backend, Controllers, OnResults, Progress, Results
+from swarmwright.servers.rows import Journal
 
 
 class Evaluator:
@@ -77,8 +77,35 @@ class RaceEvaluator(Evaluator):
         meanwhile: Callable[[], None] | None,
         on_results: OnResults | None = None,
     ) -> Results:
-        """Evaluate a generation; see `Evaluator.evaluate`."""
-        return race(self._race, backend, controllers, seeds, on_progress, meanwhile, on_results)
+        """Evaluate a generation; NaN where an episode failed, or the candidate did not go through it."""
+        count, whole = len(controllers.weights), len(controllers.weights) * len(seeds)
+        fitness = np.full((count, len(seeds)), np.nan)
+        metrics = np.full((count, len(seeds), len(backend.metrics)), np.nan)
+        journal = Journal()
+        rounds = self._race.rounds(count)
+        who, which = next(rounds)
+        while True:
+            everyone = len(who) == count
+            part = Controllers(
+                controllers.architecture,
+                controllers.weights if everyone else np.ascontiguousarray(controllers.weights[who]),
+                controllers.sample if everyone else None,
+            )
+            before = which.start * count
+
+            def progress(done: int, _: int, waiting_for: str, before: int = before) -> None:
+                on_progress(before + done, whole, waiting_for)
+
+            results = backend.evaluate(part, seeds[which], progress, meanwhile, on_results)
+            meanwhile = on_results = None
+            fitness[who, which] = results.fitness
+            metrics[who, which] = results.metrics
+            journal.extend(results.journal.placed(who.tolist(), which.start))
+            try:
+                who, which = rounds.send(results.fitness)
+            except StopIteration:
+                on_progress(whole, whole, "")
+                return Results(fitness, metrics, journal)
 
     def failed_episodes(self, results: Results) -> NDArray[np.bool_]:
         """Return which episodes failed, of those that candidates went through."""
@@ -108,10 +135,34 @@ class TwoSimulationsEvaluator(Evaluator):
         meanwhile: Callable[[], None] | None,
         on_results: OnResults | None = None,
     ) -> Results:
-        """Evaluate a generation; see `Evaluator.evaluate`."""
+        """Evaluate a generation; its last metric is the fitness in the slow simulation, NaN without one."""
         assert isinstance(backend, TwoSimulations)
-        both = self._slow, self._descriptor, backend
-        return evaluate_both(*both, controllers, seeds, on_progress, meanwhile, on_results)
+        ranking, count, episodes = self._slow, len(controllers.weights), len(seeds)
+        whole = (count + ranking.expected(count)) * episodes
+        done = 0
+
+        def progress(part: int, _: int, waiting_for: str) -> None:
+            on_progress(min(done + part, whole - 1), whole, waiting_for)
+
+        fast = backend.fast.evaluate(controllers, seeds, progress, meanwhile, on_results)
+        slow = np.full((count, episodes), np.nan)
+        journal = Journal()
+        journal.extend(fast.journal)
+        rounds = ranking.rounds(ranking.counted(fast.fitness), fast.metrics[:, :, self._descriptor])
+        done = count * episodes
+        try:
+            who = next(rounds)
+            while True:
+                part = Controllers(controllers.architecture, np.ascontiguousarray(controllers.weights[who]))
+                results = backend.slow.evaluate(part, seeds, progress)
+                done += len(who) * episodes
+                slow[who] = results.fitness
+                journal.extend(_named(results.journal, backend.name).placed(who.tolist()))
+                who = rounds.send(ranking.counted(results.fitness))
+        except StopIteration:
+            on_progress(whole, whole, "")
+        metrics = np.concatenate([fast.metrics, slow[:, :, np.newaxis]], axis=2)
+        return Results(fast.fitness, np.ascontiguousarray(metrics), journal)
 
     def failed_candidates(self, results: Results) -> NDArray[np.bool_]:
         """Return which candidates failed in an episode of either simulation."""
@@ -132,3 +183,9 @@ def evaluator_of(ranking: Ranking, experiment: Experiment) -> Evaluator:
     if isinstance(ranking, Race):
         return RaceEvaluator(ranking)
     return Evaluator(ranking)
+
+
+def _named(journal: Journal, name: str) -> Journal:
+    """Return a journal whose warnings name the simulation."""
+    warnings = [one._replace(text=f"{name}: {one.text}", episode=None) for one in journal.warnings]
+    return Journal(journal.attempts, warnings)

@@ -1,19 +1,15 @@
-"""A generation: what a callback gets of it, and what the loop knows of it until it is stored."""
+"""The progress of an optimization after a generation: what a callback gets."""
 
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from swarmwright.common.arguments import described
 from swarmwright.common.errors import InputError
 from swarmwright.common.formatting import duration
-from swarmwright.common.statistics import figures_of, summarize
 from swarmwright.experiment.budget import Budget, Limit
-from swarmwright.runs.optimization.ahead import Produced
-from swarmwright.servers.rows import Evaluated
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,40 +64,6 @@ def how_far(budget: Budget, last: Generation | None, *, short: bool = False) -> 
     seconds = budget.seconds or 0.0
     used_time, whole_time = duration((last.share if last else 0.0) * seconds), duration(seconds)
     return f"{used_time} of {whole_time}" if short else f"{done} generations, {used_time} of {whole_time}"
-
-
-class Told(NamedTuple):
-    """A generation that the method has been told of, and what is known of the run then."""
-
-    generation: int
-    seeds: list[int]
-    found: Produced
-    evaluations: int
-    """Since the start."""
-    best_so_far: float
-    leader: int
-
-    def evaluated(self) -> Evaluated:
-        """Return what is to be stored."""
-        found = self.found
-        summary = summarize(
-            found.figures or figures_of(found.population),
-            generation=self.generation,
-            evaluations=self.evaluations,
-            best_so_far=self.best_so_far,
-            failed=found.failed,
-        )
-        return Evaluated(
-            generation=self.generation,
-            seeds=self.seeds,
-            genomes=found.genomes,
-            episodes=found.results.fitness,
-            metrics=found.results.metrics,
-            fitness=found.fitness,
-            summary=summary,
-            leader=self.leader,
-            digests=found.digests,
-        )
 
 
 OnGeneration = Callable[[Generation], bool | None]

@@ -5,8 +5,9 @@ import logging
 import shlex
 import sqlite3
 import time
-from collections.abc import Iterable, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from os import PathLike
 from pathlib import Path
 from typing import Any, NoReturn, SupportsIndex
@@ -33,14 +34,13 @@ from swarmwright.runs.code import Continuation, continuation, copy_of, parts_of
 from swarmwright.runs.folders import check_names, default_folder, is_replaceable, is_run, remove_run
 from swarmwright.runs.optimization.audit import audit
 from swarmwright.runs.optimization.generation import Generation, OnGeneration
+from swarmwright.runs.optimization.generational import Generational
 from swarmwright.runs.optimization.hash_seeds import warn_of_hash_seed
-from swarmwright.runs.optimization.interruption import report_interruption
 from swarmwright.runs.optimization.loop import Loop
 from swarmwright.runs.optimization.memory import check_memory, stored
 from swarmwright.runs.optimization.notebook_progress import shown
-from swarmwright.runs.optimization.resuming import Resumption, prolonged
-from swarmwright.runs.optimization.steady_state import SteadyLoop
-from swarmwright.runs.optimization.strayed import StrayedError
+from swarmwright.runs.optimization.resuming import Resumption, StrayedError, prolonged
+from swarmwright.runs.optimization.steady_state import SteadyState
 from swarmwright.runs.optimization.two_simulations import TwoSimulations, open_simulations
 from swarmwright.runs.run import Run, written_run
 from swarmwright.runs.store import StoreReader, StoreWriter
@@ -56,6 +56,8 @@ from swarmwright.simulations.user_code.parts import SECTIONS, distributions
 
 __all__ = ["Generation", "optimize", "resume"]
 
+_by_caller: ContextVar[bool] = ContextVar("_by_caller", default=False)
+
 
 class InterruptedWithResults(KeyboardInterrupt):
     """Ctrl-C a second time, before the end was in order: finished generations are kept in `folder`."""
@@ -64,6 +66,16 @@ class InterruptedWithResults(KeyboardInterrupt):
         kept = f"{folder}: finished generations are kept"
         super().__init__(f"{kept}, and swarmwright.resume({str(folder)!r}) goes on")
         self.folder = folder
+
+
+@contextmanager
+def reported_by_caller() -> Iterator[None]:
+    """Within this block the caller says itself which runs were interrupted, such as the command line."""
+    token = _by_caller.set(True)
+    try:
+        yield
+    finally:
+        _by_caller.reset(token)
 
 
 @checked
@@ -516,11 +528,21 @@ def _finished(folder: Path) -> Run:
     run = written_run(folder)
     if run.generations:
         picture.draw_later(folder)
-    report_interruption(run)
+    _report_interruption(run)
     return run
+
+
+def _report_interruption(run: Run) -> None:
+    """Log that Ctrl-C has ended a run: without that, a script goes on as if the run was complete."""
+    if run.state == "interrupted" and not _by_caller.get():
+        logging.getLogger("swarmwright").warning(
+            "%s: interrupted after generation %d; finished generations are kept, and "
+            "swarmwright.resume(%r) goes on",
+            run.path, run.generations - 1, str(run.path),
+        )  # fmt: skip
 
 
 def _new_loop(experiment: Experiment, representation: Representation, store: StoreWriter) -> Loop:
     """Return the loop for an experiment's operation."""
-    kind = SteadyLoop if experiment.method.operation == "steady_state" else Loop
-    return kind(experiment, representation, store)
+    strategy = SteadyState if experiment.method.operation == "steady_state" else Generational
+    return Loop(experiment, representation, store, strategy)

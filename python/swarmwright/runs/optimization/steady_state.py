@@ -1,4 +1,4 @@
-"""The optimization loop in steady state: candidate by candidate, so that no server waits for the slowest.
+"""The strategy of steady state: candidate by candidate, so that no server waits for the slowest.
 
 What makes it repeatable: candidate n is made of the results of candidates 0 to n - in_flight, told in this
 order, and of no later one. Results that arrive earlier are kept until then. So the run depends neither on the
@@ -6,147 +6,131 @@ number of servers nor on their speed. A generation of the record is so many cand
 population has members.
 """
 
+import sys
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.arrays import Genome, Genomes
 from swarmwright.experiment.budget import Ended
-from swarmwright.runs.optimization.ahead import Produced
-from swarmwright.runs.optimization.generation import OnGeneration, Told
-from swarmwright.runs.optimization.loop import Loop
-from swarmwright.servers.evaluation.base import Backend, Controllers, Progress, Results, weights_of
-from swarmwright.servers.rows import Evaluated, Journal
+from swarmwright.runs.optimization.loop import Loop, Strategy
+from swarmwright.servers.evaluation.base import Backend, Controllers, Results, weights_of
+from swarmwright.servers.rows import GenerationResult, Journal
 
 
-@dataclass
-class _Part:
-    """The candidates told since the last whole generation."""
+class _Evaluation(NamedTuple):
+    """A candidate that the method has been told of."""
 
-    genomes: list[Genome] = field(default_factory=list)
-    episodes: list[NDArray[np.float64]] = field(default_factory=list)
-    metrics: list[NDArray[np.float64]] = field(default_factory=list)
-    fitness: list[float] = field(default_factory=list)
-
-    def results(self) -> Results:
-        return Results(np.array(self.episodes), np.array(self.metrics), Journal())
+    genome: Genome
+    episodes: NDArray[np.float64]
+    metrics: NDArray[np.float64]
+    fitness: float
 
 
-class SteadyLoop(Loop):
-    """See `Loop`; here every server has work as long as there is any."""
+class SteadyState(Strategy):
+    """The method is asked for a candidate as often as it has one, so that every server has work."""
 
-    def __init__(self, *arguments: Any) -> None:  # noqa: ANN401 - those of `Loop`
-        super().__init__(*arguments)
-        self._seeds = self._ranking.seeds(self._first_seed)
+    def __init__(self, loop: Loop) -> None:
+        super().__init__(loop)
+        self._seeds = loop.ranking.seeds(loop.first_seed)
         self._flying: deque[Genome] = deque()  # asked for and not told
         self._early: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-        self._part = _Part()
-        self._journal = Journal()
-        self._over = False  # the time is over
+        self._part: list[_Evaluation] = []  # since the last whole generation
+        self._journal = Journal()  # the same
 
-    def _again(self, evaluated: Evaluated) -> bool:
-        """Tell the method a generation that is stored; see `Loop`."""
-        rows = zip(evaluated.made(), evaluated.episodes, evaluated.metrics, strict=True)
-        for genome, episodes, metrics in rows:
-            self._ask_all()
+    def fits(self, most: int) -> bool:
+        """Return whether there are no more candidates than so many; the method keeps to whole generations."""
+        return self.loop.account.evaluations <= most
+
+    def used_up(self) -> Ended:
+        """Return which budget a method that is done has used."""
+        method, last = self.loop.method, self.loop.budget.generations
+        whole = last is not None and method.evaluations >= last * method.generation_size
+        return "generations" if whole else "evaluations"
+
+    def advance(self, backend: Backend) -> None:
+        """Evaluate all candidates that are left: several generations are under way."""
+        loop, method = self.loop, self.loop.method
+        first = method.evaluations  # the backend counts from 0
+        numbers = range(first, sys.maxsize)
+        loop.check_size(method.generation_size)
+        self._ask()
+        done, whole = (count * len(self._seeds) for count in (first, loop.account.most))
+        loop.announce(backend, None, (done, whole))
+        controllers = Controllers.of(loop.representation, np.array(self._flying, dtype=np.float32))
+        with loop.first_evaluations(0) as on_results:
+
+            def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32] | None:
+                rows = {candidate: row for row, candidate in enumerate(candidates)}
+                results = loop.failures.named(results, self._seeds, rows=rows, first=first)
+                self._journal.extend(results.journal.placed(numbers))
+                if on_results is not None:
+                    on_results(candidates, results)
+                for row, candidate in enumerate(candidates):
+                    self._early[numbers[candidate]] = results.fitness[row], results.metrics[row]
+                while not method.done and method.evaluations in self._early:
+                    self._tell(*self._early.pop(method.evaluations))
+                    whole = len(self._part) == method.generation_size
+                    if (whole or method.done) and not self._complete():
+                        return None
+                return None if method.done else self._weights(self._ask())
+
+            backend.stream(controllers, self._seeds, feed, loop.recorder.progress)
+
+    def retell(self, stored: GenerationResult) -> bool:
+        """Ask the method for each candidate, and tell it the stored results; see `Strategy.retell`."""
+        for genome, episodes, metrics in zip(stored.made(), stored.episodes, stored.metrics, strict=True):
+            self._ask()
             if not self._flying or self._flying[0].tobytes() != genome.tobytes():
                 return False
-            self._tell_first(episodes, metrics)
-        return self._told_part().found.fitness.tobytes() == evaluated.fitness.tobytes()
+            self._tell(episodes, metrics)
+        return self._told(self._results()).fitness.tobytes() == stored.fitness.tobytes()
 
-    def _ask_all(self) -> list[Genome]:
+    def _ask(self) -> list[Genome]:
         """Ask for all candidates available now; return the new ones."""
         new = []
-        while self._method.can_ask:
-            _, genome = self._method.ask_next()
+        while self.loop.method.can_ask:
+            _, genome = self.loop.method.ask_next()
             new.append(genome)
         self._flying.extend(new)
         return new
 
-    def _tell_first(self, episodes: NDArray[np.float64], metrics: NDArray[np.float64]) -> None:
+    def _tell(self, episodes: NDArray[np.float64], metrics: NDArray[np.float64]) -> None:
         """Tell the fitness of the first candidate in flight."""
-        fitness = float(self._ranking.score(episodes[np.newaxis])[0])
-        part = self._part
-        part.genomes.append(self._flying.popleft())
-        part.episodes.append(episodes)
-        part.metrics.append(metrics)
-        part.fitness.append(fitness)
-        self._method.tell_next(fitness)
+        fitness = float(self.loop.ranking.score(episodes[np.newaxis])[0])
+        self._part.append(_Evaluation(self._flying.popleft(), episodes, metrics, fitness))
+        self.loop.method.tell_next(fitness)
 
-    def _told_part(self) -> Told:
+    def _complete(self) -> bool:
+        """Hand a generation to the loop; return whether to go on."""
+        results = self._results()
+        self._journal = Journal()
+
+        def tell() -> GenerationResult:
+            self.loop.check(self._fitness(), results)
+            return self._told(results)
+
+        return self.loop.complete(results, tell) and not self.loop.account.time_is_over
+
+    def _told(self, results: Results) -> GenerationResult:
         """Return the candidates told as a generation, and begin the next one."""
-        part, self._part = self._part, _Part()
-        number = self._account.evaluations // self._method.generation_size
-        genomes: Genomes = np.array(part.genomes, dtype=np.float32)
-        fitness = np.array(part.fitness)
-        results = part.results()
-        counted = self._failed_candidates(results)
+        genomes: Genomes = np.array([one.genome for one in self._part], dtype=np.float32)
+        fitness = self._fitness()
+        self._part = []
+        counted = self.loop.failed_candidates(results)
         failed = None if counted is None else int(np.count_nonzero(counted | np.isnan(fitness)))
-        found = Produced.of(genomes, results, fitness, self._population_fitness(), failed)
-        return self._told(number, self._seeds, found)
+        return self.loop.told(genomes, self._seeds, results, fitness, failed=failed)
 
-    def _continue(
-        self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None
-    ) -> bool:
-        stopped = False
-        first = self._method.evaluations  # the backend counts from 0
-        on_results = self._first.of_generation() if not first and backend.may_fail else None
+    def _results(self) -> Results:
+        episodes, metrics = ([getattr(one, name) for one in self._part] for name in ("episodes", "metrics"))
+        return Results(np.array(episodes), np.array(metrics), self._journal)
 
-        def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32] | None:
-            nonlocal stopped
-            rows = {candidate: row for row, candidate in enumerate(candidates)}
-            results = self._failures.named(results, self._seeds, rows=rows, first=first)
-            self._journal.extend(results.journal, first)
-            if on_results is not None:
-                on_results(candidates, results)
-            for row, candidate in enumerate(candidates):
-                self._early[first + candidate] = (results.fitness[row], results.metrics[row])
-            while not self._method.done and self._method.evaluations in self._early:
-                self._tell_first(*self._early.pop(self._method.evaluations))
-                whole = len(self._part.genomes) == self._method.generation_size
-                if whole or self._method.done:
-                    stopped = not self._complete(on_generation)
-                if stopped:
-                    return None
-            return None if self._method.done else self._weights(self._ask_all())
-
-        self._check_first(self._method.generation_size)
-        self._ask_all()
-        done, whole = (count * len(self._seeds) for count in (first, self._account.most))
-        self._announce(backend, None, (done, whole))  # several are under way
-        controllers = Controllers.of(self._representation, np.array(self._flying, dtype=np.float32))
-        with self._first_kept(0):
-            backend.stream(controllers, self._seeds, feed, self._recorder.watched(on_progress))
-        return stopped and not self._over and not self._method.done
-
-    def _used_up(self) -> Ended:
-        """Return which budget a method that is done has used."""
-        last = self._budget.generations
-        whole = last is not None and self._method.evaluations >= last * self._method.generation_size
-        return "generations" if whole else "evaluations"
-
-    def _fits(self, most: int) -> bool:
-        """Return whether there are no more candidates than so many; the method keeps to whole generations."""
-        return self._account.evaluations <= most
-
-    def _complete(self, on_generation: OnGeneration | None) -> bool:
-        """Store a generation; return whether to go on."""
-        number = self._account.evaluations // self._method.generation_size
-        fitness = np.array(self._part.fitness)
-        journal, self._journal = self._journal, Journal()
-        with self._recorder.journal_kept(number, journal):
-            self._check(fitness, number, self._part.results())
-        self._failures.tell()
-        told = self._told_part()
-        self._fitness_checks.add(number, told.found.results.fitness)
-        goes_on = self._recorder.finish(told.evaluated(), journal, on_generation)
-        self._over = goes_on and not self._method.done and self._account.time_is_over
-        return goes_on and not self._over
+    def _fitness(self) -> NDArray[np.float64]:
+        return np.array([one.fitness for one in self._part])
 
     def _weights(self, genomes: list[Genome]) -> NDArray[np.float32]:
-        rows = np.array(genomes, dtype=np.float32).reshape(-1, self._representation.genome_size)
-        return np.ascontiguousarray(weights_of(self._representation, rows), dtype=np.float32)
+        rows = np.array(genomes, dtype=np.float32).reshape(-1, self.loop.representation.genome_size)
+        return np.ascontiguousarray(weights_of(self.loop.representation, rows), dtype=np.float32)

@@ -7,8 +7,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from swarmwright import _engine
 from swarmwright.common.engine_types import AttemptFields, WarningFields
 from swarmwright.common.errors import InputError, RunError, SimulationError, reworded
@@ -17,7 +15,6 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, slow_of
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.slow_simulation import METRIC, SlowRanking
-from swarmwright.runs.optimization.raced import extend
 from swarmwright.servers.evaluation.base import (
     HERE,
     AuditedEpisode,
@@ -254,52 +251,3 @@ def _beside_fitness(ranking: Ranking, experiment: Experiment) -> tuple[str, ...]
 def _columns(wanted: Sequence[str], ranking: Ranking, experiment: Experiment) -> list[int]:
     names = metrics_of(fitness_expression(experiment), _beside_fitness(ranking, experiment))
     return [names.index(name) for name in wanted]
-
-
-def evaluate_both(
-    ranking: SlowRanking,
-    descriptor: list[int],
-    backend: TwoSimulations,
-    controllers: Controllers,
-    seeds: Sequence[int],
-    on_progress: Progress,
-    meanwhile: Callable[[], None] | None,
-    on_results: OnResults | None = None,
-) -> Results:
-    """Evaluate a generation; its last metric is the fitness in the slow simulation, NaN where there is none.
-
-    descriptor: which metrics of the fast simulation the ranking needs. The others as those of
-    `Backend.evaluate`.
-    """
-    count, episodes = len(controllers.weights), len(seeds)
-    whole = (count + ranking.expected(count)) * episodes
-    done = 0
-
-    def progress(part: int, _: int, waiting_for: str) -> None:
-        on_progress(min(done + part, whole - 1), whole, waiting_for)
-
-    fast = backend.fast.evaluate(controllers, seeds, progress, meanwhile, on_results)
-    slow = np.full((count, episodes), np.nan)
-    journal = Journal()
-    extend(journal, fast.journal, list(range(count)), 0)
-    rounds = ranking.rounds(ranking.counted(fast.fitness), fast.metrics[:, :, descriptor])
-    done = count * episodes
-    try:
-        who = next(rounds)
-        while True:
-            part = Controllers(controllers.architecture, np.ascontiguousarray(controllers.weights[who]))
-            results = backend.slow.evaluate(part, seeds, progress)
-            done += len(who) * episodes
-            slow[who] = results.fitness
-            extend(journal, _named(results.journal, backend.name), who.tolist(), 0)
-            who = rounds.send(ranking.counted(results.fitness))
-    except StopIteration:
-        on_progress(whole, whole, "")
-    metrics = np.concatenate([fast.metrics, slow[:, :, np.newaxis]], axis=2)
-    return Results(fast.fitness, np.ascontiguousarray(metrics), journal)
-
-
-def _named(journal: Journal, name: str) -> Journal:
-    """Return a journal whose warnings name the simulation."""
-    warnings = [one._replace(text=f"{name}: {one.text}", episode=None) for one in journal.warnings]
-    return Journal(journal.attempts, warnings)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Genomes
 from swarmwright.common.values import ComparedByValue
-from swarmwright.servers.rows import Evaluated
+from swarmwright.servers.rows import GenerationResult
 
 _BLOCK = 1 << 22
 """Bytes that a block has at most, unless a single evaluation has more."""
@@ -101,20 +102,20 @@ def of_columns(digests: Sequence[bytes], first: int, generation: int, evaluation
     return hashlib.sha256(_GENERATION.pack(first, generation, evaluations) + b"".join(digests)).hexdigest()
 
 
-def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
+def encoded(result: GenerationResult, first: int) -> Iterator[Block]:
     """Yield the blocks of a generation; `first` is the number of its first evaluation."""
     # One representation of each value: NaN has many, and zero has two.
-    fitness = evaluated.fitness + 0.0
-    if evaluated.summary.failed:
+    fitness = result.fitness + 0.0
+    if result.summary.failed:
         fitness[np.isnan(fitness)] = np.nan
-    columns = (_plain(fitness), _plain(evaluated.episodes), _plain(evaluated.metrics), _genomes(evaluated))
+    columns = (_plain(fitness), _plain(result.episodes), _plain(result.metrics), _genomes(result.genomes))
     count = len(fitness)
     whole = sum([column.nbytes for column in columns])
     size = count if whole <= _BLOCK else max(1, _BLOCK * count // whole)
     for start in range(0, count, max(size, 1)):
         parts = columns if size >= count else [column[start : start + size] for column in columns]
         yield (
-            *(first + start, evaluated.generation, len(parts[0])),
+            *(first + start, result.generation, len(parts[0])),
             *(_column(parts[0]), _column(parts[1]), _column(parts[2]), _column(parts[3])),
         )
 
@@ -126,9 +127,8 @@ def _plain(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.ascontiguousarray(numbers, dtype=_DOUBLE)
 
 
-def _genomes(evaluated: Evaluated) -> NDArray[Any]:
+def _genomes(genomes: Genomes | _engine.Sample) -> NDArray[Any]:
     """Return the genomes that blocks have: none of them where they are made from a sample."""
-    genomes = evaluated.genomes
     if isinstance(genomes, _engine.Sample):
         return np.empty((len(genomes), 0), dtype=_SINGLE)
     return np.ascontiguousarray(genomes, dtype=_SINGLE)

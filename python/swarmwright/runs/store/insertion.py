@@ -2,28 +2,19 @@
 
 import json
 import sqlite3
-from typing import NamedTuple
 
 from swarmwright import _engine
+from swarmwright.common.arrays import Genomes
 from swarmwright.runs.store.blocks import EvaluationsDigest, Sample, encoded, of_columns
 from swarmwright.runs.store.digests import of_generation
 from swarmwright.runs.store.provenance import timestamp
-from swarmwright.servers.rows import Evaluated, Journal
+from swarmwright.servers.rows import GenerationResult, Journal
 
 _BLOCK = "INSERT INTO block VALUES (?, ?, ?, ?, ?, ?, ?)"
 _SAMPLE = "INSERT INTO sample VALUES (?, ?, ?)"
 _GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _ATTEMPT = "INSERT INTO attempt VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
-
-
-class Finished(NamedTuple):
-    """A generation that is to be written."""
-
-    evaluated: Evaluated
-    journal: Journal
-    seconds: float
-    """Since the session began."""
 
 
 class SeedsText:
@@ -40,37 +31,42 @@ class SeedsText:
 
 
 def insert_generation(
-    connection: sqlite3.Connection, session: int, finished: Finished, previous: str, texts: SeedsText
+    connection: sqlite3.Connection,
+    session: int,
+    result: GenerationResult,
+    seconds: float,
+    previous: str,
+    texts: SeedsText,
 ) -> str:
     """Insert a generation, with its attempts and warnings.
 
     Args:
         connection: to the store, within a transaction.
         session: in which it was evaluated, from 1.
-        finished: what is inserted.
+        result: what is inserted.
+        seconds: from the beginning of the session to the end of this generation.
         previous: digest of the generation before it, empty for the first one.
         texts: remembers the text of the last seeds.
 
     Returns the generation's digest, which goes on from the previous one's.
     """
-    evaluated, journal, seconds = finished
-    summary, number = evaluated.summary, evaluated.generation
-    first = summary.evaluations - len(evaluated.genomes)
-    seeds = texts.of(evaluated.seeds)
+    summary, number, journal = result.summary, result.generation, result.journal
+    first = summary.evaluations - len(result.genomes)
+    seeds = texts.of(result.seeds)
     if journal.attempts or journal.warnings:
         insert_journal(connection, session, number, journal)
-    sample = _sample(evaluated)
+    sample = _sample(result.genomes)
     if sample is not None:
         connection.execute(_SAMPLE, (number, *sample))
-    total = EvaluationsDigest(sample) if evaluated.digests is None else None
-    for block in encoded(evaluated, first):
+    total = EvaluationsDigest(sample) if result.digests is None else None
+    for block in encoded(result, first):
         if total is not None:
             total.add(block)
         connection.execute(_BLOCK, block)
-    known = evaluated.digests or total
+    known = result.digests or total
     assert known is not None
-    digest = of_columns(known.columns(), first, number, len(evaluated.genomes))
-    leader, failed = evaluated.leader, summary.failed
+    digest = of_columns(known.columns(), first, number, len(result.genomes))
+    leader, failed = result.leader, summary.failed
     whole = (number, first, summary.evaluations, failed, leader)
     figures = (
         *(summary.best, summary.mean, summary.best_so_far),
@@ -97,7 +93,6 @@ def insert_event(connection: sqlite3.Connection, session: int, kind: str, text: 
     connection.execute(_EVENT, (session, None, timestamp(), kind, text))
 
 
-def _sample(evaluated: Evaluated) -> Sample | None:
+def _sample(genomes: Genomes | _engine.Sample) -> Sample | None:
     """Return what the genomes are made from, as it is stored."""
-    genomes = evaluated.genomes
     return (genomes.address, genomes.numbers) if isinstance(genomes, _engine.Sample) else None

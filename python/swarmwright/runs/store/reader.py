@@ -25,9 +25,9 @@ from swarmwright.runs.store.generations import LARGEST, Generations, Row
 from swarmwright.runs.store.lookup import Best, Evaluation, Lookup
 from swarmwright.servers.rows import (
     Attempt,
-    Evaluated,
     Event,
     FailureReason,
+    GenerationResult,
     ServerShare,
     Session,
     journal_line,
@@ -171,7 +171,7 @@ class StoreReader:
             row = generations.last() if generation is None else generations.row(generation)
         return hashlib.sha256().hexdigest() if row is None else row.digest
 
-    def generations(self) -> Iterator[Evaluated]:
+    def generations(self) -> Iterator[GenerationResult]:
         """Yield the generations in order, one in memory at a time; genomes as the store has them."""
         with self._pieces() as begin:
             with begin() as connection:
@@ -182,10 +182,10 @@ class StoreReader:
                 yield one
                 del one  # before the next one is read
 
-    def _evaluated(self, generations: Generations, row: Row) -> Evaluated:
+    def _evaluated(self, generations: Generations, row: Row) -> GenerationResult:
         sample = generations.sample(row)
         record = self._joined(list(generations.evaluations(row, made=False)))
-        return Evaluated(
+        return GenerationResult(
             generation=row.generation,
             seeds=self._parsed(row.seeds),
             genomes=record.genomes if sample is None else sample,
@@ -196,7 +196,7 @@ class StoreReader:
             leader=row.leader,
         )
 
-    def one_generation(self, generation: int) -> Iterator[Evaluated]:
+    def one_generation(self, generation: int) -> Iterator[GenerationResult]:
         """Yield a generation, if it is there."""
         with self._generations() as generations:
             row = generations.row(generation)

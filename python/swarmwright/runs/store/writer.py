@@ -21,19 +21,13 @@ from swarmwright.controllers import Representation
 from swarmwright.runs.store.database import BEST, FILE, FRONT, NEW, code_of, seal_facts, transaction
 from swarmwright.runs.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.runs.store.generations import digest_before
-from swarmwright.runs.store.insertion import (
-    Finished,
-    SeedsText,
-    insert_event,
-    insert_generation,
-    insert_journal,
-)
+from swarmwright.runs.store.insertion import SeedsText, insert_event, insert_generation, insert_journal
 from swarmwright.runs.store.journal import incidents
 from swarmwright.runs.store.lock import Lock, MovedError
 from swarmwright.runs.store.open_store import OpenStore
 from swarmwright.runs.store.provenance import HASH_SEED, recorded, timestamp, versions
 from swarmwright.runs.store.reader import StoreReader
-from swarmwright.servers.rows import Evaluated, Journal
+from swarmwright.servers.rows import GenerationResult, Journal
 from swarmwright.servers.server_use import ServerUses, together, written
 from swarmwright.simulations.user_code.copying import FOLDER as CODE
 from swarmwright.simulations.user_code.copying import Copy
@@ -71,7 +65,7 @@ class StoreWriter:
         self._started = self._written = time.monotonic()
         self._outcome: str | None = None
         self._ended: float | None = None
-        self._finished: list[Finished] = []
+        self._finished: list[tuple[GenerationResult, float]] = []  # and seconds of this session before
         self._facts: dict[str, str] = {}  # that are to be written
         self._bytes = 0  # of genomes and results, in what is finished
         self._seed_texts = SeedsText()
@@ -217,16 +211,16 @@ class StoreWriter:
             for note in notes:
                 insert_event(self._store.connection, self._session, "changed", note)
 
-    def commit(self, evaluated: Evaluated, journal: Journal) -> None:
+    def commit(self, result: GenerationResult) -> None:
         """Write a generation and how it was evaluated, wholly or not at all.
 
         Raises RunError when the disk does not take it; what was written before is kept.
         """
         now = time.monotonic()
-        self._finished.append(Finished(evaluated, journal, now - self._started))
-        self._bytes += evaluated.episodes.nbytes + evaluated.metrics.nbytes
-        if not isinstance(evaluated.genomes, _engine.Sample):
-            self._bytes += evaluated.genomes.nbytes
+        self._finished.append((result, now - self._started))
+        self._bytes += result.episodes.nbytes + result.metrics.nbytes
+        if not isinstance(result.genomes, _engine.Sample):
+            self._bytes += result.genomes.nbytes
         if self._bytes >= _LARGEST_UNWRITTEN_BYTES or now - self._written >= _COMMIT_INTERVAL_S:
             self._flush()
         self.keep_soon()
@@ -260,7 +254,7 @@ class StoreWriter:
                 raise
             self._one_by_one(finished)
 
-    def _one_by_one(self, finished: list[Finished]) -> None:
+    def _one_by_one(self, finished: list[tuple[GenerationResult, float]]) -> None:
         """Write generations in a transaction each; those that were not written stay finished."""
         try:
             while finished:
@@ -287,10 +281,12 @@ class StoreWriter:
             return
         # After an interrupt some of them may have been committed.
         (last,) = self._store.connection.execute("SELECT max(generation) FROM generation").fetchone()
-        left = [one for one in self._finished if last is None or one.evaluated.generation > last]
-        digest = digest_before(self._store.connection, left[0].evaluated.generation) if left else ""
-        for one in left:
-            digest = insert_generation(self._store.connection, self._session, one, digest, self._seed_texts)
+        left = [one for one in self._finished if last is None or one[0].generation > last]
+        digest = digest_before(self._store.connection, left[0][0].generation) if left else ""
+        for result, seconds in left:
+            digest = insert_generation(
+                self._store.connection, self._session, result, seconds, digest, self._seed_texts
+            )
 
     def note(self, generation: int, journal: Journal) -> None:
         """Write the attempts of evaluations that do not count: those of an incomplete generation."""

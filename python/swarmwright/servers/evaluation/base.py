@@ -83,7 +83,11 @@ def weights_of(representation: Representation, genomes: Genomes) -> NDArray[np.f
 
 @dataclass(frozen=True)
 class Results:
-    """What came out of evaluations, in the order of candidates and episodes."""
+    """What came out of a batch of evaluations, in the order of candidates and episodes.
+
+    A batch need not be a generation: it may be the first candidates of one, a round of a race, or what
+    `evaluate`, a validation or an audit asks for. What a run has of a generation is `rows.GenerationResult`.
+    """
 
     fitness: NDArray[np.float64]
     """(candidates, episodes), NaN where the evaluation failed."""

@@ -90,11 +90,9 @@ class InProcessBackend:
         """Return the results; candidates are counted from `first` on in what is said of them."""
         with engine_errors():
             results = self.compute(controllers, seeds, on_progress, meanwhile)
-        if first:
-            journal = Journal()
-            journal.extend(results.journal, first)
-            results = Results(results.fitness, results.metrics, journal)
         numbers = range(first, first + len(controllers.weights))
+        if first:
+            results = Results(results.fitness, results.metrics, results.journal.placed(numbers))
         results = apply_expression(self._expression, results, numbers)
         self.count_failed(results)
         return results
@@ -262,7 +260,7 @@ class PythonBackend(InProcessBackend):
             meanwhile = None
         journal = Journal()
         for one in parts:
-            journal.extend(one.journal, 0)
+            journal.extend(one.journal)
         fitness, metrics = ([getattr(one, name) for one in parts] for name in ("fitness", "metrics"))
         return Results(np.concatenate(fitness), np.concatenate(metrics), journal)
 

@@ -218,7 +218,7 @@ class BrokerBackend:
             nonlocal others
             rows = list(candidates)
             fitness[rows], metrics[rows] = results.fitness, results.metrics
-            journal.extend(results.journal, 0)
+            journal.extend(results.journal)
             on_results(candidates, results)
             told.update(rows)
             if len(others) and (len(told) == len(first.weights) or np.isfinite(results.fitness).any()):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, Run, RunError, SimulationError, optimize
-from swarmwright.runs.optimization.first_evaluations import FirstEvaluations, FirstFailedError
+from swarmwright.runs.optimization.failures import FirstEvaluations, FirstFailedError
 from swarmwright.servers.evaluation.base import FIRST, Results
 from swarmwright.servers.rows import AttemptEntry, Journal, WarningEntry
 

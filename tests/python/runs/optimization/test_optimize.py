@@ -29,7 +29,7 @@ from swarmwright import (
     simulate,
 )
 from swarmwright.runs import picture
-from swarmwright.runs.optimization.interruption import reported_by_caller
+from swarmwright.runs.optimization.optimize import reported_by_caller
 from swarmwright.simulations import catalogue
 from tests.python.records import same_record
 

@@ -198,7 +198,7 @@ def test_versions_that_differ_are_named_and_no_others(
     run = optimize(install(*RANDOM)(), lambda _: False, out=tmp_path / "run")
     recorded = run.sessions[0].versions
     monkeypatch.setattr(
-        "swarmwright.runs.optimization.strayed.versions",
+        "swarmwright.runs.optimization.resuming.versions",
         lambda _: {**recorded, "numpy": "0.1", "sqlite": "2"},
     )
     with pytest.raises(RunError) as caught:

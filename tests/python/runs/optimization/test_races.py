@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, optimize, resume
-from swarmwright.runs.optimization.raced import extend
 from swarmwright.servers.evaluation.evaluate import evaluate
-from swarmwright.servers.rows import Journal, WarningEntry
+from swarmwright.servers.rows import Journal
 from tests.python.records import same_record
 
 NOISY: dict[str, Any] = {
@@ -291,17 +290,6 @@ def test_failures_in_a_race_have_their_episode(tmp_path: Path) -> None:
         }
 
 
-def test_episodes_are_counted_from_another_one_on_and_words_of_others_kept() -> None:
-    ours = WarningEntry.of_episode(2, " failed: episode 1 is out", 0, "episode 1 is out")
-    others = WarningEntry("episode 3 of the server", error="episode 3 of the server")
-    journal = Journal()
-    extend(journal, Journal(warnings=[ours, others]), [5], 5)
-    assert journal.warnings == [
-        ("episode 7 failed: episode 1 is out", 5, "episode 1 is out", 7, None, None, False),
-        ("episode 3 of the server", None, "episode 3 of the server", None, None, None, False),
-    ]
-
-
 @pytest.mark.parametrize(
     ("method", "ranking", "words"),
     [
@@ -342,7 +330,6 @@ def test_candidates_that_were_dropped_do_not_hide_that_the_ranking_failed() -> N
     from swarmwright.methods.rankings.race import Race, RaceOptions
     from swarmwright.runs.optimization.evaluators import RaceEvaluator
     from swarmwright.servers.evaluation.base import Results
-    from swarmwright.servers.rows import Journal
 
     ranking = Race(RaceOptions(episodes=6, first_test=3))
     evaluator = RaceEvaluator(ranking)

@@ -14,7 +14,6 @@ import pytest
 
 from swarmwright import Generation, InputError, Run, RunError, optimize, resume
 from swarmwright.runs.store import StoreReader, StoreWriter
-from swarmwright.servers.rows import Journal
 from tests.python.records import EXPERIMENT
 
 FAILING = Path(__file__).with_name("failing_disk.c")
@@ -93,7 +92,7 @@ def test_a_store_that_cannot_be_read_while_the_disk_is_full(finished: Run, tmp_p
         with StoreWriter.create(tmp_path / "run", finished.experiment, finished.metrics) as store:
             store.begin("here")
             store.keep()
-            store.commit(next(iter(finished._store.generations())), Journal())
+            store.commit(next(iter(finished._store.generations())))
             store.keep()
             (place / "run").mkdir()
             for name in ("run.sqlite", "run.sqlite-wal"):
@@ -142,7 +141,7 @@ def test_the_longest_path_holds_a_run(finished: Run, tmp_path: Path) -> None:
     with StoreWriter.create(folder, finished.experiment, finished.metrics) as store:
         store.begin("here")
         store.keep()
-        store.commit(next(iter(finished._store.generations())), Journal())
+        store.commit(next(iter(finished._store.generations())))
     assert Run.open(folder).generations == 1
 
 

@@ -15,7 +15,6 @@ import pytest
 from swarmwright import Experiment, InputError, Run, optimize, resume
 from swarmwright.runs.store import FILE, StoreReader, StoreWriter, database, open_store, reader, writer
 from swarmwright.runs.store.database import NEW
-from swarmwright.servers.rows import Journal
 from tests.python.records import EXPERIMENT, same_record
 
 ENDLESS = EXPERIMENT.replace(method={"generations": 100_000}, servers="in-process")
@@ -91,7 +90,7 @@ def test_generations_are_written_while_others_are_waited_for(
     with StoreWriter.create(tmp_path / "again", run.experiment, run.metrics) as store:
         store.begin("here")
         for evaluated in run._store.generations():
-            store.commit(evaluated, Journal())
+            store.commit(evaluated)
             store.has_time()
             written.append(len(StoreReader(tmp_path / "again", NEW).history()))
     assert written == [0] * 31 + [32, 32]

@@ -10,7 +10,6 @@ import pytest
 
 from swarmwright import Generation, Run, RunError, optimize, resume
 from swarmwright.runs.store import FILE, StoreWriter, writer
-from swarmwright.servers.rows import Journal
 from tests.python.records import EXPERIMENT
 
 PAUSING = """
@@ -57,7 +56,7 @@ def test_a_run_that_takes_the_name_of_a_moved_one_is_left_alone(finished: Run, t
         with StoreWriter.create(folder, finished.experiment, finished.metrics) as store:
             store.begin("here")
             store.keep()
-            store.commit(next(iter(finished._store.generations())), Journal())
+            store.commit(next(iter(finished._store.generations())))
             store.keep()
             before = sorted(path.name for path in folder.iterdir())
             assert f"{FILE}-wal" in before
@@ -94,7 +93,7 @@ def test_a_run_that_is_moved_in_its_first_second_can_be_resumed(
     store = StoreWriter.create(folder, whole.experiment, whole.metrics)
     store.begin("here")
     for evaluated in list(whole._store.generations())[:2]:
-        store.commit(evaluated, Journal())
+        store.commit(evaluated)
     if written:
         store.reader()
     folder.rename(moved)

@@ -1,9 +1,9 @@
-"""The rate that is reported."""
+"""The account of a run: the rate that is reported."""
 
 import numpy as np
 import pytest
 
-from swarmwright.runs.optimization.rate import Rate
+from swarmwright.runs.optimization.account import Rate
 
 
 def test_reports_in_bursts_are_levelled() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from swarmwright import Experiment, Run, optimize
 from swarmwright.runs.differences import first_difference
-from swarmwright.runs.optimization.strayed import strayed
+from swarmwright.runs.optimization.resuming import strayed
 
 EXPERIMENT = Experiment.from_mapping(
     {
@@ -42,5 +42,5 @@ def test_another_commit_is_named_where_a_run_cannot_continue(
         (None, f"an earlier state of this version (commit {'a' * 40}; here it is not known)"),
         ("a" * 40, "an earlier state of this version;"),
     ):
-        monkeypatch.setattr("swarmwright.runs.optimization.strayed.revision", lambda here=here: here)
+        monkeypatch.setattr("swarmwright.runs.optimization.resuming.revision", lambda here=here: here)
         assert said in str(strayed(run._store, 0, []))
