@@ -314,7 +314,13 @@ def _continue(
             _close(run, store, wanted)
             return
         code = _code(run, wanted.experiment, accept_changed_code, simulation)
-        loop = _replayed(wanted.experiment, store, reader, code)
+        try:
+            loop = _replayed(wanted.experiment, store, reader, code)
+        except Exception:
+            if isinstance(code, InputError):
+                # A user who resumes a run with edited code is told so, rather than what follows from it.
+                raise code from None
+            raise
         wanted.check_goes_on(run, loop.ended)
         if loop.done and not wanted.validation_is_due:
             if not wanted.had_ended:
@@ -331,7 +337,8 @@ def _continue(
             warn_once(f"{run.path}: goes on with {note}")
         if any(getattr(experiment, name) != getattr(wanted.experiment, name) for name in SECTIONS):
             # Other files of plug-ins.
-            loop = _with_changed_plug_ins(run, wanted.experiment, code, store, reader)
+            _require_same_bounds(run, wanted.experiment, experiment)
+            loop = _replayed(experiment, store, reader, code)
         notes = [*notes, *code.notes]
         earlier = reader.server_use()
         backend = stack.enter_context(open_simulations(experiment, earlier=earlier, **where))
@@ -397,32 +404,19 @@ def _replayed(
     experiment: Experiment, store: StoreWriter, reader: StoreReader, code: Continuation | InputError
 ) -> Loop:
     """Return the loop where the store ends."""
-    try:
-        loop = _new_loop(experiment, experiment.representation(), store)
-        loop.replay(reader, code.edited if isinstance(code, Continuation) else ())
-    except Exception:
-        if isinstance(code, InputError):
-            # A user who resumes a run with edited code is told so, rather than what follows from it.
-            raise code from None
-        raise
+    loop = _new_loop(experiment, experiment.representation(), store)
+    loop.replay(reader, code.edited if isinstance(code, Continuation) else ())
     return loop
 
 
-def _with_changed_plug_ins(
-    run: Run, before: Experiment, code: Continuation, store: StoreWriter, reader: StoreReader
-) -> Loop:
-    """Return the loop with plug-ins in files whose changed code was accepted."""
-    now = code.experiment
-    representations = before.representation(), now.representation()
-    limits = zip(*(one.bounds for one in representations), strict=True)
+def _require_same_bounds(run: Run, before: Experiment, now: Experiment) -> None:
+    """Raise InputError where plug-ins in files whose changed code was accepted have other parameters."""
+    limits = zip(*(one.representation().bounds for one in (before, now)), strict=True)
     if not all(np.array_equal(one, other) for one, other in limits):
         raise InputError(
             f"{run.path}: its behaviours and conditions now have other parameters, or other ranges of these, "
             "so that its genomes mean other machines; start a new run"
         )
-    changed = _new_loop(now, representations[1], store)
-    changed.replay(reader, code.edited)
-    return changed
 
 
 def _holds_results(folder: Path) -> bool:
