@@ -11,7 +11,6 @@ from swarmwright.common.engine_types import (
     AttemptFields,
     Counts,
     Description,
-    Faults,
     Mission,
     News,
     Presence,
@@ -20,7 +19,6 @@ from swarmwright.common.engine_types import (
     SceneArrays,
     SceneFields,
     ServerEvent,
-    Timeouts,
     WarningFields,
 )
 from swarmwright.servers.evaluation.served_modules import ServedModules
@@ -89,9 +87,9 @@ __all__ = [
 
 __version__: str
 
-TIMEOUTS: Timeouts
+TIMEOUTS: dict[str, Any]
 """The defaults of an experiment's `timeouts`, all of them."""
-FAULTS: Faults
+FAULTS: dict[str, Any]
 """The defaults of an experiment's `faults`, all of them."""
 
 class EngineError(RuntimeError):
@@ -1069,8 +1067,8 @@ class Pool:
         mode: str = "auto",
         metrics: Sequence[str] | None = None,
         visual: bool = False,
-        timeouts: Timeouts | None = None,
-        faults: Faults | None = None,
+        timeouts: dict[str, Any] | None = None,
+        faults: dict[str, Any] | None = None,
         largest: int | None = None,
         alone: bool = False,
         controller: dict[str, Any] | None = None,

@@ -6,28 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class Timeouts(TypedDict, total=False):
-    """How long to wait, in seconds; see an experiment file. What is missing has its default."""
-
-    connect: float
-    """Up to the caller of `_engine.Pool`, which tries once."""
-    discovery: float
-    step: float
-    least: float
-    episode: float
-    keep_alive: int | None
-    """Whole seconds; None: SWARMWRIGHT_KEEP_ALIVE of the environment, or 30."""
-
-
-class Faults(TypedDict, total=False):
-    """How failing, slow and wrong servers and evaluations are treated, as in an experiment file."""
-
-    attempts: int
-    quarantine: int
-    backup: bool
-    audit: float
-
-
 class Requirements(TypedDict):
     """What a simulation server must be able to do."""
 

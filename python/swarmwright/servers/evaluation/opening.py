@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, cast
 
 from swarmwright import _engine
-from swarmwright.common.engine_types import Faults, Requirements, Timeouts
+from swarmwright.common.engine_types import Requirements
 from swarmwright.common.errors import InputError, RunError, engine_errors
 from swarmwright.common.simulation_names import is_command, is_python
 from swarmwright.controllers.modules.grammar import ACTUATORS, SENSORS
@@ -40,7 +40,7 @@ from swarmwright.servers.supervision.local_servers import (
     processors,
     running_on,
 )
-from swarmwright.servers.supervision.supervisor import START_S
+from swarmwright.servers.supervision.place import Limits
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.user_code.changes import files_of
 
@@ -262,8 +262,7 @@ def open_servers(
     servers = LocalServers(
         settings,
         visual=visual,
-        episode_timeout=experiment.timeouts.episode,
-        start_timeout=max(START_S, experiment.timeouts.discovery),
+        limits=Limits.of(experiment.timeouts),
         environment=variables,
     )
     return address, stack.enter_context(servers)
@@ -313,8 +312,8 @@ def _pool(
         mode=experiment.mode,
         metrics=metrics,
         visual=visual,
-        timeouts=cast("Timeouts", experiment.timeouts.model_dump()),
-        faults=cast("Faults", experiment.faults.for_engine()),
+        timeouts=experiment.timeouts.model_dump(),
+        faults=experiment.faults.for_engine(),
         alone=alone,
         controller=None if machines is None else with_digests(machines),
         account=account,

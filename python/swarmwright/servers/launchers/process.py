@@ -13,6 +13,7 @@ from swarmwright.experiment.launchers import LauncherOptions
 from swarmwright.servers.launchers._base import Health, Launcher, LauncherError
 from swarmwright.servers.launchers._specification import Specification
 from swarmwright.servers.supervision import Event, News, Output, Supervisor
+from swarmwright.servers.supervision.place import Limits
 
 if TYPE_CHECKING:
     from swarmwright import _engine
@@ -67,7 +68,7 @@ class Process(Launcher):
             [],
             output=self._output,
             tell=self._hear,
-            step_timeout=self.specification.step_timeout,
+            limits=Limits(step=self.specification.step_timeout),
             environment=self.specification.child_variables(str(here)),
             recycle=self.options.recycle,
         )

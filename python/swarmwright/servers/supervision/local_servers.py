@@ -13,7 +13,7 @@ from swarmwright import _engine
 from swarmwright.common.errors import RunError
 from swarmwright.servers.server_use import ServerUses
 from swarmwright.servers.supervision import Ended, Event, News, Output, Supervisor
-from swarmwright.servers.supervision.supervisor import START_S
+from swarmwright.servers.supervision.place import Limits
 
 _log = logging.getLogger("swarmwright")
 
@@ -43,8 +43,8 @@ class LocalServers:
         settings: the arguments of `_engine.serve`, one mapping per server; a simulation in Python by its
             class.
         visual: let the servers draw on this process's standard output.
-        episode_timeout: seconds that an evaluation may take on a server; None for any time.
-        start_timeout: seconds that a server may take to start, which includes the imports of a simulation.
+        limits: of their time.
+        environment: further variables of the processes.
 
     Raises:
         RunError: on entry, when a server does not start; the message holds its last output.
@@ -56,11 +56,11 @@ class LocalServers:
         settings: list[dict[str, Any]],
         *,
         visual: bool = False,
-        episode_timeout: float | None = None,
-        start_timeout: float = START_S,
+        limits: Limits | None = None,
         environment: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        self._start = start_timeout
+        limits = limits or Limits()
+        self._start = limits.start
         self._broker = str(settings[0]["broker"])
         self.output = Output()
         self._supervisor = Supervisor(
@@ -68,9 +68,7 @@ class LocalServers:
             draws=visual,
             output=self.output,
             tell=self._heard,
-            step_timeout=float(settings[0]["step_timeout"]),
-            episode_timeout=episode_timeout,
-            start_timeout=start_timeout,
+            limits=limits,
             environment=environment,
         )
         self._started: queue.SimpleQueue[News] = queue.SimpleQueue()

@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright.servers.supervision.process import Process
 from swarmwright.servers.supervision.progress import Sample
 from swarmwright.servers.supervision.server_exit import ServerExit
+
+if TYPE_CHECKING:
+    from swarmwright.experiment.document import Timeouts
 
 FIRST_PAUSE_S = 0.1
 """Seconds before a server is started again; doubled with each end in a row before which it did nothing."""
@@ -18,13 +21,25 @@ MOST_STARTS = 5
 """Starts in a row that fail before a server is given up; also ends in a row at nothing, twice as many."""
 
 
+START_S = 30.0
+"""Seconds that a server has to start, at least."""
+
+
 @dataclass(frozen=True)
 class Limits:
-    """Seconds that servers may take: to start, for a step and for an episode; None for any time."""
+    """Seconds that servers may take."""
 
-    start: float
-    step: float | None
-    episode: float | None
+    start: float = START_S
+    """Until it is on the broker, which includes the imports of a simulation."""
+    step: float | None = None
+    """For a step of an offloaded evaluation; None for any time."""
+    episode: float | None = None
+    """For an evaluation; None for any time."""
+
+    @classmethod
+    def of(cls, timeouts: "Timeouts") -> Self:
+        """Return those of an experiment."""
+        return cls(max(START_S, timeouts.discovery), timeouts.step, timeouts.episode)
 
 
 @dataclass

@@ -25,9 +25,6 @@ CHECK_S = 0.2
 FAST_CHECK_S = 0.01
 """Seconds between two checks where a server is silent or is about to end."""
 
-START_S = 30.0
-"""Seconds that a server has to start, at least."""
-
 
 class Supervisor:
     """Servers of these settings, from `start` to `stop`.
@@ -38,9 +35,7 @@ class Supervisor:
         restart: whether those that end are started again.
         output: takes what they print.
         tell: gets the news, on another thread; must not call back.
-        step_timeout: seconds that a step of an offloaded evaluation may take; None for any time.
-        episode_timeout: seconds that one evaluation may take.
-        start_timeout: seconds that a server may take until it is on the broker.
+        limits: of their time.
         environment: further variables of the processes.
         recycle: evaluations after which a process is replaced; 0 for never. The first processes of servers
             that start together are replaced one after another, some after fewer.
@@ -54,9 +49,7 @@ class Supervisor:
         restart: bool = True,
         output: Output,
         tell: Callable[[News], None],
-        step_timeout: float | None = None,
-        episode_timeout: float | None = None,
-        start_timeout: float = START_S,
+        limits: Limits | None = None,
         environment: Mapping[str, str] | None = None,
         recycle: int = 0,
     ) -> None:
@@ -66,7 +59,7 @@ class Supervisor:
         self._draws, self._restart, self._recycle = draws, restart, recycle
         self._output = output
         self._tell = tell
-        self._limits = Limits(start_timeout, step_timeout, episode_timeout)
+        self._limits = limits or Limits()
         self._supervision: _engine.Supervision | None = None
         self._last: _engine.Supervision | None = None
         self._stopping = threading.Event()

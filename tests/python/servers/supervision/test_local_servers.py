@@ -12,6 +12,7 @@ import pytest
 from swarmwright import Experiment, RunError, _engine, evaluate
 from swarmwright.servers.supervision import Supervisor
 from swarmwright.servers.supervision.local_servers import LocalServers, automatic_count
+from swarmwright.servers.supervision.place import Limits
 
 
 def settings(broker: str, identifier: int = 1) -> dict[str, Any]:
@@ -55,7 +56,7 @@ def test_no_broker(unused_port: int) -> None:
 def test_a_server_that_takes_longer_to_start_than_it_may(embedded_broker: str) -> None:
     with (
         pytest.raises(RunError, match=r"did not start within 0.001 s; timeouts.discovery of the experiment"),
-        LocalServers([settings(embedded_broker, 9)], start_timeout=0.001) as servers,
+        LocalServers([settings(embedded_broker, 9)], limits=Limits(start=0.001)) as servers,
     ):
         pytest.fail(f"started: {servers.pids}")
 
