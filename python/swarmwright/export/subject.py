@@ -350,24 +350,8 @@ def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], .
 
 
 def _described(run: "Run") -> Mapping[str, Any]:
-    """Return what is known of the simulation without executing its code, see `catalogue.channels`.
-
-    What the run has stored, or else, of one that an earlier version made, the description of a simulation
-    that is built in, of robots with ROS or of an FMU.
-    """
-    stored = run._store.channels()
-    if stored is not None:
-        return stored
-    simulation = run.experiment.simulation
-    prefix = SimulationName.parse(simulation).prefix
-    if prefix not in (SimulationName.ROS, SimulationName.FMU) and not catalogue.built_in(simulation):
-        return {}
-    try:
-        return catalogue.channels(simulation, run.experiment.parameters)
-    except SwarmwrightError:
-        if prefix != SimulationName.FMU:
-            raise
-        return {}  # the FMU is gone, which is the reason that is named
+    """Return what the run has stored of the simulation, see `catalogue.channels`."""
+    return run._store.channels() or {}
 
 
 def _of_part(channels: Mapping[str, Any], part: Member | None) -> Mapping[str, Any]:

@@ -29,8 +29,7 @@ def write(files: Mapping[str, str | bytes], folder: Path, *, force: bool = False
     """Write files into a folder, which is made if needed; return their paths.
 
     One that users are to edit is kept where they have: the new one has `.new` behind its name, and a warning
-    says so. Any other file that was edited is refused; `DIGESTS` has the digests by which this is noticed,
-    and which files of earlier versions lack.
+    says so. Any other file that was edited is refused; `DIGESTS` has the digests by which this is noticed.
 
     force: write over files that Swarmwright did not export, and over edited ones.
 

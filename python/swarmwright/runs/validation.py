@@ -90,7 +90,7 @@ class Validation:
     """Name of the slow simulation of the ranking, where the candidates were evaluated in that one."""
     start: ControllerEvaluation | None = None
     """The controller that the method's first sample was drawn around, which is not a candidate of the run.
-    None where there is no such controller, and in runs of earlier versions."""
+    None where there is no such controller."""
 
     def __repr__(self) -> str:
         """Say how good the best of the run is."""

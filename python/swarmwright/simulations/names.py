@@ -60,9 +60,8 @@ def relative_name(name: str, folder: Path) -> str:
 def of_run(name: str, run: Path) -> str:
     """Return the absolute name of a run's simulation.
 
-    Without a copy in the run folder, because an earlier version wrote it or the copy was deleted, a file in
-    or beside the folder takes precedence over the original place: a folder may be copied together with its
-    file.
+    Where the copy in the run folder was deleted, a file in or beside the folder takes precedence over the
+    original place: a folder may be copied together with its file.
     """
     parsed = SimulationName.parse(name)
     file = parsed.file

@@ -20,9 +20,6 @@ FILE = STORE
 """Name of the store in a run folder."""
 NEW = f"{FILE}.new"
 """What it is called while it is made."""
-BEST, FRONT = "best", "front"
-"""Fact of runs of nsga2, and its value: of equal fitness, the best evaluation is one of the front. Stores of
-earlier versions lack it: there it is the first, and so is the one of the validation and of best.json."""
 FORMAT = 6
 """Version of the store. No other version is read."""
 _PAGES = ((1 << 20, 65536), (3 << 14, 16384), (0, 4096))

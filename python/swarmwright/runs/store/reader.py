@@ -20,7 +20,7 @@ from swarmwright.common.statistics import Summary
 from swarmwright.runs.store import journal, pieces
 from swarmwright.runs.store.best_of_equals import BestOfEquals
 from swarmwright.runs.store.blocks import Record, joined
-from swarmwright.runs.store.database import BEST, FILE, FRONT, DamageError, checked_facts, reading, reading_on
+from swarmwright.runs.store.database import FILE, DamageError, checked_facts, reading, reading_on
 from swarmwright.runs.store.generations import LARGEST, Generations, Row
 from swarmwright.runs.store.lookup import Best, Evaluation, Lookup
 from swarmwright.servers.rows import (
@@ -233,9 +233,9 @@ class StoreReader:
             raise DamageError(self.file, f"the fact servers: {error}") from error
 
     def channels(self) -> dict[str, Any] | None:
-        """Return what is stored of sensors and actuators, see `catalogue.channels`; None in older runs.
+        """Return what is stored of sensors and actuators, see `catalogue.channels`.
 
-        Also None of a simulation that only servers know. Raises InputError where it is not such a mapping.
+        None of a simulation that only servers know. Raises InputError where it is not such a mapping.
         """
         text = self._facts_then().get("channels")
         if text is None:
@@ -310,11 +310,9 @@ class StoreReader:
 
     @cached_property
     def _best_of_equals(self) -> BestOfEquals | None:
-        """Finds the best in runs of `nsga2` whose store has the fact BEST; None: the first is the best."""
-        if self._facts.get(BEST) != FRONT:
-            return None
-        goals: dict[str, str] = self._parsed(self._facts["experiment"])["method"]["objectives"]
-        return BestOfEquals(goals, self.metrics)
+        """Finds the best in runs of `nsga2`, one of the front; None: the first of equal ones is the best."""
+        method = self._parsed(self._facts["experiment"])["method"]
+        return BestOfEquals(method["objectives"], self.metrics) if method["kind"] == "nsga2" else None
 
     def leading(
         self,

@@ -18,7 +18,7 @@ from swarmwright.common.files import write_text
 from swarmwright.common.tracebacks import located, words_of
 from swarmwright.common.yaml import dump
 from swarmwright.controllers import Representation
-from swarmwright.runs.store.database import BEST, FILE, FRONT, NEW, code_of, seal_facts, transaction
+from swarmwright.runs.store.database import FILE, NEW, code_of, seal_facts, transaction
 from swarmwright.runs.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.runs.store.generations import digest_before
 from swarmwright.runs.store.insertion import SeedsText, insert_event, insert_generation, insert_journal
@@ -101,8 +101,6 @@ class StoreWriter:
             "metrics": json.dumps(list(metrics)),
             "created": timestamp(),
         }
-        if experiment.method.kind == "nsga2":
-            facts[BEST] = FRONT
         if channels is not None:
             facts["channels"] = json.dumps(channels, allow_nan=False)
         try:

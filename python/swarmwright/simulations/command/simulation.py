@@ -515,16 +515,14 @@ class CommandSimulation(Simulation):
     def _check_names(self, parameters: Mapping[str, Any]) -> None:
         """Raise CommandFailure where a value of the experiment has the name of a placeholder that is used.
 
-        New experiments are refused then. Stored ones may be from versions that put the value there, and would
-        now compute something else.
+        Experiments are refused then; other tools may send such a parameter, whose value would reach nothing.
         """
         own = self.parameters
         for name, value in parameters.items():
             if name in self._placeholders_used and (name not in own or own[name] != value):
                 raise CommandFailure(
-                    f"the parameter {name} has the name of {{{name}}}, {IN_A_COMMAND[name]}, in the place of "
-                    "which earlier versions put its value; start a new run in which the parameter, and its "
-                    "placeholder, have another name"
+                    f"the parameter {name} has the name of {{{name}}}, {IN_A_COMMAND[name]}, so that its "
+                    "value would not reach the command; give the parameter, and its placeholder, another name"
                 )
 
     @cached_property

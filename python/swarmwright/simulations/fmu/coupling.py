@@ -123,7 +123,7 @@ def _scaling(
 def _is_known(variable: Variable) -> bool:
     """Whether a variable says what it is scaled from, or shows by unit or limits that it is not scaled.
 
-    Others may be scaled: FMUs of earlier versions do not say so, and have limits of -1 and 1 or none.
+    Others may be scaled, as FMUs of other tools are that do not say so.
     """
     limits = variable.minimum, variable.maximum
     return variable.stands_for is not None or bool(variable.unit) or limits not in ((None, None), (-1.0, 1.0))
