@@ -336,7 +336,7 @@ class CommandOptions(Definition):
                 "command",
                 "{log} needs one log; write log: result.csv"
                 if not self.log
-                else "command: {log} needs one log, not several; write their paths as {folder}/NAME",
+                else "{log} needs one log, not several; write their paths as {folder}/NAME",
             )
         if "{controller}" in text and not self.takes_controller:
             raise FieldError("command", "{controller} needs a controller: json, c, cpp, python or onnx")
