@@ -9,6 +9,7 @@ import ast
 import json
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -85,6 +86,7 @@ class SimulationName:
     """Of an environment: what follows the question mark."""
 
     @classmethod
+    @lru_cache
     def parse(cls, text: str) -> Self:
         """Take a name apart; any text that names neither a class, an environment nor a command is a title."""
         if _DEFINED.match(text):
