@@ -88,9 +88,14 @@ class SimulationName:
     @classmethod
     @lru_cache
     def parse(cls, text: str) -> Self:
-        """Take a name apart; any text that names neither a class, an environment nor a command is a title."""
-        if _DEFINED.match(text):
-            folder = json.loads(text.partition(":")[2]).get("folder", ".")
+        """Take a name apart; any text that names neither a class, an environment nor a command is a title.
+
+        Raises InputError for a command that is not the JSON text of one.
+        """
+        if is_definition(text):
+            folder = definition_in(text).get("folder", ".")
+            if not isinstance(folder, str):
+                raise InputError(f"{text[:60]}: the folder must be text, not {folder!r}")
             return cls(text, "", str(Path(folder) / cls.DEFINITION), "", "")
         match = _ENVIRONMENT.fullmatch(text)
         if match is not None:
@@ -106,7 +111,7 @@ class SimulationName:
     @property
     def is_command(self) -> bool:
         """Whether a command runs it: it is one, or a ROS system or an FMU, which a program drives."""
-        return _DEFINED.match(self.text) is not None
+        return is_definition(self.text)
 
     @property
     def prefix(self) -> str:
@@ -116,8 +121,7 @@ class SimulationName:
     @property
     def definition(self) -> dict[str, Any]:
         """What an experiment says of a command, every default left out."""
-        values: dict[str, Any] = json.loads(self.text.partition(":")[2])
-        return values
+        return definition_in(self.text)
 
     @property
     def is_python(self) -> bool:
@@ -170,6 +174,23 @@ class SimulationName:
                 raise InputError(f"{self.text}: the option {key} is given twice; leave one")
             options[key] = _value(value)
         return options
+
+
+def is_definition(name: str) -> bool:
+    """Whether a name is that of a command, with its definition."""
+    return _DEFINED.match(name) is not None
+
+
+def definition_in(name: str) -> dict[str, Any]:
+    """Return the mapping that a command's name has behind its prefix. Raises InputError for other text."""
+    try:
+        values: dict[str, Any] = json.loads(name.partition(":")[2])  # it begins with a brace
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"{name[:60]}: is not the JSON text of a command ({error}); an experiment has a mapping there, "
+            "such as simulation: {command: ..}"
+        ) from error
+    return values
 
 
 def is_environment(name: str) -> bool:

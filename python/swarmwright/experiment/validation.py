@@ -8,7 +8,7 @@ from typing import Any
 
 from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.common.problems import Report, shown
-from swarmwright.common.simulation_names import LIBRARIES, is_in_file, is_python
+from swarmwright.common.simulation_names import LIBRARIES, definition_in, is_definition, is_in_file, is_python
 from swarmwright.common.yaml import Path_, Source
 from swarmwright.experiment.checks import check_values
 from swarmwright.experiment.document import DEFAULT_KINDS, STORE, Checked
@@ -120,6 +120,12 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
     simulation = values.get("simulation")
     if isinstance(simulation, str) and simulation.endswith((".fmu", ".ssp")):
         simulation = {"fmu": simulation}
+    if isinstance(simulation, str) and is_definition(simulation):
+        try:
+            simulation = definition_in(simulation)
+        except InputError as error:
+            report(("simulation",), str(error))
+            return False
     if isinstance(simulation, Mapping) and not {*LIBRARIES}.isdisjoint(simulation):
         library, name = next((one, simulation[one]) for one in LIBRARIES if one in simulation)
         written = f"{library}:{name or 'NAME'}"

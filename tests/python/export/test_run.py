@@ -15,7 +15,6 @@ from swarmwright.controllers.source.text import identifiers, plain
 from swarmwright.export.golden import Golden
 from swarmwright.export.subject import Subject, subject_of
 from swarmwright.runs.store.database import seal_facts
-from swarmwright.simulations import catalogue
 
 MINISIM: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "ranking": {"episodes": 3},
@@ -380,20 +379,6 @@ def test_an_edited_sketch_is_kept(minisim: Run, tmp_path: Path, caplog: pytest.L
     assert "has been edited since it was exported, and is kept" in caplog.text
     export(0, force=True)
     assert sketch.read_text() == first
-
-
-def test_a_description_that_cannot_be_had_is_no_reason_to_go_without(
-    minisim: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """That an FMU is gone is one."""
-
-    def refused(*_: Any) -> Any:
-        raise InputError("not to be had")
-
-    monkeypatch.setattr(catalogue, "channels", refused)
-    monkeypatch.setattr(type(minisim._store), "channels", lambda _: None)  # of an earlier version
-    with pytest.raises(InputError, match="not to be had"):
-        subject_of(minisim)
 
 
 @pytest.mark.slow

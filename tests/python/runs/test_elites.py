@@ -2,7 +2,6 @@
 
 import json
 import shlex
-import sqlite3
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from swarmwright.common.statistics import mean
 from swarmwright.methods.nsga2 import Nsga2Options
 from swarmwright.runs.store import StoreReader
 from swarmwright.runs.store.best_of_equals import BestOfEquals
-from swarmwright.runs.store.database import seal_facts
 from tests.python.records import same_record
 
 BASE: dict[str, Any] = {
@@ -264,24 +262,6 @@ def test_of_equal_fitness_the_best_has_the_best_objectives_in_their_order(oppose
         numbers = [followed.number(generations, row) for row in generations.rows()]
     assert numbers[0] < 20
     assert numbers[-1] == opposed.evaluation().number
-
-
-def test_in_stores_of_earlier_versions_the_best_stays_the_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("swarmwright.runs.store.writer.FRONT", "")
-    run = unsteady_run("maximize", tmp_path, monkeypatch)
-    connection = sqlite3.connect(run.path / "run.sqlite")
-    with connection:
-        connection.execute("DELETE FROM fact WHERE name = 'best'")
-        seal_facts(connection)
-    connection.close()
-    earlier = Run.open(run.path)
-    assert (earlier.best.generation, earlier.best.candidate) == (0, 0)
-    assert earlier.evaluation().number == earlier._store.leading(3)[0].number == 0
-    assert earlier.validation is not None
-    assert (earlier.validation.best.generation, earlier.validation.best.candidate) == (0, 0)
-    assert not earlier.validation_is_due
 
 
 @pytest.mark.slow

@@ -20,17 +20,19 @@ from pydantic import (
     StrictFloat,
     StrictInt,
     StrictStr,
+    ValidationError,
     WithJsonSchema,
     field_validator,
     model_validator,
 )
 
 from swarmwright.common import metric_names
+from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
-from swarmwright.common.problems import FieldError, shown
+from swarmwright.common.problems import FieldError, problems_of, shown
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.common.yaml import Path_
+from swarmwright.common.yaml import Path_, dotted_path
 from swarmwright.simulations.command import work_files
 from swarmwright.simulations.ros.reductions import FUNCTIONS
 
@@ -141,8 +143,14 @@ class Definition(Options):
 
     @classmethod
     def of(cls, name: str) -> Self:
-        """Return what a simulation's name holds."""
-        return cls.model_validate_json(name.removeprefix(cls.prefix))
+        """Return what a simulation's name holds. Raises InputError for what is no such definition."""
+        try:
+            return cls.model_validate_json(name.removeprefix(cls.prefix))
+        except ValidationError as error:
+            found = problems_of(error, cls, (cls.prefix.removesuffix(":"),))
+            raise InputError(
+                "\n".join(f"{dotted_path(path)}: {message}" for path, message in found)
+            ) from error
 
     @abstractmethod
     def as_command(self) -> "CommandOptions":

@@ -7,6 +7,7 @@ import jsonschema
 import pytest
 
 from swarmwright import Experiment, InputError
+from swarmwright.simulations.catalogue import title
 
 YAML = """
 simulation:
@@ -159,3 +160,25 @@ def test_the_schema_has_commands() -> None:
     validator.validate(experiment().to_mapping())
     with pytest.raises(jsonschema.ValidationError):
         validator.validate({"simulation": {"command": "x", "tmeout": 5}})
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("command:{x", "simulation: command:{x: is not the JSON text of a command (Expecting property name"),
+        ("command:{" + '"a": {' * 100_000, ": is not the JSON text of a command (maximum recursion"),
+        ('command:{"command": "true"}', "simulation.log: is missing"),
+        ('command:{"folder": 3}', "simulation.folder: must be text, not 3"),
+        ("ros:{}", "simulation.command: is missing"),
+    ],
+)
+def test_a_definition_as_text_is_checked_as_a_mapping_is(name: str, reason: str) -> None:
+    with pytest.raises(InputError) as raised:
+        Experiment.from_mapping({"simulation": name})
+    assert reason in str(raised.value)
+
+
+@pytest.mark.parametrize("name", ["command:{x", 'command:{"folder": 3}', 'fmu:{"fmu": 1}', "ros:{}"])
+def test_servers_of_a_broken_definition_are_refused(name: str) -> None:
+    with pytest.raises(InputError):
+        title(name)
