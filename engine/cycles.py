@@ -28,7 +28,6 @@ KNOWN: dict[str, list[set[str]]] = {
     "checks/schedules": [{"client", "simulator"}],
     "net/mqtt": [
         {"dialect", "publication", "session"},
-        {"", "unix"},
         {"accounts", "settings"},
         {"connection", "handshake"},
     ],
@@ -191,7 +190,9 @@ class Crate:
             used = {path[0] for path in module.paths}
             imports = module.imports.items()
             imported = [path for alias, path in imports if alias in used or alias not in module.exported]
-            for path in [*imported, *module.paths, *([*path, "*"] for path in module.globs)]:
+            # A name alone, as of a field, is never that of a module.
+            named = [path for path in module.paths if len(path) > 1 or path[0] not in module.children]
+            for path in [*imported, *named, *([*path, "*"] for path in module.globs)]:
                 target = self.resolve(name, path)
                 if target is not None and target[0] != name:
                     self.names.setdefault((name, target[0]), set()).add(target[1])

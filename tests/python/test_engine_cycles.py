@@ -84,6 +84,11 @@ def test_a_re_export_is_of_the_module_that_defines_it(cycles: ModuleType, tmp_pa
     assert found(cycles, tmp_path, **files, a__mod=folder) == [["a::b", "a::c"]]
 
 
+def test_a_field_with_the_name_of_a_module(cycles: ModuleType, tmp_path: Path) -> None:
+    files = {"lib": "mod a;\n", "a__b": "use super::A;\npub struct B(A);"}
+    assert found(cycles, tmp_path, **files, a__mod="mod b;\npub struct A { b: u8 }") == []
+
+
 def test_a_folder_that_uses_what_uses_it(cycles: ModuleType, tmp_path: Path) -> None:
     files = {"lib": "mod a;\n", "a__b": "use super::A;\npub struct B(A);"}
     assert found(cycles, tmp_path, **files, a__mod="mod b;\npub struct A;\nfn f(_: b::B) {}") == [
