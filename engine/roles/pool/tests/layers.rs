@@ -17,9 +17,6 @@ const PARTS: [&str; 9] = [
     "scheduler::view",
     "scheduler::speculation",
 ];
-/// Files of the folder of modes that are routes of the scheduler.
-const ROUTES: [&str; 4] = ["batched", "offloaded", "requests", "stepwise"];
-
 /// By module: the modules that it imports.
 type Imports = BTreeMap<String, BTreeSet<String>>;
 
@@ -127,12 +124,7 @@ fn parts_import_those_before_them_only() {
         let is_in = |part: &&str| module == *part || module.starts_with(&format!("{part}::"));
         PARTS.iter().position(is_in)
     };
-    let is_route = |module: &str| {
-        ROUTES
-            .iter()
-            .any(|route| module.ends_with(&format!("modes::{route}")))
-    };
-    for (module, imported) in imports.iter().filter(|(module, _)| !is_route(module)) {
+    for (module, imported) in &imports {
         let Some(place) = part(module) else {
             continue;
         };

@@ -6,23 +6,15 @@
 //! `audit`, `messages`, `outbox`, `outlook`. Decisions that need several parts are made on a `View` of them: `share`
 //! (how much work a server gets), `speculation` (what is worth a backup copy).
 //!
-//! The other files are the routes, parts of the scheduler itself: `events` (messages and time), `servers` (discovery and
-//! presence), `dispatch`, `settle` (results), `retry`, `attribution`, `agreement` (audits), `backup`, `duplicates` (two
-//! servers with one id), `supervised` (processes that are watched), and `modes/{stepwise, batched, offloaded}`.
+//! The scheduler's own files are `routes`, which lead from what comes in to the parts and from part to part, and `status`
+//! (how it stands).
 //!
 //! Discovery goes out in rounds, each with its own hash. Every fitting server that answers gets work, in the fastest way
 //! that it offers, and more as soon as it has done some (`dispatch`). What fails is tried again, on another server if
 //! there is one. Results are kept by candidate and episode, so that the order of arrival leaves no trace.
 
-mod agreement;
-mod attribution;
 mod audit;
-mod backup;
-mod dispatch;
-mod duplicates;
-mod events;
 pub(crate) mod fleet;
-pub(crate) mod holdings;
 mod job;
 mod limits;
 mod messages;
@@ -31,18 +23,13 @@ pub(crate) mod outbox;
 mod outlook;
 pub(crate) mod queue;
 mod recheck;
-mod retry;
-mod servers;
-mod settle;
+mod routes;
 mod share;
 mod speculation;
-mod status;
-mod supervised;
+pub(crate) mod status;
 mod view;
 
 use std::time::Instant;
-
-use swarmwright_protocol::Topic;
 
 use crate::config::Config;
 use crate::counts::Counts;
@@ -52,19 +39,16 @@ use crate::scheduler::fleet::Fleet;
 use crate::scheduler::fleet::discovery::Discovery;
 use crate::scheduler::fleet::duplicates::Unproven;
 use crate::scheduler::fleet::processes::Processes;
-use crate::scheduler::job::Job;
 use crate::scheduler::limits::Limits;
 use crate::scheduler::messages::Messages;
 use crate::scheduler::modes::in_flight::InFlight;
-use crate::scheduler::modes::request::Request;
 pub use crate::scheduler::outbox::Action;
 use crate::scheduler::outbox::Outbox;
 use crate::scheduler::outlook::Outlook;
 use crate::scheduler::queue::ledger::Ledger;
-use crate::scheduler::queue::results::{Results, Settled};
 use crate::scheduler::recheck::Recheck;
 use crate::scheduler::view::View;
-use crate::work::{Work, WorkError};
+use crate::work::Work;
 
 /// The decisions of one optimization tool.
 pub struct Scheduler {
@@ -134,62 +118,9 @@ impl Scheduler {
         self.outbox.drain()
     }
 
-    pub(crate) fn publish(&mut self, topic: Topic, payload: Vec<u8>) {
-        if matches!(topic, Topic::Parameters | Topic::Actuator) {
-            self.limits.sent_whole(payload.len());
-        }
-        self.outbox.publish(topic, payload);
-    }
-
     /// How many warnings were not made since the last call, as others had been that were the same.
     pub fn take_repeated(&mut self) -> Vec<String> {
         self.outbox.take_repeated()
-    }
-
-    /// Begins a block of work.
-    pub fn submit(&mut self, work: Work, now: Instant) {
-        self.cancel();
-        self.messages.begin(&self.config, work.seeds());
-        self.config
-            .demand
-            .set_controllers(work.kind(), work.architecture());
-        for (server, reason) in self.fleet.assign(&self.config.demand) {
-            self.outbox
-                .warn(format!("server {server} is not used: it {reason}"));
-        }
-        self.settle_sizes();
-        self.outlook.begin();
-        self.fleet.new_work();
-        self.work_number += 1;
-        self.limits.begin(self.beside(&work));
-        self.ledger = Ledger::new(work, self.config.demand.metrics.len());
-        self.discovery.work_began(now);
-        self.dispatch(now);
-    }
-
-    /// The run begins with the servers that are there: those that announce other numbers of sensors or actuators than most
-    /// of them are not used.
-    pub(crate) fn settle_sizes(&mut self) {
-        for (server, reason) in self.fleet.settle_sizes() {
-            self.outbox
-                .warn(format!("server {server} is not used: it {reason}"));
-        }
-    }
-
-    /// Adds candidates to the work that is under way; see [`Work::extend`].
-    ///
-    /// # Errors
-    /// As [`Work::extend`].
-    pub fn extend(&mut self, genomes: &[f32], now: Instant) -> Result<(), WorkError> {
-        self.ledger.extend(genomes)?;
-        self.dispatch(now);
-        Ok(())
-    }
-
-    /// The candidates of which all episodes have ended since the last call.
-    pub fn take_settled(&mut self) -> Settled {
-        self.hands_out();
-        self.ledger.take_settled()
     }
 
     /// Number of evaluations that have been asked for.
@@ -210,94 +141,15 @@ impl Scheduler {
         self.ledger.finished()
     }
 
-    /// What came out for every candidate in every episode, once all have ended.
-    pub fn take_results(&mut self) -> Results {
-        self.take_all().0
-    }
-
-    /// As [`take_results`](Self::take_results), and the work that was submitted last.
-    pub fn take_all(&mut self) -> (Results, Option<Work>) {
-        self.hands_out();
-        self.ledger.take_results()
-    }
-
     /// The attempts made since the last call, each with its start.
     pub fn take_journal(&mut self) -> Vec<(Attempt, Instant)> {
         self.journal.take()
-    }
-
-    /// Gives up all work: ends what the servers have to do.
-    pub fn cancel(&mut self) {
-        let requests = self.in_flight.clear();
-        for (server, jobs) in self.fleet.take_all_jobs() {
-            let mut offloaded = false;
-            for job in &jobs {
-                match job {
-                    Job::Episode(hash) => {
-                        self.in_flight.remember(hash, server, false);
-                        self.end_run(server, hash);
-                    }
-                    Job::Request(number) => match requests.get(number) {
-                        Some(Request {
-                            batch: Some(batch), ..
-                        }) => {
-                            let step = batch.steps().saturating_sub(1);
-                            self.end_batch(server, *number, step);
-                        }
-                        _ => offloaded = true,
-                    },
-                }
-            }
-            if offloaded {
-                self.let_go(server);
-            }
-        }
-        self.ledger = Ledger::default();
-        self.audits.clear();
-    }
-
-    /// Frees all servers that this tool still holds.
-    pub fn release(&mut self) {
-        self.cancel();
-        for (server, hash) in self.fleet.release() {
-            let hash = hash.unwrap_or_else(|| self.messages.new_hash());
-            self.end_run(server, &hash);
-        }
-    }
-
-    /// Frees a server, and ends what it still has to do for this tool.
-    pub(crate) fn let_go(&mut self, server: u64) {
-        let last = self.fleet.last_hash(server);
-        let hash = last.unwrap_or_else(|| self.messages.new_hash());
-        self.end_run(server, &hash);
-    }
-
-    /// Starts or ends an episode; a server that listens on its own topic hears it there, and no other one.
-    pub(crate) fn control(&mut self, server: u64, hash: String, run: bool) {
-        // Of two servers with one id it is this one that is meant.
-        let instance = run.then(|| self.fleet.instance(server)).flatten();
-        let control = self
-            .messages
-            .control(&self.config, server, instance, hash, run);
-        let payload = control.encode();
-        if self.fleet.hears_own_topic(server) {
-            self.outbox.push(Action::Control { server, payload });
-        } else {
-            self.publish(Topic::Control, payload);
-        }
     }
 
     /// Why the work cannot be done, however often it is tried: a part of it is larger than the broker takes.
     #[must_use]
     pub fn hopeless(&self) -> Option<&str> {
         self.limits.hopeless()
-    }
-
-    /// Tells the user once what was learnt of how much the broker takes.
-    pub(crate) fn tell_of_limits(&mut self) {
-        if let Some(text) = self.limits.take_news(self.finished()) {
-            self.outbox.warn(text);
-        }
     }
 
     /// What is known, to decide by.

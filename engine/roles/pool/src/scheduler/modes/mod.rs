@@ -1,13 +1,9 @@
 //! Work under way on servers, by mode of evaluation.
 
 pub(crate) mod batch;
-mod batched;
 pub(crate) mod episode;
 pub(crate) mod in_flight;
-mod offloaded;
 pub(crate) mod request;
-mod requests;
-mod stepwise;
 
 use std::time::Duration;
 

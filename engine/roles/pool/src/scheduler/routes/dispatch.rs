@@ -1,14 +1,106 @@
-//! Backup copies are queued and started; what is worth a copy is decided in [`speculation`](super::speculation).
+//! Gives work to servers; how much is decided in [`share`](crate::scheduler::share), what is worth a backup copy in
+//! [`speculation`](crate::scheduler::speculation).
 
 use std::time::{Duration, Instant};
 
+use crate::mode::Way;
 use crate::scheduler::Scheduler;
+use crate::scheduler::fleet::capacity::{Capacity, number};
+use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::queue::piece::Piece;
+use crate::scheduler::share::IN_FLIGHT;
 
 /// How often it is looked whether one has become worth while.
 const RECHECK_INTERVAL: Duration = Duration::from_millis(20);
 
 impl Scheduler {
+    /// Gives work to every server that has room for it, to those that have none first.
+    pub(super) fn dispatch(&mut self, now: Instant) {
+        self.fleet.suspend(self.ledger.good().is_some());
+        self.resolve(now);
+        if self.ledger.queued() > 0 {
+            self.recheck.clear();
+            self.give_away(now);
+        }
+        self.probe(now);
+        self.start_backups(now);
+        self.judge(now);
+    }
+
+    fn give_away(&mut self, now: Instant) {
+        let mut capacity = None;
+        for jobs in 0..IN_FLIGHT {
+            let room = |slot: &Slot| {
+                slot.usable()
+                    && slot.jobs.len() == jobs
+                    && (jobs == 0 || slot.way == Way::Offloaded)
+            };
+            let slots = self.fleet.slots().filter(|(_, slot)| room(slot));
+            let servers: Vec<u64> = slots.map(|(id, _)| id).collect();
+            if servers.is_empty() {
+                continue;
+            }
+            let capacity = capacity.get_or_insert_with(|| Capacity::of(&self.fleet));
+            for server in servers {
+                if self.ledger.queued() == 0 {
+                    return;
+                }
+                self.give(server, capacity, now);
+            }
+        }
+    }
+
+    fn give(&mut self, server: u64, capacity: &mut Capacity, now: Instant) {
+        let Some(slot) = self.fleet.slot(server) else {
+            return;
+        };
+        let most = self.view().most(slot, capacity);
+        let alone = slot.rate.map_or(0.0, |rate| number(most) / rate);
+        if !self.view().is_worth_while(server, most, capacity, now)
+            && !self.has_waited(server, alone, now)
+        {
+            return;
+        }
+        if !self.fleet.consider(server) {
+            return;
+        }
+        let Some(piece) = self.ledger.take(server, &capacity.servers, most) else {
+            return;
+        };
+        capacity.gave(server, alone);
+        self.start(piece, server, now);
+    }
+
+    /// Gives a piece to a server.
+    pub(super) fn start(&mut self, piece: Piece, server: u64, now: Instant) {
+        match self.fleet.slot(server).map(|slot| slot.way) {
+            Some(Way::Stepwise) => self.start_episode(piece, server, now),
+            Some(Way::Batched(_)) => self.start_batch(piece, server, now),
+            Some(Way::Offloaded) => self.send_block(piece, server, now),
+            None => self.ledger.put_back(&piece),
+        }
+    }
+
+    /// Whether a server that has nothing to do has been passed over for so long that it could have done the work itself:
+    /// the others are not as fast as they were.
+    fn has_waited(&mut self, server: u64, alone: f64, now: Instant) -> bool {
+        let Some(since) = self.fleet.pass_over(server, now) else {
+            return false;
+        };
+        let Some(end) = Duration::try_from_secs_f64(alone)
+            .ok()
+            .and_then(|alone| since.checked_add(alone))
+        else {
+            return false;
+        };
+        if end < now {
+            return true;
+        }
+        let end = end + Duration::from_millis(1);
+        self.recheck.hasten(end);
+        false
+    }
+
     /// Gives the work of servers that have been silent for strangely long to others as well.
     pub(super) fn back_up_stragglers(&mut self, now: Instant) {
         for server in self.view().stragglers(now) {
