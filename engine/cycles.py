@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 ENGINE = Path(__file__).parent
-ALL = ("worlds/arena",)
+ALL = ("roles/pool", "worlds/arena")
 """Crates without any cycle."""
 KNOWN: dict[str, list[set[str]]] = {
     "bindings/c": [{"error", "input"}, {"foreign", "parallel"}],

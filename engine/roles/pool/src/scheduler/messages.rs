@@ -2,9 +2,12 @@
 
 use serde_json::{Map, Value};
 use swarmwright_controllers::Controller;
-use swarmwright_protocol::{Control, Discovery, EpisodeHasher, Topics};
+use swarmwright_protocol::{
+    Control, Discovery, EXTENSION_VERSION, EpisodeHasher, Evaluate, F32s, Topics, U64s,
+};
 
 use crate::config::Config;
+use crate::work::Work;
 
 /// What messages are made of, beside the configuration.
 pub(crate) struct Messages {
@@ -98,6 +101,26 @@ impl Messages {
         };
         self.instance += 1;
         (parameters, hash)
+    }
+
+    /// A request for a block of the work, without genomes and seeds, and of the largest size otherwise.
+    pub fn block(&self, config: &Config, work: &Work) -> Evaluate {
+        Evaluate {
+            version: EXTENSION_VERSION,
+            request: u64::MAX,
+            tool: config.tool.clone(),
+            reply: self.reply.clone(),
+            simulation: config.demand.simulation.clone(),
+            parameters: config.parameters.clone(),
+            controller: work.specification().clone(),
+            genomes: F32s::default(),
+            seeds: U64s::default(),
+            metrics: config.demand.metrics.clone(),
+            attempt: u32::MAX,
+            lease: 0.5,
+            instance: None,
+            sample: None,
+        }
     }
 
     pub fn discovery(&self, config: &Config, hash: String) -> Discovery {

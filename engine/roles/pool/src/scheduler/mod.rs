@@ -4,7 +4,8 @@
 //! import each other in one direction only (`tests/layers.rs`): `queue` (pieces, results, attribution of failures),
 //! `modes` (work in flight), `fleet` (servers, their offers, health and capacity), `limits` (how much the broker takes),
 //! `audit`, `messages`, `outbox`, `outlook`. Decisions that need several parts are made on a `View` of them: `share`
-//! (how much work a server gets), `speculation` (what is worth a backup copy).
+//! (how much work a server gets), `speculation` (what is worth a backup copy), `probing` (which servers are to show that
+//! they are sound, and whether more are looked for).
 //!
 //! The scheduler's own files are `routes`, which lead from what comes in to the parts and from part to part, and `status`
 //! (how it stands).
@@ -21,6 +22,7 @@ mod messages;
 mod modes;
 pub(crate) mod outbox;
 mod outlook;
+mod probing;
 pub(crate) mod queue;
 mod recheck;
 mod routes;
@@ -157,6 +159,7 @@ impl Scheduler {
         View {
             config: &self.config,
             fleet: &self.fleet,
+            processes: &self.processes,
             ledger: &self.ledger,
             in_flight: &self.in_flight,
             limits: &self.limits,

@@ -5,6 +5,7 @@ use std::time::Instant;
 use crate::mode::Way;
 use crate::scheduler::fleet::capacity::{Capacity, number};
 use crate::scheduler::fleet::slot::Slot;
+use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::view::View;
 
 /// Work that a block should hold, in seconds of its server: much more than a message takes, little enough to share.
@@ -31,6 +32,11 @@ pub(crate) const IN_FLIGHT: usize = 2;
 const GRACE_SECONDS: f64 = 0.005;
 /// Where it is not worked out when all others would be done: how many times as long a server may need.
 const MAX_SLOWDOWN: f64 = 2.0;
+
+/// The lease of a block: it is given to another server when it takes this many times as long as expected.
+const LEASE: f64 = 10.0;
+/// How often a block is given more time since it was not answered in time.
+const MOST_LATE: u32 = 3;
 
 /// A number of evaluations from a measured speed.
 #[expect(
@@ -136,6 +142,15 @@ impl View<'_> {
             (Some(all), Some(rate)) => queued * rate / all,
             _ => queued / number(capacity.usable),
         }
+    }
+
+    /// Seconds for which a server has a block.
+    pub fn lease(&self, piece: &Piece, server: u64) -> f64 {
+        let rate = self.fleet.slot(server).and_then(|slot| slot.rate);
+        let expected = rate.map_or(0.0, |rate| LEASE * number(piece.len()) / rate);
+        // A server may have become slower than it was when it was measured.
+        let more = 4f64.powi(i32::try_from(piece.late.min(MOST_LATE)).unwrap_or(0));
+        self.config.timeouts.step.as_secs_f64().max(expected) * more
     }
 
     /// Whether the work is done earlier with this server's help than without, if it gets `most` evaluations.

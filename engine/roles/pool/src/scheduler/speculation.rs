@@ -107,6 +107,16 @@ impl View<'_> {
         evaluations.any(|evaluation| self.ledger.is_shared(evaluation))
     }
 
+    /// The speeds of the servers that have nothing to do, the fastest first.
+    pub fn idle(&self) -> Vec<(f64, u64)> {
+        let idle = self.fleet.usable().filter(|(_, slot)| slot.jobs.is_empty());
+        let mut idle: Vec<(f64, u64)> = idle
+            .filter_map(|(id, slot)| Some((slot.rate?, id)))
+            .collect();
+        idle.sort_by(|one, other| other.0.total_cmp(&one.0).then(one.1.cmp(&other.1)));
+        idle
+    }
+
     /// What of all servers' work others may have as well, what takes longest first.
     pub fn under_way(&self, now: Instant) -> Vec<UnderWay> {
         let mut all = Vec::new();

@@ -2,6 +2,7 @@
 
 use crate::config::Config;
 use crate::scheduler::fleet::Fleet;
+use crate::scheduler::fleet::processes::Processes;
 use crate::scheduler::limits::Limits;
 use crate::scheduler::modes::in_flight::InFlight;
 use crate::scheduler::queue::ledger::Ledger;
@@ -11,6 +12,7 @@ use crate::scheduler::queue::ledger::Ledger;
 pub(crate) struct View<'a> {
     pub config: &'a Config,
     pub fleet: &'a Fleet,
+    pub processes: &'a Processes,
     pub ledger: &'a Ledger,
     pub in_flight: &'a InFlight,
     pub limits: &'a Limits,

@@ -354,6 +354,24 @@ impl Fleet {
 
 /// How servers behave.
 impl Fleet {
+    /// Whether a server may be of use.
+    pub fn has_hope(&self) -> bool {
+        let health = &self.health;
+        self.slots()
+            .any(|(id, slot)| !health.is_broken(id) && !health.is_useless(id) && !slot.silent)
+    }
+
+    /// The servers that have failed nothing; none while one of them has a pause: the others need not try again meanwhile.
+    pub fn untried(&self) -> Option<Vec<u64>> {
+        // A server that is broken is given nothing, so that it cannot tell either.
+        let untried = self
+            .slots()
+            .filter(|(id, slot)| !slot.silent && !slot.suspended && !self.health.has_failed(*id));
+        untried
+            .map(|(id, slot)| slot.backs_off_until.is_none().then_some(id))
+            .collect()
+    }
+
     /// Other work has begun, with candidates of its own.
     pub fn new_work(&mut self) {
         self.health.new_work();

@@ -1,6 +1,10 @@
 //! Servers whose processes are the tool's own, and the processes that have ended.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use crate::scheduler::queue::blame::Blame;
+use crate::scheduler::queue::piece::Piece;
 
 /// What a process was computing when it ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,6 +17,19 @@ pub struct At {
     pub candidates: usize,
     /// The request's episode, from 0; all of them where several are computed at once.
     pub episode: Option<usize>,
+}
+
+impl At {
+    /// The evaluations of the request's piece, of `columns` episodes for each candidate, that were computed.
+    pub(crate) fn evaluations(&self, columns: usize, piece: &Piece) -> Range<usize> {
+        let offset = self.first * columns + self.episode.unwrap_or(0);
+        let length = match self.episode {
+            Some(_) => 1,
+            None => self.candidates * columns,
+        };
+        let start = (piece.first() + offset).min(piece.evaluations.end);
+        start..(start + length).min(piece.evaluations.end)
+    }
 }
 
 /// The end of a server's process.
@@ -30,6 +47,17 @@ pub struct Ending {
     pub outside: bool,
     /// What it computed, if that is known.
     pub at: Option<At>,
+}
+
+impl Ending {
+    /// What it says of what the process computed.
+    pub(crate) fn blame(&self) -> Blame {
+        if self.outside {
+            Blame::Gone
+        } else {
+            Blame::Crash
+        }
+    }
 }
 
 /// Servers whose processes are watched, and of each the last process that ended.
@@ -57,5 +85,32 @@ impl Processes {
     /// Whether a process is one that has ended.
     pub fn has_ended(&self, server: u64, pid: Option<u64>) -> bool {
         pid.is_some() && self.ended.get(&server).copied() == pid
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_computed_lies_within_the_piece() {
+        // Candidates 2 to 5 with 3 episodes each.
+        let piece = Piece::new(6..18);
+        let at = |first, candidates, episode| At {
+            request: 1,
+            first,
+            candidates,
+            episode,
+        };
+        let around = |at: At| {
+            let computed = at.evaluations(3, &piece);
+            let rest = piece.around(&computed).into_iter();
+            let rest: Vec<_> = rest.map(|rest| [rest.first(), rest.len()]).collect();
+            (computed, rest)
+        };
+        assert_eq!(around(at(1, 1, Some(2))), (11..12, vec![[6, 5], [12, 6]]));
+        assert_eq!(around(at(0, 2, None)), (6..12, vec![[12, 6]]));
+        assert_eq!(around(at(2, 9, None)), (12..18, vec![[6, 6]]));
+        assert_eq!(around(at(9, 1, None)), (18..18, vec![[6, 12]]));
     }
 }

@@ -8,14 +8,17 @@ mod limit;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use crate::scheduler::limits::limit::Limit;
+use swarmwright_protocol::{MAX_PAYLOAD, Topic, Topics};
 
 use crate::mode::Way;
 use crate::scheduler::fleet::slot::Slot;
+use crate::scheduler::limits::limit::Limit;
 use crate::scheduler::modes::request::Request;
 
 /// Messages of so many bytes are taken by every broker.
 const SMALL: usize = 1024;
+/// Bytes of a packet beside its topic and payload, at most.
+const PACKET_HEADER: usize = 16;
 /// Bytes of a packet beside its payload, at most.
 const HEADER: usize = 256;
 /// A server that was silent for longer when its connection ended had not just sent something.
@@ -193,6 +196,23 @@ impl Limits {
         }
     }
 
+    /// Why a message of so many bytes cannot be sent to a server, if it cannot.
+    pub fn too_large(&self, topics: &Topics, topic: Topic, bytes: usize) -> Option<String> {
+        let beside = topics.name(topic).len() + PACKET_HEADER;
+        let (name, takes) = (topic.name(), self.packet().saturating_sub(beside));
+        if bytes > MAX_PAYLOAD {
+            Some(format!(
+                "a {name} message of {bytes} bytes is larger than the {MAX_PAYLOAD} that one may have"
+            ))
+        } else if bytes > takes {
+            Some(format!(
+                "a {name} message of {bytes} bytes is larger than the {takes} that the broker takes"
+            ))
+        } else {
+            None
+        }
+    }
+
     /// Why the work cannot be done, however often it is tried: a part of it is larger than the broker takes.
     pub fn hopeless(&self) -> Option<&str> {
         self.hopeless.as_deref()
@@ -286,4 +306,27 @@ fn due(request: &Request, results: usize) -> (Kind, Option<usize>) {
         return (Kind::Block, Some(8 * results * size));
     };
     (Kind::Batch, batch.due(results))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_have_the_size_that_the_protocol_and_the_broker_allow() {
+        let topics = Topics::default();
+        let mut limits = Limits::default();
+        let reason = |limits: &Limits, bytes| limits.too_large(&topics, Topic::Actuator, bytes);
+        assert_eq!(reason(&limits, MAX_PAYLOAD), None);
+        let told = reason(&limits, MAX_PAYLOAD + 1).unwrap_or_default();
+        assert!(told.contains("that one may have"), "{told}");
+        limits.set_packet(1000);
+        let takes = 1000 - topics.name(Topic::Actuator).len() - PACKET_HEADER;
+        assert_eq!(reason(&limits, takes), None);
+        let told = reason(&limits, takes + 1).unwrap_or_default();
+        assert!(
+            told.ends_with(&format!("than the {takes} that the broker takes")),
+            "{told}"
+        );
+    }
 }

@@ -3,7 +3,7 @@
 use std::collections::{HashMap, VecDeque};
 use std::time::Instant;
 
-use swarmwright_protocol::Waiting;
+use swarmwright_protocol::{MAX_PAYLOAD, Waiting};
 
 use crate::config::Config;
 use crate::scheduler::job::Job;
@@ -13,6 +13,8 @@ use crate::scheduler::queue::piece::{Piece, Purpose};
 
 /// Episodes that are remembered when they are over.
 const REMEMBERED: usize = 256;
+/// Where the hash is looked for in a message that is too large, bytes.
+const AROUND: usize = 4096;
 
 /// An episode that is over for this tool, though its server may still begin it, or answer.
 struct Ended {
@@ -288,9 +290,16 @@ impl InFlight {
             .collect()
     }
 
-    /// The episode that is chosen by its hash.
-    pub fn find_hash(&self, chosen: impl Fn(&&String) -> bool) -> Option<String> {
-        self.episodes.keys().find(chosen).cloned()
+    /// The hash of an episode under way that stands in a payload; of a large one, near its beginning or end.
+    pub fn named_in(&self, payload: &[u8]) -> Option<String> {
+        let (head, tail) = if payload.len() <= MAX_PAYLOAD {
+            (payload, &payload[payload.len()..])
+        } else {
+            (&payload[..AROUND], &payload[payload.len() - AROUND..])
+        };
+        let [head, tail] = [head, tail].map(String::from_utf8_lossy);
+        let named = |hash: &&String| head.contains(hash.as_str()) || tail.contains(hash.as_str());
+        self.episodes.keys().find(named).cloned()
     }
 
     /// Those that their servers have not begun by now although they are free, each with its server.
@@ -358,6 +367,17 @@ impl InFlight {
     pub fn requests_of(&mut self, server: u64) -> impl Iterator<Item = &mut Request> {
         let requests = self.requests.values_mut();
         requests.filter(move |one| one.server == server)
+    }
+
+    /// A server has done what came before these: it can begin with them.
+    pub fn may_begin(&mut self, jobs: &[Job], now: Instant) {
+        for job in jobs {
+            if let Job::Request(number) = job
+                && let Some(request) = self.requests.get_mut(number)
+            {
+                request.hear(now);
+            }
+        }
     }
 
     pub fn take_request(&mut self, number: u64) -> Option<Request> {

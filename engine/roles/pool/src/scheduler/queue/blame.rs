@@ -46,6 +46,22 @@ pub(crate) enum Blame {
     Silent { others: bool },
 }
 
+impl Blame {
+    /// The same for work that had begun; `is_rest`: it is what is left of several evaluations.
+    pub fn of_begun(self, is_rest: bool) -> Self {
+        match self {
+            // It may have had company.
+            Self::Answer | Self::Crash | Self::Gone | Self::Lost | Self::Silent { .. }
+                if is_rest =>
+            {
+                Self::None
+            }
+            Self::Lost => Self::Gone,
+            blame => blame,
+        }
+    }
+}
+
 /// Why what a server had is over without results.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cause<'a> {

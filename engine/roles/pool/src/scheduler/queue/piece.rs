@@ -106,6 +106,14 @@ impl Piece {
         }
     }
 
+    /// What lies before and behind some of it, with the same past.
+    pub fn around(&self, evaluations: &Range<usize>) -> Vec<Self> {
+        let before = self.first()..evaluations.start;
+        let behind = evaluations.end..self.evaluations.end;
+        let rest = [before, behind].into_iter().filter(|rest| !rest.is_empty());
+        rest.map(|rest| self.part(rest)).collect()
+    }
+
     /// A part of it, with the same past, that any server may have.
     pub fn work_again(&self, evaluations: Range<usize>) -> Self {
         Self {

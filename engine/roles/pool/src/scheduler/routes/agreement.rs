@@ -107,14 +107,13 @@ impl Scheduler {
 
     /// Who found what, in words.
     fn told(&self, evaluation: usize, found: &[Found]) -> String {
-        let episodes = self.ledger.episodes();
-        let (candidate, episode) = (evaluation / episodes, evaluation % episodes);
         let each: Vec<String> = found
             .iter()
             .map(|one| format!("{} on server {}", one.fitness, one.server))
             .collect();
         format!(
-            "candidate {candidate} in episode {episode} has the fitness {}",
+            "{} has the fitness {}",
+            self.ledger.name_of(evaluation),
             each.join(", ")
         )
     }

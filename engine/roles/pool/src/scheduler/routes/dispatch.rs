@@ -128,16 +128,9 @@ impl Scheduler {
         pieces.sort_by_key(Piece::first);
         for piece in pieces.into_iter().rev() {
             if self.view().may_copy(&piece) && !self.view().is_shared(&piece) {
-                // Of a batch some episodes may be over.
-                let mut rest = piece.evaluations.clone();
-                while let Some(open) = self.ledger.first_open(&rest) {
-                    rest.start = open.end;
-                    let copy = piece.part(open).backup(server);
-                    self.ledger.hold(&copy);
-                    self.ledger.queue(copy);
-                    self.counts.backups += 1;
-                    given = true;
-                }
+                let copies = self.ledger.queue_copies(&piece, server);
+                self.counts.backups += copies;
+                given |= copies > 0;
             }
         }
         if given {
@@ -176,14 +169,10 @@ impl Scheduler {
             return;
         }
         self.recheck.clear();
-        let idle = self.fleet.usable().filter(|(_, slot)| slot.jobs.is_empty());
-        let mut idle: Vec<(f64, u64)> = idle
-            .filter_map(|(id, slot)| Some((slot.rate?, id)))
-            .collect();
+        let idle = self.view().idle();
         if idle.is_empty() {
             return;
         }
-        idle.sort_by(|one, other| other.0.total_cmp(&one.0).then(one.1.cmp(&other.1)));
         let mut under_way = self.view().under_way(now);
         for (rate, server) in idle {
             if under_way.is_empty() {

@@ -158,7 +158,7 @@ impl Scheduler {
         self.settle_unchecked(now);
         self.limits.tick(now);
         if self.discovery.next() <= now {
-            if self.wants_servers() {
+            if self.view().wants_servers(self.work_number == 0) {
                 self.discover(now);
             } else {
                 self.discovery.postpone(now);
@@ -167,18 +167,6 @@ impl Scheduler {
         self.dispatch(now);
         let unserved = !self.finished() && self.in_flight.is_empty();
         self.outlook.unserved(unserved, now);
-    }
-
-    /// Whether more servers are of use, or one should say that it is still there. A server that others use takes a
-    /// question for a wish.
-    fn wants_servers(&self) -> bool {
-        let looking = self.work_number == 0 || !self.finished();
-        let few = self.fleet.is_empty() || self.fleet.slots().any(|(_, slot)| !slot.usable());
-        // Another tool may have been faster on its server; see `preempted`.
-        let waiting = self.in_flight.episodes().any(|one| !one.begun());
-        // Whether others are silent, too, tells what to think of one that is lost.
-        let suspects = self.ledger.attribution().has_suspects();
-        self.ledger.queued() > 0 || waiting || suspects || (looking && few)
     }
 
     /// The connection broke: the work under way on it is lost, and it is no fault of servers or evaluations.

@@ -8,11 +8,9 @@ use crate::journal::{Attempt, FailedEvaluation, Outcome};
 use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::job::Job;
-use crate::scheduler::queue::blame::{Blame, Cause, Failure, How, Resolved, Verdict};
+use crate::scheduler::queue::blame::{Blame, Cause, Resolved, Verdict};
+use crate::scheduler::queue::ledger::failures::Failed;
 use crate::scheduler::queue::piece::{Piece, Purpose};
-
-/// How often a server may be lost with an episode that it had not begun before that counts.
-const FREE_LOSSES: u32 = 3;
 
 /// How many times as long it is waited where a server may be sound, but is silent or does nothing of what it should do.
 const SILENCE_FACTOR: u32 = 4;
@@ -56,7 +54,7 @@ impl Scheduler {
     /// one is alone. What counts against that one is in [`blame`](crate::scheduler::queue::blame).
     pub(super) fn retry(
         &mut self,
-        mut piece: Piece,
+        piece: Piece,
         server: u64,
         reason: &str,
         blame: Blame,
@@ -73,53 +71,25 @@ impl Scheduler {
             Purpose::Probe => return self.probe_failed(server, reason, blame, now),
             Purpose::Work | Purpose::Backup => {}
         }
-        let how = match blame {
-            Blame::None => return self.ledger.put_back(&piece),
-            Blame::Lost if !counts => return self.ledger.put_back(&piece),
-            Blame::Broker => return self.ledger.put_back(&piece.halved()),
-            Blame::Evaluation | Blame::Answer => How::Said,
-            Blame::Crash => How::Crashed,
-            Blame::Gone | Blame::Lost => How::Lost,
-            Blame::Silent { .. } => {
-                piece.late += 1;
-                How::Lost
-            }
+        let failed = Failed {
+            server,
+            instance: self.fleet.instance(server),
+            reason,
+            blame,
+            sound: !self.fleet.health().has_failed(server) && self.fleet.repeats_itself(server),
+            at: now,
         };
-        // What it did before was a success.
-        let sound =
-            self.ledger.attribution().is_proven(server) && !self.fleet.health().has_failed(server);
-        if how != How::Lost {
+        if matches!(blame, Blame::Evaluation | Blame::Answer | Blame::Crash) {
             let candidate = piece.first() / self.ledger.episodes();
             self.fleet.failed_candidate(server, candidate);
         }
-        let evaluation = piece.first();
-        if piece.len() == 1 && self.ledger.has_ended(evaluation) {
-            return;
-        }
-        let piece = piece.failed(server);
-        if counts {
-            let failure = Failure {
-                server,
-                instance: self.fleet.instance(server),
-                reason: reason.to_owned(),
-                how,
-                certain: sound && self.fleet.repeats_itself(server),
-                at: now,
-            };
-            let attribution = self.ledger.attribution_mut();
-            if attribution
-                .attribute(evaluation, failure, &self.config.faults)
-                .is_some()
-            {
-                return self.ledger.put_aside(piece);
-            }
-        }
-        self.counts.retries += 1;
-        self.ledger.put_back(&piece);
+        let again = self
+            .ledger
+            .failed(piece, failed, counts, &self.config.faults);
+        self.counts.retries += u64::from(again);
     }
 
-    /// A server was lost, or silent for too long. Whether that counts against what it was at: it was at one evaluation
-    /// alone, had succeeded with others before, and the trouble is not all servers'.
+    /// A server was lost, or silent for too long. Whether that counts against what it was at.
     fn lost(
         &mut self,
         piece: &Piece,
@@ -128,32 +98,16 @@ impl Scheduler {
         blame: Blame,
         now: Instant,
     ) -> bool {
-        let evaluation = piece.first();
-        let work = matches!(piece.purpose, Purpose::Work | Purpose::Backup);
-        let alone = work && piece.len() == 1 && !self.ledger.has_ended(evaluation);
-        let shared = self.ledger.is_shared(evaluation);
-        let attribution = self.ledger.attribution_mut();
-        let proven = attribution.is_proven(server);
-        let together = attribution.server_lost(alone.then_some(evaluation), now);
-        if !alone {
-            return false;
-        }
-        let (times, hopeless) = attribution.lost_with(evaluation, &self.config.faults, now);
-        if hopeless {
-            let episodes = self.ledger.episodes();
-            let (candidate, episode) = (evaluation / episodes, evaluation % episodes);
+        let faults = &self.config.faults;
+        let loss = self.ledger.lost(piece, server, blame, faults, now);
+        if let Some(times) = loss.hopeless {
+            let evaluation = self.ledger.name_of(piece.first());
             self.outlook.cannot_decide(format!(
-                "servers were lost or silent {times} times with candidate {candidate} in episode {episode}, and nothing \
+                "servers were lost or silent {times} times with {evaluation}, and nothing \
                  tells whether it is the cause or the servers' surroundings are; the last time because: {reason}"
             ));
         }
-        let apart = match blame {
-            Blame::Silent { others } => others,
-            // What has not begun may have been another tool's.
-            Blame::Lost => times > FREE_LOSSES,
-            _ => true,
-        };
-        proven && apart && !shared && !together
+        loss.counts
     }
 
     /// Evaluations that have failed for good.
@@ -217,22 +171,7 @@ impl Scheduler {
         if self.ledger.attribution().is_empty() && !self.fleet.health().has_doubtful() {
             return;
         }
-        let awaited = self.ledger.attribution().awaited();
-        let supervised = awaited.iter().any(|id| self.processes.are_watched(*id));
-        let waits = self.ledger.queued() > 0;
-        let servers = self.fleet.servers();
-        let slots = self.fleet.slots();
-        let idle = slots.filter(|(_, slot)| {
-            slot.jobs.is_empty() && slot.backs_off_until.is_none() && !slot.silent
-        });
-        let is_due = |id: u64| {
-            self.fleet.health().is_doubtful(id)
-                || awaited.contains(&id)
-                || (supervised && self.processes.are_watched(id))
-                || (waits && self.ledger.waits_for_proof(id, &servers))
-        };
-        let due: Vec<u64> = idle.map(|(id, _)| id).filter(|id| is_due(*id)).collect();
-        for server in due {
+        for server in self.view().probes_due() {
             self.start(Piece::probe(good), server, now);
         }
     }
@@ -306,21 +245,9 @@ impl Scheduler {
         if self.ledger.good().is_some() || busy || lost || self.ledger.queued() > 0 {
             return false;
         }
-        let health = self.fleet.health();
-        let slots = self.fleet.slots();
-        let untried: Vec<u64> = slots
-            // A server that is broken is given nothing, so that it cannot tell either.
-            .filter(|(id, slot)| !slot.silent && !slot.suspended && !health.has_failed(*id))
-            .map(|(id, _)| id)
-            .collect();
-        // It has a pause: the others need not try again meanwhile.
-        let pauses = |id: &u64| {
-            let slot = self.fleet.slot(*id);
-            slot.is_some_and(|slot| slot.backs_off_until.is_some())
-        };
-        if untried.iter().any(pauses) {
+        let Some(untried) = self.fleet.untried() else {
             return false;
-        }
+        };
         let mut given = false;
         for server in untried {
             // Not by way of the queue: a slow server would be passed over.
@@ -362,17 +289,9 @@ impl Scheduler {
         self.give_up(piece, quarantined, now);
     }
 
-    /// Whether a server may be of use.
-    fn any_hope(&self) -> bool {
-        let health = self.fleet.health();
-        self.fleet
-            .slots()
-            .any(|(id, slot)| !health.is_broken(id) && !health.is_useless(id) && !slot.silent)
-    }
-
     /// Notes since when no server has been of use.
     pub(super) fn judge(&mut self, now: Instant) {
-        if self.any_hope() || self.finished() {
+        if self.fleet.has_hope() || self.finished() {
             self.outlook.some_work();
         } else if !self.fleet.is_empty() {
             self.outlook.all_broken(now);
@@ -393,7 +312,7 @@ impl Scheduler {
         let at_work = |(id, slot): (u64, &Slot)| !slot.jobs.is_empty() && !health.is_broken(id);
         // How long there has been no server at all is counted elsewhere.
         let slots = || self.fleet.slots();
-        if self.fleet.is_empty() || self.any_hope() || slots().any(at_work) {
+        if self.fleet.is_empty() || self.fleet.has_hope() || slots().any(at_work) {
             return None;
         }
         let may_be_sound = |(id, _): (u64, &Slot)| !health.is_broken(id);

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use swarmwright_protocol::{EXTENSION_VERSION, Evaluate, Evaluated, F32s, ToServer, U64s};
+use swarmwright_protocol::{Evaluate, Evaluated, F32s, ToServer, U64s};
 
 use crate::journal::Outcome;
 use crate::metrics::needed;
@@ -13,30 +13,10 @@ use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::queue::results::Found;
 use crate::work::Work;
 
-/// The lease of a block: it is given to another server when it takes this many times as long as expected.
-const LEASE: f64 = 10.0;
-/// How often a block is given more time since it was not answered in time.
-const MOST_LATE: u32 = 3;
-
 impl Scheduler {
     /// Bytes of a request for a block of the work without genomes and seeds.
     pub(crate) fn beside(&self, work: &Work) -> usize {
-        let nothing = Evaluate {
-            version: EXTENSION_VERSION,
-            request: u64::MAX,
-            tool: self.config.tool.clone(),
-            reply: self.messages.reply().to_owned(),
-            simulation: self.config.demand.simulation.clone(),
-            parameters: self.config.parameters.clone(),
-            controller: work.specification().clone(),
-            genomes: F32s::default(),
-            seeds: U64s::default(),
-            metrics: self.config.demand.metrics.clone(),
-            attempt: u32::MAX,
-            lease: 0.5,
-            instance: None,
-            sample: None,
-        };
+        let nothing = self.messages.block(&self.config, work);
         ToServer::Evaluate(nothing).encode().len()
     }
 
@@ -45,15 +25,7 @@ impl Scheduler {
         let Some(work) = self.ledger.work() else {
             return;
         };
-        let rate = self.fleet.slot(server).and_then(|slot| slot.rate);
-        #[expect(
-            clippy::cast_precision_loss,
-            reason = "far fewer than 2^53 evaluations"
-        )]
-        let expected = rate.map_or(0.0, |rate| LEASE * piece.len() as f64 / rate);
-        // A server may have become slower than it was when it was measured.
-        let more = 4f64.powi(i32::try_from(piece.late.min(MOST_LATE)).unwrap_or(0));
-        let lease = self.config.timeouts.step.as_secs_f64().max(expected) * more;
+        let lease = self.view().lease(&piece, server);
         let makes_samples = self.fleet.slot(server).is_some_and(Slot::makes_samples);
         let sample = work.sample_of(&candidates).filter(|_| makes_samples);
         let genomes = match sample {
@@ -61,17 +33,10 @@ impl Scheduler {
             None => work.genomes_of(candidates).into_owned(),
         };
         let message = ToServer::Evaluate(Evaluate {
-            version: EXTENSION_VERSION,
             request: self.in_flight.next_request(),
-            tool: self.config.tool.clone(),
-            reply: self.messages.reply().to_owned(),
-            simulation: self.config.demand.simulation.clone(),
-            parameters: self.config.parameters.clone(),
-            controller: work.specification().clone(),
             genomes: F32s(genomes),
             sample,
             seeds: U64s(work.seeds()[episodes].to_vec()),
-            metrics: self.config.demand.metrics.clone(),
             attempt: piece.tries + 1,
             // What was sent before this one is computed first. Who is watched is ended where it takes too long.
             lease: if self.processes.are_watched(server) {
@@ -80,6 +45,7 @@ impl Scheduler {
                 lease * 2.0
             },
             instance: self.fleet.instance(server),
+            ..self.messages.block(&self.config, work)
         });
         let lease = Duration::try_from_secs_f64(lease).unwrap_or(self.config.timeouts.step);
         self.request(&message, piece, server, lease, None, now);
@@ -97,12 +63,7 @@ impl Scheduler {
             return self.misbehaved(server, &reason, now);
         }
         self.fleet.finished(request.server, &Job::Request(number));
-        let (count, since) = (
-            request.piece.len(),
-            now.saturating_duration_since(request.heard()),
-        );
-        // A server's own word for it, as far as it can be true.
-        let told = message.seconds.is_finite() && message.seconds > 0.0;
+        let count = request.piece.len();
         if !message.seconds.is_finite() || message.seconds < 0.0 {
             // Once for each server, whatever the number.
             let what = if message.seconds.is_finite() {
@@ -115,26 +76,14 @@ impl Scheduler {
                 request.server
             ));
         }
-        // Not since the reply before: where two are read at once, that is no time at all.
-        let most = now.saturating_duration_since(request.started);
-        let seconds = if told {
-            message.seconds.min(most.as_secs_f64())
-        } else {
-            since.as_secs_f64()
-        };
+        let seconds = request.seconds(message.seconds, now);
         // How fast a server fails tells nothing of how fast it is.
         let failed = message.failed.len();
         if failed < count {
             self.fleet.did_well(request.server, count, seconds);
         }
         if let Some(slot) = self.fleet.slot(request.server) {
-            for job in &slot.jobs {
-                if let Job::Request(next) = job
-                    && let Some(next) = self.in_flight.request_mut(*next)
-                {
-                    next.hear(now);
-                }
-            }
+            self.in_flight.may_begin(&slot.jobs, now);
         }
         self.record_request(&request, Outcome::Done, None, now);
         self.limits.went_through(&request);

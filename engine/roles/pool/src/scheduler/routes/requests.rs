@@ -219,16 +219,7 @@ impl Scheduler {
         self.record_request(&request, cause.outcome, Some(cause.reason.to_owned()), now);
         let alone = request.piece.len() == 1;
         for piece in request.rest() {
-            // What is left of several may have had company.
-            let blame = match cause.blame {
-                Blame::Answer | Blame::Crash | Blame::Gone | Blame::Lost | Blame::Silent { .. }
-                    if piece.len() == 1 && !alone =>
-                {
-                    Blame::None
-                }
-                Blame::Lost => Blame::Gone,
-                blame => blame,
-            };
+            let blame = cause.blame.of_begun(piece.len() == 1 && !alone);
             self.retry(piece, server, cause.reason, blame, now);
         }
     }

@@ -70,7 +70,7 @@ impl Scheduler {
     fn doubt_overtaken(&mut self, evaluation: usize, now: Instant) {
         for (server, job) in self
             .in_flight
-            .jobs_of(|piece| self.is_over(piece, evaluation))
+            .jobs_of(|piece| self.ledger.is_over(piece, evaluation))
         {
             let since = self.view().ignored_since(server, &job, now);
             let waiting = self.in_flight.waiting_for(&job, now);
@@ -89,21 +89,11 @@ impl Scheduler {
         now: Instant,
     ) {
         self.drop_all(
-            |scheduler, piece| scheduler.is_over(piece, evaluation),
+            |scheduler, piece| scheduler.ledger.is_over(piece, evaluation),
             outcome,
             reason,
             now,
         );
-    }
-
-    /// Whether nothing of a piece is waited for any more, since this evaluation has ended.
-    fn is_over(&self, piece: &Piece, evaluation: usize) -> bool {
-        !matches!(piece.purpose, Purpose::Audit | Purpose::Probe)
-            && piece.evaluations.contains(&evaluation)
-            && piece
-                .evaluations
-                .clone()
-                .all(|one| self.ledger.has_ended(one))
     }
 
     /// Ends the probes that are under way: there is nothing more to tell, nor to record.

@@ -3,8 +3,8 @@
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
-    DecodeError, Failed, Fitness, MAX_PAYLOAD, MOST_REASON, ParametersMessage, ReadingWriter,
-    SensorReading, Topic, shortened,
+    DecodeError, Failed, Fitness, MOST_REASON, ParametersMessage, ReadingWriter, SensorReading,
+    Topic, shortened,
 };
 
 use crate::journal::{Attempt, Outcome};
@@ -24,10 +24,6 @@ const OVERTAKEN: Duration = Duration::from_millis(250);
 const UNNAMED: Duration = Duration::from_secs(2);
 /// Characters of a foreign title that are told, at most.
 const MOST_TITLE: usize = 200;
-/// Where the hash is looked for in a message that is too large, bytes.
-const AROUND: usize = 4096;
-/// Bytes of a packet beside its topic and payload, at most.
-const HEADER: usize = 16;
 /// How often in a row another tool may be faster on a server before the server is the one to blame.
 const MOST_PREEMPTIONS: u32 = 5;
 
@@ -50,7 +46,10 @@ impl Scheduler {
             parameters,
         };
         let payload = message.encode();
-        if let Some(reason) = self.too_large(Topic::Parameters, payload.len()) {
+        if let Some(reason) =
+            self.limits
+                .too_large(&self.config.topics, Topic::Parameters, payload.len())
+        {
             self.ledger.put_back(&piece);
             return self.not_for(server, &reason, now);
         }
@@ -89,7 +88,10 @@ impl Scheduler {
         match run.answer(sensor, now) {
             Ok(actuator) => {
                 let (server, bytes) = (run.server, actuator.len());
-                if let Some(reason) = self.too_large(Topic::Actuator, bytes) {
+                if let Some(reason) =
+                    self.limits
+                        .too_large(&self.config.topics, Topic::Actuator, bytes)
+                {
                     self.end_run(server, &sensor.simulation_hash);
                     return self.not_for(server, &reason, now);
                 }
@@ -215,7 +217,7 @@ impl Scheduler {
             format!("{topic} {}", error.key()),
             format!("refusing a {reason}"),
         );
-        let Some(hash) = self.named_in(payload) else {
+        let Some(hash) = self.in_flight.named_in(payload) else {
             return;
         };
         if let Some(run) = self.in_flight.episode_mut(&hash) {
@@ -228,35 +230,6 @@ impl Scheduler {
         }
     }
 
-    /// The hash of an episode under way that stands in a payload; of a large one, near its beginning or end.
-    fn named_in(&self, payload: &[u8]) -> Option<String> {
-        let (head, tail) = if payload.len() <= MAX_PAYLOAD {
-            (payload, &payload[payload.len()..])
-        } else {
-            (&payload[..AROUND], &payload[payload.len() - AROUND..])
-        };
-        let [head, tail] = [head, tail].map(String::from_utf8_lossy);
-        let named = |hash: &&String| head.contains(hash.as_str()) || tail.contains(hash.as_str());
-        self.in_flight.find_hash(named)
-    }
-
-    /// Why a message of so many bytes cannot be sent to a server, if it cannot.
-    fn too_large(&self, topic: Topic, bytes: usize) -> Option<String> {
-        let beside = self.config.topics.name(topic).len() + HEADER;
-        let (name, takes) = (topic.name(), self.limits.packet().saturating_sub(beside));
-        if bytes > MAX_PAYLOAD {
-            Some(format!(
-                "a {name} message of {bytes} bytes is larger than the {MAX_PAYLOAD} that one may have"
-            ))
-        } else if bytes > takes {
-            Some(format!(
-                "a {name} message of {bytes} bytes is larger than the {takes} that the broker takes"
-            ))
-        } else {
-            None
-        }
-    }
-
     /// An episode is over without fitness; see [`retry`](Self::retry).
     pub(crate) fn fail_episode(&mut self, hash: &str, cause: Cause<'_>, now: Instant) {
         let Some(run) = self.in_flight.end_episode(hash, false) else {
@@ -264,9 +237,10 @@ impl Scheduler {
         };
         self.fleet
             .finished(run.server, &Job::Episode(hash.to_owned()));
-        let blame = match cause.blame {
-            Blame::Lost if run.begun() => Blame::Gone,
-            blame => blame,
+        let blame = if run.begun() {
+            cause.blame.of_begun(false)
+        } else {
+            cause.blame
         };
         let reason = cause.reason;
         self.record_run(&run, cause.outcome, Some(reason.to_owned()), None, now);

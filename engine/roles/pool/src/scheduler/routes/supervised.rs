@@ -8,15 +8,6 @@ use crate::scheduler::Scheduler;
 use crate::scheduler::fleet::processes::{At, Ending};
 use crate::scheduler::job::Job;
 use crate::scheduler::queue::blame::{Blame, Cause};
-use crate::scheduler::queue::piece::Piece;
-
-fn blame_of(ending: &Ending) -> Blame {
-    if ending.outside {
-        Blame::Gone
-    } else {
-        Blame::Crash
-    }
-}
 
 impl Scheduler {
     /// The processes of these servers are watched: [`ended`](Self::ended) tells when one ends.
@@ -50,7 +41,7 @@ impl Scheduler {
         self.outbox
             .warn_counted(format!("{}; it is started again", ending.reason));
         let jobs = self.fleet.left(server);
-        let blame = blame_of(ending);
+        let blame = ending.blame();
         let at = |job: &Job| matches!(job, Job::Request(number) if ending.at.is_some_and(|at| at.request == *number));
         // Where it is known at which it was, the first of them was not that one.
         let is_known = jobs.iter().any(at);
@@ -88,20 +79,8 @@ impl Scheduler {
         };
         let whole = request.piece.clone();
         let columns = self.ledger.extent(&whole).1.len();
-        let offset = at.first * columns + at.episode.unwrap_or(0);
-        let length = if at.episode.is_some() {
-            1
-        } else {
-            at.candidates * columns
-        };
-        let start = (whole.first() + offset).min(whole.evaluations.end);
-        let end = (start + length).min(whole.evaluations.end);
-        let mut parts: Vec<Piece> = Vec::new();
-        for rest in [whole.first()..start, end..whole.evaluations.end] {
-            if !rest.is_empty() {
-                parts.push(whole.part(rest));
-            }
-        }
+        let computed = at.evaluations(columns, &whole);
+        let parts = whole.around(&computed);
         let reason = &ending.reason;
         if !parts.is_empty() {
             self.record_request(&request, Outcome::Lost, Some(reason.clone()), now);
@@ -109,10 +88,10 @@ impl Scheduler {
         for part in parts.into_iter().rev() {
             self.retry(part, ending.server, reason, Blame::None, now);
         }
-        if start == end {
+        if computed.is_empty() {
             return;
         }
-        let culprit = whole.part(start..end);
+        let culprit = whole.part(computed);
         let attempt = Attempt {
             mode: Mode::Offloaded.name(),
             server: ending.server,
@@ -122,6 +101,6 @@ impl Scheduler {
             ..Attempt::default()
         };
         self.record(attempt, &culprit, request.started, now);
-        self.retry(culprit, ending.server, reason, blame_of(ending), now);
+        self.retry(culprit, ending.server, reason, ending.blame(), now);
     }
 }

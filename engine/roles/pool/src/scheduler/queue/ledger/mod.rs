@@ -1,5 +1,6 @@
 //! What of the work is queued and what is done. Evaluations are numbered candidate by candidate, episode by episode.
 
+pub(crate) mod failures;
 mod queue;
 
 use std::collections::{HashSet, VecDeque};
@@ -200,6 +201,13 @@ impl Ledger {
         )
     }
 
+    /// An evaluation, in words.
+    pub fn name_of(&self, evaluation: usize) -> String {
+        let episodes = self.episodes();
+        let (candidate, episode) = (evaluation / episodes, evaluation % episodes);
+        format!("candidate {candidate} in episode {episode}")
+    }
+
     /// Evaluations that wait for a server.
     pub fn queued(&self) -> usize {
         self.queued
@@ -240,6 +248,13 @@ impl Ledger {
     /// Whether an evaluation has ended.
     pub fn has_ended(&self, evaluation: usize) -> bool {
         self.place(evaluation).is_none()
+    }
+
+    /// Whether nothing of a piece is waited for any more, since this evaluation has ended.
+    pub fn is_over(&self, piece: &Piece, evaluation: usize) -> bool {
+        !matches!(piece.purpose, Purpose::Audit | Purpose::Probe)
+            && piece.evaluations.contains(&evaluation)
+            && piece.evaluations.clone().all(|one| self.has_ended(one))
     }
 
     /// Where an evaluation that has not ended stands in the lists.

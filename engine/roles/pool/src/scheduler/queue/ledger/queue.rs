@@ -130,6 +130,21 @@ impl Ledger {
         self.queue.push_back(piece);
     }
 
+    /// Copies of what of a server's piece has not ended wait for other servers. Returns how many.
+    pub fn queue_copies(&mut self, piece: &Piece, server: u64) -> u64 {
+        let mut copies = 0;
+        // Of a batch some episodes may be over.
+        let mut rest = piece.evaluations.clone();
+        while let Some(open) = self.first_open(&rest) {
+            rest.start = open.end;
+            let copy = piece.part(open).backup(server);
+            self.hold(&copy);
+            self.queue(copy);
+            copies += 1;
+        }
+        copies
+    }
+
     /// As [`queue`](Self::queue), before all else.
     pub fn queue_first(&mut self, piece: Piece) {
         self.queued += piece.len();

@@ -1,4 +1,9 @@
+use std::time::{Duration, Instant};
+
+use super::failures::{Failed, Loss};
 use super::*;
+use crate::scheduler::queue::blame::Blame;
+use crate::sections::Faults;
 
 const ARCHITECTURE: &str = r#"{"version": 1, "kind": "layered", "sensors": 1, "actuators": 1, "hidden": [],
     "activation": "tanh", "output_range": [-1, 1]}"#;
@@ -176,4 +181,117 @@ fn a_piece_of_which_another_server_has_a_part_is_not_settled_as_a_whole() {
     assert_eq!(format!("{ledger:?}"), before);
     assert!(ledger.settle_whole(&(4..8), 1, &[1.0; 4]));
     assert!(!ledger.settle_whole(&(3..5), 1, &[1.0; 2]));
+}
+
+/// What a server that had just succeeded with other work says of a piece.
+fn failed(blame: Blame) -> Failed<'static> {
+    Failed {
+        server: 1,
+        instance: None,
+        reason: "it broke",
+        blame,
+        sound: true,
+        at: Instant::now(),
+    }
+}
+
+#[test]
+fn what_the_server_is_not_to_blame_for_waits_again_as_it_was() {
+    for (blame, most) in [(Blame::None, 4), (Blame::Lost, 4), (Blame::Broker, 2)] {
+        let mut ledger = ledger(2, 2);
+        let piece = ledger.take(1, &[1], 4).unwrap();
+        assert!(!ledger.failed(piece, failed(blame), false, &Faults::default()));
+        let again = ledger.take(1, &[1], 4).unwrap();
+        assert_eq!((again.len(), again.tries, again.late), (most, 0, 0));
+    }
+}
+
+#[test]
+fn several_that_failed_together_are_tried_again_in_smaller_parts() {
+    let silent = Blame::Silent { others: true };
+    for (blame, late) in [(Blame::Evaluation, 0), (Blame::Crash, 0), (silent, 1)] {
+        let mut ledger = ledger(8, 2);
+        let piece = ledger.take(1, &[1], 16).unwrap();
+        assert!(ledger.failed(piece, failed(blame), false, &Faults::default()));
+        assert!(ledger.attribution().is_empty());
+        let again = ledger.take(2, &[1, 2], 16).unwrap();
+        assert_eq!((again.len(), again.tries, again.late), (2, 1, late));
+        assert!(again.has_failed_on(1));
+    }
+}
+
+#[test]
+fn one_that_failed_alone_is_put_aside_after_its_last_attempt() {
+    let mut ledger = ledger(2, 1);
+    let faults = Faults {
+        attempts: 2,
+        ..Faults::default()
+    };
+    for (attempt, again) in [(1, true), (2, false)] {
+        let piece = ledger.take(attempt, &[1, 2], 1).unwrap();
+        assert_eq!(piece.evaluations, 0..1);
+        let failed = Failed {
+            server: attempt,
+            ..failed(Blame::Evaluation)
+        };
+        assert_eq!(ledger.failed(piece, failed, true, &faults), again);
+    }
+    assert!(ledger.attribution().any_aside());
+    assert_eq!(ledger.queued(), 1);
+}
+
+#[test]
+fn what_has_ended_meanwhile_is_not_tried_again() {
+    let mut ledger = ledger(2, 1);
+    let piece = ledger.take(1, &[1], 1).unwrap();
+    ledger.settle(0, 2, 1.0, &[]);
+    assert!(!ledger.failed(piece, failed(Blame::Crash), true, &Faults::default()));
+    assert_eq!((ledger.queued(), ledger.done()), (1, 1));
+}
+
+#[test]
+fn a_loss_counts_of_a_proven_server_at_one_evaluation_alone() {
+    let (faults, start) = (Faults::default(), Instant::now());
+    let gone = |blame: Blame, length: usize, proven: bool, shared: bool| {
+        let mut ledger = ledger(4, 1);
+        let piece = ledger.take(1, &[1], length).unwrap();
+        if proven {
+            ledger
+                .attribution_mut()
+                .succeeded(1, 10, None, |other| other == 1);
+        }
+        if shared {
+            ledger.hold(&piece);
+        }
+        ledger.lost(&piece, 1, blame, &faults, start)
+    };
+    let counts = |blame, length, proven, shared| gone(blame, length, proven, shared).counts;
+    assert!(counts(Blame::Gone, 1, true, false));
+    assert!(!counts(Blame::Gone, 2, true, false), "with others");
+    assert!(!counts(Blame::Gone, 1, false, false), "not proven");
+    assert!(!counts(Blame::Gone, 1, true, true), "elsewhere, too");
+    assert!(counts(Blame::Silent { others: true }, 1, true, false));
+    assert!(!counts(Blame::Silent { others: false }, 1, true, false));
+    assert!(!counts(Blame::Lost, 1, true, false), "not begun");
+    assert_eq!(gone(Blame::Gone, 1, true, false).hopeless, None);
+}
+
+#[test]
+fn servers_lost_at_the_same_time_have_another_cause() {
+    let (faults, start) = (Faults::default(), Instant::now());
+    let mut ledger = ledger(4, 1);
+    let pieces = [1, 2].map(|server| ledger.take(server, &[1, 2], 1).unwrap());
+    let mut lost = |index: usize, seconds: u64| {
+        let server = index as u64 + 1;
+        ledger
+            .attribution_mut()
+            .succeeded(server, 10, None, |_| false);
+        let now = start + Duration::from_secs(seconds);
+        ledger.lost(&pieces[index], server, Blame::Gone, &faults, now)
+    };
+    assert!(lost(0, 0).counts);
+    assert!(!lost(1, 1).counts);
+    let later: Vec<Loss> = (1..20).map(|times| lost(1, 60 * times)).collect();
+    assert!(later[0].counts && later[0].hopeless.is_none());
+    assert_eq!(later[10].hopeless, Some(12));
 }
