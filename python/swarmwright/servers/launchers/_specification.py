@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
+from swarmwright import _engine
 from swarmwright.servers.broker.credentials import CREDENTIALS
 from swarmwright.servers.launchers._code import Code
 
@@ -39,7 +40,7 @@ class Specification:
     simulation: str
     broker: str
     prefix: str = ""
-    step_timeout: float = 60.0
+    step_timeout: float = _engine.TIMEOUTS["step"]
     username: str | None = None
     password: str | None = field(default=None, repr=False)
     authority: str | None = field(default=None, repr=False)
