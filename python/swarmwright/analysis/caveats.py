@@ -38,8 +38,8 @@ _FITNESS_CODE = {"code", "code.simulation", "code.ranking"}
 
 def _command(groups: Sequence["Group"], option: str) -> str:
     """Return the command that compares the runs otherwise; what lies beside them is not named."""
-    paths = [run.path for one in groups for run in one.runs]
-    paths += [run.path for one in groups for run in one.left_out]
+    paths = [run.path for group in groups for run in group.runs]
+    paths += [run.path for group in groups for run in group.left_out]
     folder = paths[0].parent
     everything = {path.name for path in folder.iterdir() if path.is_dir()} if folder.is_dir() else set()
     all_of_it = {path.parent for path in paths} == {folder} and everything <= {path.name for path in paths}
@@ -55,12 +55,12 @@ def _costs(groups: Sequence["Group"], tasks: Sequence["Task"], *, compare_at: bo
 
     compare_at: whether they can be compared after as many episodes.
     """
-    shortest = min(episodes for one in groups for episodes in one.episodes)
-    begun = max(episodes_to_begin(run) for one in groups for run in one.runs)
+    shortest = min(episodes for group in groups for episodes in group.episodes)
+    begun = max(episodes_to_begin(run) for group in groups for run in group.runs)
     command = _command(groups, f"--at-episodes {max(shortest, begun)}")
     after = f"; {command} compares all after as many" if compare_at else ""
     for task in tasks:
-        rates = {one.label: one.episodes_per_evaluation for one in task.groups}
+        rates = {group.label: group.episodes_per_evaluation for group in task.groups}
         least, most = min(rates.values()), max(rates.values())
         if most <= _SIMILAR_RATIO * least:
             continue
@@ -76,15 +76,15 @@ def _costs(groups: Sequence["Group"], tasks: Sequence["Task"], *, compare_at: bo
 
 def _lengths(groups: Sequence["Group"], indicator: Indicator, *, held_out: bool) -> Iterator[str]:
     """Yield that runs, which are compared at their ends, have unlike numbers of evaluations."""
-    shortest = min(one.evaluations[0] for one in groups)
-    longest = max(one.evaluations[1] for one in groups)
+    shortest = min(group.evaluations[0] for group in groups)
+    longest = max(group.evaluations[1] for group in groups)
     if longest <= _SIMILAR_RATIO * shortest:
         return
-    at = {episodes_of(run, min(shortest, run.evaluations)) for one in groups for run in one.runs}
+    at = {episodes_of(run, min(shortest, run.evaluations)) for group in groups for run in group.runs}
     taken = f", which took {min(at):,} to {max(at):,} episodes" if max(at) > _SIMILAR_RATIO * min(at) else ""
     command = _command(groups, f"{indicator.options} --at {shortest}".lstrip())
     if held_out:
-        of = "; ".join(f"{one.label}: {span(one.counts)}" for one in groups)
+        of = "; ".join(f"{group.label}: {span(group.counts)}" for group in groups)
         which = f" ({of})" if len(groups) <= _NAMED else ""
         yield (
             f"budgets are unequal: the runs have {shortest:,} to {longest:,} evaluations{which}, and the "
@@ -104,10 +104,10 @@ def budgets(groups: Sequence[Distinguished]) -> Iterator[str]:
 
     groups: of runs that are compared otherwise than by `compare`.
     """
-    counts = [run.evaluations for one in groups for run in one.runs]
+    counts = [run.evaluations for group in groups for run in group.runs]
     if max(counts) > _SIMILAR_RATIO * min(counts) and len(groups) > 1:
         yield f"budgets are unequal: the runs have {min(counts):,} to {max(counts):,} evaluations"
-    yield from _early([run for one in groups for run in one.runs if run.interrupted])
+    yield from _early([run for group in groups for run in group.runs if run.interrupted])
 
 
 def _early(interrupted: Sequence[Run]) -> Iterator[str]:
@@ -125,7 +125,7 @@ def _tasks(groups: Sequence["Group"], tasks: Sequence["Task"]) -> Iterator[str]:
     """Yield which groups solve different tasks, and which are not tested for it."""
     if any(task.pairs for task in tasks) and len(tasks) > 1:
         yield different_tasks()
-    alone = untested([(task.differs, [one.label for one in task.groups]) for task in tasks])
+    alone = untested([(task.differs, [group.label for group in task.groups]) for task in tasks])
     if alone is not None:
         yield alone
     yield from pooled(groups, tasks)
@@ -168,15 +168,15 @@ def _values(
     if held_out:
         yield from _held_out(groups)
         return
-    made = {_recorded(one.runs[0]) for one in groups}
+    made = {_recorded(group.runs[0]) for group in groups}
     if indicator.by != "fitness":
         yield from _elites_by_luck(groups, made, indicator)
         return
-    missing = [run for one in groups for run in one.runs if run.validation is None]
+    missing = [run for group in groups for run in group.runs if run.validation is None]
     if HELD_OUT in beside:
         command = "report fitness on held-out seeds, above, by which the order of groups may be another"
     elif missing:
-        count = sum(len(one.runs) for one in groups)
+        count = sum(len(group.runs) for group in groups)
         command = f"fitness on held-out seeds is known of {count - len(missing)} of {count} runs"
     else:
         command = f"{_command(groups, '--held-out')} compares fitness on held-out seeds"
@@ -185,7 +185,7 @@ def _values(
             f"the best recorded fitness is made of different episodes ({'; '.join(sorted(made))}), and the "
             f"fewer they are, the more it is too high; {command}"
         )
-    elif any(_may_be_lucky(run) for one in groups for run in one.runs):
+    elif any(_may_be_lucky(run) for group in groups for run in group.runs):
         yield (
             "the best recorded fitness is too high where fitness depends on the seed, most of all with "
             f"new seeds in each generation; {command}"
@@ -199,7 +199,7 @@ def _values(
 
 def _failures(groups: Sequence["Group"], *, held_out: bool) -> Iterator[str]:
     """Yield that evaluations failed, and that figures leave failed episodes out."""
-    without = [one for one in groups if one.runs[0].experiment.ranking.failure_fitness is None]
+    without = [group for group in groups if group.runs[0].experiment.ranking.failure_fitness is None]
     some = [one for one in without if any(one.failed)]
     if some:
         shares = "; ".join(
@@ -231,7 +231,7 @@ def _elites_by_luck(groups: Sequence["Group"], made: Collection[str], indicator:
             f"the elites were chosen by different episodes ({'; '.join(sorted(made))}), and the fewer they "
             f"are, the more the {indicator.words} is too high where values depend on the seed"
         )
-    elif any(_may_be_lucky(run) for one in groups for run in one.runs):
+    elif any(_may_be_lucky(run) for group in groups for run in group.runs):
         yield (
             f"the elites are what came out best with the seeds of the run, so the {indicator.words} is too "
             "high where values depend on the seed"
@@ -240,10 +240,10 @@ def _elites_by_luck(groups: Sequence["Group"], made: Collection[str], indicator:
 
 def _elites(groups: Sequence["Group"]) -> Iterator[str]:
     """Yield that runs of methods that are made for many candidates are compared by one of them."""
-    kinds = [one.label for one in groups if has_elites(one.runs[0])]
+    kinds = [group.label for group in groups if has_elites(group.runs[0])]
     if not kinds:
         return
-    shared = shared_indicators([one.runs[0] for one in groups])
+    shared = shared_indicators([group.runs[0] for group in groups])
     yield f"only the best fitness is compared, not the archive or the front of {' and '.join(kinds)}: " + (
         f"{_command(groups, f'--by {shared[0]}')} compares these{' (or --by coverage)' * (len(shared) > 1)}"
         if shared
@@ -254,7 +254,7 @@ def _elites(groups: Sequence["Group"]) -> Iterator[str]:
 
 def _held_out(groups: Sequence["Group"]) -> Iterator[str]:
     """Yield why fitness on held-out seeds of runs may not be comparable."""
-    of_runs = [run.unseen.seeds for one in groups for run in one.runs if run.unseen is not None]
+    of_runs = [run.unseen.seeds for group in groups for run in group.runs if run.unseen is not None]
     least, most = (limit(map(len, of_runs), default=0) for limit in (min, max))
     if least != most:
         yield (
@@ -288,7 +288,9 @@ def _episodes(run: Run) -> list[float]:
         evaluations = instances(run, run.evaluation())
     except SwarmwrightError:  # a damaged generation: the comparison does not need it
         return []
-    return [value for one in evaluations for value in one.episodes.tolist() if math.isfinite(value)]
+    return [
+        value for evaluation in evaluations for value in evaluation.episodes.tolist() if math.isfinite(value)
+    ]
 
 
 def _recorded(run: Run) -> str:
@@ -308,8 +310,8 @@ def _limited(groups: Sequence["Group"], at: int | None, at_episodes: int | None)
     words = f"{at:,} evaluations" if at_episodes is None else f"{at_episodes:,} episodes"
     ended = [
         str(run.path)
-        for one in groups
-        for run in one.runs
+        for group in groups
+        for run in group.runs
         if (
             run.evaluations < (at or 0)
             if at_episodes is None
@@ -319,7 +321,7 @@ def _limited(groups: Sequence["Group"], at: int | None, at_episodes: int | None)
     if ended:
         more = f" and {len(ended) - 5} more" if len(ended) > 5 else ""
         yield f"ended before {words}, and count with what they had: {', '.join(ended[:5])}{more}"
-    waiting = [one.label for one in groups if _has_unfinished_evaluations(one, at, at_episodes)]
+    waiting = [group.label for group in groups if _has_unfinished_evaluations(group, at, at_episodes)]
     if waiting:
         yield (
             f"candidates of {' and '.join(waiting)} are evaluated again, so the last generation that was "
@@ -357,7 +359,7 @@ def caveats(
         beside: what the same runs are also compared by, next to this: indicators, or `HELD_OUT`.
     """
     found = list(indicator.notes)
-    few = [one for one in groups if len(one.runs) < FEW_RUNS]
+    few = [group for group in groups if len(group.runs) < FEW_RUNS]
     if few and len(groups) > 1:
         least, most = (limit(len(one.runs) for one in few) for limit in (min, max))
         counts = "; ".join(f"{one.label}: {len(one.runs)}" for one in few)
@@ -375,10 +377,10 @@ def caveats(
     found += ties([pair for task in tasks for pair in task.pairs])
     if indicator.by == "fitness" and not set(beside) - {HELD_OUT}:
         found += _elites(groups)
-    if any(_FITNESS_CODE & one.differs.keys() for one in groups):
+    if any(_FITNESS_CODE & group.differs.keys() for group in groups):
         found.append(
             f"{indicator.words} that different code computed is compared: `swarmwright runs show` names the "
             "files"
         )
-    found += _early([run for one in groups for run in one.runs if run.interrupted])
+    found += _early([run for group in groups for run in group.runs if run.interrupted])
     return found

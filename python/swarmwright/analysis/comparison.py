@@ -628,7 +628,7 @@ def _counted(
         raise InputError(_none_counts(without))
     for lacking in unreadable:
         label, folders = variant_of(lacking.path) or (lacking.label, [])
-        label = next((labels[str(one)] for one in folders if str(one) in labels), label)
+        label = next((labels[str(folder)] for folder in folders if str(folder) in labels), label)
         without.append(replace(lacking, label=label))
     return kept, without
 

@@ -31,9 +31,9 @@ class Design:
     @property
     def entry(self) -> str:
         """Its name with the number of runs of its groups, and of those left out."""
-        counts = sorted({len(one.runs) for one in self.groups})
+        counts = sorted({len(group.runs) for group in self.groups})
         few = "" if len(counts) == 1 else f"{counts[0]} to "
-        lacking = sum(len(one.left_out) for one in self.groups)
+        lacking = sum(len(group.left_out) for group in self.groups)
         without = f", {lacking:,} left out" if lacking else ""
         return f"{self.name} ({few}{counted(counts[-1], 'run')}{without})"
 
@@ -45,12 +45,12 @@ def designs_of(tasks: "Sequence[Task]", labels: Mapping[str, str] | None = None)
 
     labels: other names of designs.
     """
-    groups = [one for task in tasks for one in task.groups]
+    groups = [group for task in tasks for group in task.groups]
     keys = _keys(tasks)
     found: dict[str, tuple[dict[str, Any], list[Group]]] = {}
-    for one in groups:
-        differs = {key: value for key, value in one.differs.items() if key in keys}
-        found.setdefault(identity(differs), (differs, []))[1].append(one)
+    for group in groups:
+        differs = {key: value for key, value in group.differs.items() if key in keys}
+        found.setdefault(identity(differs), (differs, []))[1].append(group)
     ordered = sorted(found.values(), key=lambda design: sort_key(design[0], keys))
     if all(len(members) == 1 and differs == members[0].differs for differs, members in ordered):
         # Numbers of groups are those of the table.
@@ -65,27 +65,27 @@ def designs_of(tasks: "Sequence[Task]", labels: Mapping[str, str] | None = None)
         Design(number, shortened(name, _NAME_CHARACTERS), tuple(members))
         for number, (name, (_, members)) in enumerate(zip(renamed, ordered, strict=True))
     ]
-    places = {id(one): place for place, one in enumerate(groups)}
-    return sorted(found_designs, key=lambda design: min(places[id(one)] for one in design.groups))
+    places = {id(group): place for place, group in enumerate(groups)}
+    return sorted(found_designs, key=lambda design: min(places[id(group)] for group in design.groups))
 
 
 def _keys(tasks: "Sequence[Task]") -> set[str]:
     """Return the keys that make designs: in which groups of a task differ, or that make no task."""
     of_tasks = {key for task in tasks for key in task.differs}
     within = {key for task in tasks for key in _differing(task.groups)}
-    every = {key for task in tasks for one in task.groups for key in one.differs}
+    every = {key for task in tasks for group in task.groups for key in group.differs}
     keys = (every - of_tasks) | within
     fewer = keys - set(SIZES)
     return fewer if all(_are_distinct(task.groups, fewer) for task in tasks) else keys
 
 
 def _differing(groups: "Sequence[Group]") -> set[str]:
-    every = {key for one in groups for key in one.differs}
-    return {key for key in every if len({identity(_selected(one.differs, [key])) for one in groups}) > 1}
+    every = {key for group in groups for key in group.differs}
+    return {key for key in every if len({identity(_selected(group.differs, [key])) for group in groups}) > 1}
 
 
 def _are_distinct(groups: "Sequence[Group]", keys: Collection[str]) -> bool:
-    return len({identity(_selected(one.differs, keys)) for one in groups}) == len(groups)
+    return len({identity(_selected(group.differs, keys)) for group in groups}) == len(groups)
 
 
 def _selected(differs: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:

@@ -187,11 +187,13 @@ def shared_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
     if not runs:
         return ()
     methods = [run.experiment.method for run in runs]
-    fronts = [one for one in methods if isinstance(one, Nsga2Options)]
-    archives = [one for one in methods if isinstance(one, MapElitesOptions)]
-    if len(fronts) == len(methods) and all(one.objectives == fronts[0].objectives for one in fronts):
+    fronts = [method for method in methods if isinstance(method, Nsga2Options)]
+    archives = [method for method in methods if isinstance(method, MapElitesOptions)]
+    if len(fronts) == len(methods) and all(front.objectives == fronts[0].objectives for front in fronts):
         return ("hypervolume",)
-    if len(archives) == len(methods) and all(one.measures == archives[0].measures for one in archives):
+    if len(archives) == len(methods) and all(
+        archive.measures == archives[0].measures for archive in archives
+    ):
         return "qd_score", "coverage"
     return ()
 
@@ -235,7 +237,7 @@ def measure(
         indicator = _of_fronts(elites, point)
     if by == "qd_score":
         indicator = _of_archives(elites, given)
-    return indicator, [indicator.value(one) for one in elites]
+    return indicator, [indicator.value(elite) for elite in elites]
 
 
 def _check_objectives(by: By, runs: Sequence[Run]) -> None:
@@ -303,9 +305,9 @@ def _reference(given: Mapping[str, float], run: Run) -> dict[str, float]:
 
 def _of_fronts(elites: Sequence[Elites], reference: dict[str, float] | None) -> Indicator:
     names = ["fitness", *elites[0].goals]
-    every = np.concatenate([_maximized(one, names) for one in elites])
+    every = np.concatenate([_maximized(elite, names) for elite in elites])
     signs = _signs(elites[0], names)
-    largest = max(len(one.candidates) for one in elites)
+    largest = max(len(elite.candidates) for elite in elites)
     if reference is not None:
         point = np.array(list(reference.values())) * signs
         behind = int((~np.logical_and.reduce(every > point, axis=1)).sum())
@@ -350,12 +352,15 @@ def _signs(elites: Elites, names: Sequence[str]) -> Values:
 
 def _maximized(elites: Elites, names: Sequence[str]) -> Values:
     """Return fitness and metrics of a front, (candidates, names), with signs so that more is better."""
-    rows = [[one.fitness, *(one.metrics[name] for name in names[1:])] for one in elites.candidates]
+    rows = [
+        [candidate.fitness, *(candidate.metrics[name] for name in names[1:])]
+        for candidate in elites.candidates
+    ]
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(names)) * _signs(elites, names)
 
 
 def _of_archives(elites: Sequence[Elites], given: float | None) -> Indicator:
-    lowest = min((one.fitness for archive in elites for one in archive.candidates), default=0.0)
+    lowest = min((candidate.fitness for archive in elites for candidate in archive.candidates), default=0.0)
     offset = min(0.0, lowest) if given is None else float(given)
     note = (
         f"the offset is above the lowest fitness of an elite, {lowest:.6g}, so that more elites can have a "

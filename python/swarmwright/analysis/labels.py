@@ -67,8 +67,8 @@ def telling(
     """
     kinds = groups if kinds is None else kinds
     values: dict[tuple[str, Any], list[str]] = defaultdict(list)
-    for one, known in zip(groups, kinds, strict=True):
-        for key, value in one.items():
+    for group, known in zip(groups, kinds, strict=True):
+        for key, value in group.items():
             values[key, kind_of(key, known)].append(_identity(value))
     sizes = {key: Counter(kind_of(key, known) for known in kinds) for key, _ in values}
     constant = {
@@ -77,11 +77,11 @@ def telling(
         if len(set(found)) == 1 and len(found) == sizes[key][kind] + (0 if kind is None else sizes[key][None])
     }
     told = [
-        {key: value for key, value in one.items() if (key, kind_of(key, known)) not in constant}
-        for one, known in zip(groups, kinds, strict=True)
+        {key: value for key, value in group.items() if (key, kind_of(key, known)) not in constant}
+        for group, known in zip(groups, kinds, strict=True)
     ]
     distinct = {_identity(one) for one in told}
-    return told if all(told) and len(distinct) == len({_identity(one) for one in groups}) else groups
+    return told if all(told) and len(distinct) == len({_identity(group) for group in groups}) else groups
 
 
 def kind_of(key: str, values: Mapping[str, Any]) -> str | None:
@@ -222,7 +222,9 @@ def _identity(value: Any) -> str:  # noqa: ANN401 - any value of a file
 
 def _kinds(robots: Sequence[Any]) -> str:
     """Return the kinds of robots of a mixed swarm: 12 scout, 4 carrier."""
-    words = (f"{one.get('count', '')} {one.get('name', '')}" for one in robots if isinstance(one, Mapping))
+    words = (
+        f"{robot.get('count', '')} {robot.get('name', '')}" for robot in robots if isinstance(robot, Mapping)
+    )
     return ", ".join(word.strip() for word in words)
 
 

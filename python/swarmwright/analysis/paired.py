@@ -90,7 +90,11 @@ class ControllerComparison(ComparedByValue):
     @property
     def left_out(self) -> list[int]:
         """Seeds of the episodes that do not count, because one of the controllers failed in them."""
-        return [seed for seed, one in zip(self.seeds, self.differences, strict=True) if math.isnan(one)]
+        return [
+            seed
+            for seed, difference in zip(self.seeds, self.differences, strict=True)
+            if math.isnan(difference)
+        ]
 
     @property
     def is_reportable(self) -> bool:

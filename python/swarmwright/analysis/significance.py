@@ -219,7 +219,7 @@ def _exact(ranks: NDArray[np.int64], sizes: NDArray[np.int64], seen: Values) -> 
     counts: Values = np.ones(1)
     for number, rank in enumerate(ranks):
         elements = [states // units[group] % bases[group] for group in range(others)]
-        free = [one < size for one, size in zip(elements, sizes, strict=False)]
+        free = [element < size for element, size in zip(elements, sizes, strict=False)]
         free.append(number - sum(elements) < sizes[-1])
         steps = [*(units[:others] + rank * units[others:]), 0]
         grown = np.concatenate([states[able] + step for able, step in zip(free, steps, strict=True)])

@@ -28,7 +28,7 @@ def runs_of(folder: Path) -> list[Path] | None:
     if not file.is_file() or (folder / STORE).exists():
         return None
     try:
-        names = [names_of(one["runs"]) for one in loads(contents(file))["variants"]]
+        names = [names_of(variant["runs"]) for variant in loads(contents(file))["variants"]]
     except (ValueError, KeyError, TypeError) as error:
         raise no_record(file) from error
     return [folder / name for some in names for name in some]
@@ -45,9 +45,9 @@ def keys_of_grid(runs: Sequence[Run]) -> list[tuple[str, ...]] | None:
         return None
     try:
         found = {
-            name: tuple(map(str, one["keys"]))
-            for one in loads(contents(file))["variants"]
-            for name in names_of(one["runs"])
+            name: tuple(map(str, variant["keys"]))
+            for variant in loads(contents(file))["variants"]
+            for name in names_of(variant["runs"])
         }
         return [found[place.name] for place in places]
     except (InputError, ValueError, KeyError, TypeError):
@@ -92,7 +92,7 @@ def missing_words(missing: list[Path]) -> str:
 
 def as_missing(folders: Iterable[Path]) -> list[LeftOut]:
     """Return runs of sweeps that are not there as runs that do not count."""
-    return [LeftOut(one, "missing", "missing; the same sweep runs it") for one in folders]
+    return [LeftOut(folder, "missing", "missing; the same sweep runs it") for folder in folders]
 
 
 def as_unreadable(folder: Path, error: InputError) -> LeftOut:
@@ -109,10 +109,10 @@ def variant_of(folder: Path) -> tuple[str, list[Path]] | None:
     try:
         if not file.is_file():
             return None
-        for one in loads(contents(file))["variants"]:
-            names = names_of(one["runs"])
+        for variant in loads(contents(file))["variants"]:
+            names = names_of(variant["runs"])
             if folder.name in names:
-                return str(one["label"]), [file.parent / name for name in names]
+                return str(variant["label"]), [file.parent / name for name in names]
     except (InputError, ValueError, KeyError, TypeError):
         pass
     return None
@@ -132,7 +132,7 @@ def runs_of_all(
             listed("runs", runs, "run folders")  # raises: one run is no list
         runs = [runs]
     listed("runs", runs, "run folders")
-    given = [one if isinstance(one, Run) else path_of("runs", one, "a run folder") for one in runs]
+    given = [run if isinstance(run, Run) else path_of("runs", run, "a run folder") for run in runs]
     files = [one for one in given if isinstance(one, Path) and one.is_file()]
     found: list[Run] = []
     missing: list[Path] = []

@@ -120,9 +120,9 @@ def html_of(comparison: "Comparison") -> str:
 def _group_rows(groups: Sequence["Group"], comparison: "Comparison") -> list[list[str]]:
     """Return the rows of groups below a heading; with one task also those of groups without a run."""
     # Where each evaluation is one episode, or nothing failed, a column would say nothing.
-    episodes = any(one.episodes != one.counts for one in groups)
-    failed = any(any(one.failed) for one in groups)
-    lost = comparison.held_out and any(any(one.held_out_failed) for one in groups)
+    episodes = any(group.episodes != group.counts for group in groups)
+    failed = any(any(group.failed) for group in groups)
+    lost = comparison.held_out and any(any(group.held_out_failed) for group in groups)
     lacking = bool(comparison.left_out)
     rows = [
         [
@@ -130,14 +130,14 @@ def _group_rows(groups: Sequence["Group"], comparison: "Comparison") -> list[lis
             *["episodes"] * episodes, *["held-out failed"] * lost, "median", "quartiles", "worst", "best",
         ]
     ]  # fmt: skip
-    for one in groups:
-        low, high = one.quartiles
+    for group in groups:
+        low, high = group.quartiles
         rows.append(
             [
-                one.label, str(len(one.runs)), *[str(len(one.left_out))] * lacking, span(one.counts),
-                *[span(one.failed)] * failed, *[span(one.episodes)] * episodes,
-                *[span(one.held_out_failed)] * lost, number(one.median), f"{number(low)} to {number(high)}",
-                number(one.quantile(0.0)), number(one.quantile(1.0)),
+                group.label, str(len(group.runs)), *[str(len(group.left_out))] * lacking,
+                span(group.counts), *[span(group.failed)] * failed, *[span(group.episodes)] * episodes,
+                *[span(group.held_out_failed)] * lost, number(group.median),
+                f"{number(low)} to {number(high)}", number(group.quantile(0.0)), number(group.quantile(1.0)),
             ]
         )  # fmt: skip
     if len(comparison.tasks) == 1:
@@ -147,7 +147,7 @@ def _group_rows(groups: Sequence["Group"], comparison: "Comparison") -> list[lis
 
 def lacking_rows(comparison: "Comparison") -> list[list[str]]:
     """Return label, 0 and the number of runs left out of each group of which no run counts."""
-    there = {run.path for one in comparison.groups for run in one.left_out}
+    there = {run.path for group in comparison.groups for run in group.left_out}
     without: dict[str, int] = {}
     for run in comparison.left_out:
         if run.path not in there:
@@ -233,8 +233,8 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
         **comparison.indicator.to_mapping(),
         "groups": [
             {
-                "label": one.label,
-                "differs": one.differs,
+                "label": group.label,
+                "differs": group.differs,
                 "runs": [
                     {
                         "run": str(run.path), "seed": run.experiment.seed, "evaluations": count,
@@ -242,24 +242,24 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
                         comparison.indicator.by: float(value),
                     }
                     for run, value, count, episodes, failed, lost in zip(
-                        one.runs, one.final, one.counts, one.episodes, one.failed, one.held_out_failed,
-                        strict=True,
+                        group.runs, group.final, group.counts, group.episodes, group.failed,
+                        group.held_out_failed, strict=True,
                     )
                 ],
-                "left_out": len(one.left_out),
-                "median": one.median,
-                "quartiles": list(one.quartiles),
-                "worst": one.quantile(0.0),
-                "best": one.quantile(1.0),
+                "left_out": len(group.left_out),
+                "median": group.median,
+                "quartiles": list(group.quartiles),
+                "worst": group.quantile(0.0),
+                "best": group.quantile(1.0),
             }
-            for one in comparison.groups
+            for group in comparison.groups
         ],
         "kruskal_wallis": None if comparison.kruskal is None else vars(comparison.kruskal),
         "tasks": [
             {
                 "label": task.label,
                 "differs": task.differs,
-                "groups": [one.label for one in task.groups],
+                "groups": [group.label for group in task.groups],
                 "kruskal_wallis": None if task.kruskal is None else vars(task.kruskal),
             }
             for task in comparison.tasks
@@ -364,20 +364,20 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
 
     folder: of the table.
     """
-    tasks = {one.label: task.label for task in comparison.tasks for one in task.groups}
+    tasks = {group.label: task.label for task in comparison.tasks for group in task.groups}
     differing = option_columns(
-        [({**flattened_of(one.runs[0]), **one.differs}, one.differs) for one in comparison.groups]
+        [({**flattened_of(group.runs[0]), **group.differs}, group.differs) for group in comparison.groups]
     )
     by = comparison.indicator.by
     best = by == "fitness" and not comparison.held_out
     at_end = comparison.at is None and comparison.at_episodes is None
     rows: list[dict[str, Any]] = []
-    for one, keys in zip(comparison.groups, differing, strict=True):
+    for group, keys in zip(comparison.groups, differing, strict=True):
         for run, value, count, episodes, failed in zip(
-            one.runs, one.final.tolist(), one.counts, one.episodes, one.failed, strict=True
+            group.runs, group.final.tolist(), group.counts, group.episodes, group.failed, strict=True
         ):
             row = {
-                "task": tasks[one.label], "group": one.label,
+                "task": tasks[group.label], "group": group.label,
                 "run": os.path.relpath(run.path.resolve(), folder.resolve()),
                 "seed": run.experiment.seed, "left_out": None, "evaluations": count, "episodes": episodes,
                 "failed": failed,
@@ -448,17 +448,17 @@ def _when(comparison: "Comparison") -> str:
 
 
 def _groups(groups: Sequence["Group"], comparison: "Comparison") -> list[str]:
-    failed = any(any(one.failed) for one in groups)
-    lost = comparison.held_out and any(any(one.held_out_failed) for one in groups)
+    failed = any(any(group.failed) for group in groups)
+    lost = comparison.held_out and any(any(group.held_out_failed) for group in groups)
     lacking = bool(comparison.left_out)
     rows = [
         [
-            one.label, str(len(one.runs)), *[str(len(one.left_out))] * lacking, span(one.counts),
-            span(one.episodes), *[span(one.failed)] * failed, *[span(one.held_out_failed)] * lost,
-            number(one.median), *map(number, one.quartiles), number(one.quantile(0.0)),
-            number(one.quantile(1.0)),
+            group.label, str(len(group.runs)), *[str(len(group.left_out))] * lacking, span(group.counts),
+            span(group.episodes), *[span(group.failed)] * failed, *[span(group.held_out_failed)] * lost,
+            number(group.median), *map(number, group.quartiles), number(group.quantile(0.0)),
+            number(group.quantile(1.0)),
         ]
-        for one in groups
+        for group in groups
     ]  # fmt: skip
     head = [
         "group", "runs", *["left out"] * lacking, "evaluations", "episodes", *["failed"] * failed,

@@ -68,8 +68,8 @@ def by_task(groups: Sequence[RunGroup], *, by: str, held_out: bool) -> list[Task
         held_out: whether it is fitness on held-out seeds, a mean of episodes whatever the ranking is.
     """
     values = [
-        {key: value for key, value in _of_task(one).items() if _makes_task(key, by, held_out=held_out)}
-        for one in groups
+        {key: value for key, value in _of_task(group).items() if _makes_task(key, by, held_out=held_out)}
+        for group in groups
     ]
     every = dict.fromkeys(key for one in values for key in one)
     keys = [key for key in every if len({identity(one.get(key)) for one in values}) > 1]
@@ -121,9 +121,9 @@ def _telling(tasks: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 def differing_parameters(groups: Sequence[Distinguished]) -> set[str]:
     """Return the parameters of the simulation in which groups solve different tasks."""
-    values = [_of_task(one) for one in groups]
-    every = {key for one in values for key in one}
-    return parameters_of([key for key in every if len({identity(one.get(key)) for one in values}) > 1])
+    values = [_of_task(group) for group in groups]
+    every = {key for value in values for key in value}
+    return parameters_of([key for key in every if len({identity(value.get(key)) for value in values}) > 1])
 
 
 def parameters_of(keys: Collection[str]) -> set[str]:
@@ -133,7 +133,7 @@ def parameters_of(keys: Collection[str]) -> set[str]:
 
 def other_models(groups: Sequence[Distinguished]) -> bool:
     """Return whether groups have different reference models of one robot."""
-    every = {key for one in groups for key in one.differs}
+    every = {key for group in groups for key in group.differs}
     return bool(every & _ROBOTS) and "robot" not in differing_parameters(groups)
 
 
@@ -179,7 +179,7 @@ def _only_parameters(groups: Sequence[RunGroup], keys: Collection[str]) -> bool:
 
     keys: in which their tasks differ. Announced sizes follow from parameters.
     """
-    every = {key for one in groups for key in one.differs}
+    every = {key for group in groups for key in group.differs}
     others = {key for key in every - set(keys) - set(ANNOUNCED) if key != "parameters.seed"}
     return not others and not any(map(_other_quantity, keys))
 

@@ -114,7 +114,7 @@ class Compared:
     @classmethod
     def of(cls, options: dict[str, Any]) -> Self:
         """Take the options of `compare_options` out of those of a command."""
-        given = {name: options.pop(name) for name in (one.name for one in fields(cls))}
+        given = {name: options.pop(name) for name in (field.name for field in fields(cls))}
         order = given["order"]
         if len(order) == 1 and order[0] in _ORDERS:
             order = order[0]

@@ -114,18 +114,18 @@ def _next_best_lines(found: "Validation") -> Iterator[str]:
     """Yield a table of all candidates, and whether another one than the best of the run is better."""
     yield f"The {len(found.candidates)} best of the run, on these seeds:"
     rows = [("generation", "candidate", "recorded", "held-out", "95 % interval")]
-    for one in found.candidates:
-        fitness, interval = one.fitness, ""
+    for candidate in found.candidates:
+        fitness, interval = candidate.fitness, ""
         if fitness.low is not None and fitness.high is not None:
             interval = f"{fitness.low:.4g} to {fitness.high:.4g}"
-        if one.failed:
-            interval = f"{interval}, {one.failed} failed".removeprefix(", ")
-        numbers = (f"{one.recorded + 0.0:.6g}", f"{fitness.mean + 0.0:.4g}")
-        rows.append((str(one.generation), str(one.candidate), *numbers, interval))
+        if candidate.failed:
+            interval = f"{interval}, {candidate.failed} failed".removeprefix(", ")
+        numbers = (f"{candidate.recorded + 0.0:.6g}", f"{fitness.mean + 0.0:.4g}")
+        rows.append((str(candidate.generation), str(candidate.candidate), *numbers, interval))
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     for row in rows:
         yield "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-    if not all(one.is_reportable for one in found.candidates):
+    if not all(candidate.is_reportable for candidate in found.candidates):
         yield "Means leave failed episodes out, so candidates with some cannot be compared with the others."
     lead = found.lead
     if lead is not None and lead.low is not None and lead.low > 0:
@@ -147,7 +147,7 @@ def validation_facts(found: "Validation") -> dict[str, Any]:
         "seed": found.seeds[0],
         "confidence": 0.95,
         "interval": "t",
-        "candidates": [one.summary() for one in found.candidates],
+        "candidates": [candidate.summary() for candidate in found.candidates],
         **({} if found.start is None else {"start": found.start.summary()}),
     }
 

@@ -91,7 +91,7 @@ def _described(simulation: str | None, parameters: dict[str, Any] | None = None)
         return None
     described = catalogue.description(simulation, parameters)
     groups = catalogue.groups(simulation, parameters or {})
-    return {**described, "groups": [vars(one) for one in groups]}
+    return {**described, "groups": [vars(group) for group in groups]}
 
 
 def _described_by_run(run: "Run", generation: int) -> dict[str, Any] | None:

@@ -219,7 +219,7 @@ def command(
         )
     output.json({"run": str(run), "settings": list(settings), **evaluated.to_mapping()})
     # Other parameters make other episodes of the same seeds.
-    other = any(one.matters for one in differences(used.to_mapping(), experiment.to_mapping()))
+    other = any(difference.matters for difference in differences(used.to_mapping(), experiment.to_mapping()))
     output.text(
         f"Candidate {evaluated.candidate} of generation {evaluated.generation}, evaluation "
         f"{evaluated.number}: recorded fitness {evaluated.recorded + 0.0:.6g}"
@@ -433,13 +433,13 @@ def show_learning_curve(
     seeds = f"seed {first}" if count == 1 else f"seeds {first} to {last}"
     output.text(f"The {run.best_words}, in {count} episode{'s' * (count > 1)} with the {seeds}:")
     output.text("generation  evaluations   candidate     recorded     held-out  95 % interval")
-    for one in curve.points:
-        best = one.best.fitness
+    for point in curve.points:
+        best = point.best.fitness
         interval = "" if best.low is None else f"  {best.low:.5g} to {best.high:.5g}"
-        failed = f", {one.best.failed} failed" if one.best.failed else ""
+        failed = f", {point.best.failed} failed" if point.best.failed else ""
         output.text(
-            f"{one.generation:>10}{one.evaluations:>13,}{one.best.label:>12}"
-            f"{one.best.recorded + 0.0:>13.5g}{best.mean + 0.0:>13.5g}{interval}{failed}"
+            f"{point.generation:>10}{point.evaluations:>13,}{point.best.label:>12}"
+            f"{point.best.recorded + 0.0:>13.5g}{best.mean + 0.0:>13.5g}{interval}{failed}"
         )
     if not curve.is_reportable:
         output.text(

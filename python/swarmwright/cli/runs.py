@@ -313,7 +313,7 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_js
         {
             "run": str(run),
             **elites_facts(found, offset),
-            "elites": [one._asdict() for one in found.candidates],
+            "elites": [candidate._asdict() for candidate in found.candidates],
             "picture": None if file is None or not found.candidates else str(file),
         }
     )
@@ -533,7 +533,7 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     from swarmwright.cli._deletion import Deletion
 
     output = Output(as_json=as_json)
-    found = [Deletion.of(folder) for folder in {one.resolve(): one for one in runs}.values()]
+    found = [Deletion.of(folder) for folder in {run.resolve(): run for run in runs}.values()]
     if not yes and not _is_confirmed(found):
         return 1
     for one in found:

@@ -152,9 +152,9 @@ def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
 
     runs = outcome.finished
     comparisons = compare_all(*outcome.compared())
-    for one in comparisons:
+    for comparison in comparisons:
         output.text()
-        output.block(str(one))
+        output.block(str(comparison))
     if quick_indicators(runs) != shared_indicators(runs):
         output.text()
         output.text(
@@ -172,7 +172,7 @@ def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
         return
     picture = _written(comparisons[0].plot, folder / "comparison.png")
     tables = [_written(comparisons[0].export, folder / f"comparison{ending}") for ending in (".csv", ".tex")]
-    written = [str(one) for one in tables if one is not None]
+    written = [str(table) for table in tables if table is not None]
     if written:
         output.text(f"Tables are in {' and '.join(written)}")
     if picture is not None:
@@ -183,7 +183,7 @@ def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
         {
             "held_out": comparisons[0].to_mapping() if validated else None,
             "comparison": recorded.to_mapping(),
-            "indicators": [one.to_mapping() for one in indicators],
+            "indicators": [indicator.to_mapping() for indicator in indicators],
             "picture": None if picture is None else str(picture),
             "tables": written,
         }

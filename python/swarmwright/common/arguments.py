@@ -28,11 +28,11 @@ def checked(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _
     become Python's.
     """
     parameters = inspect.signature(function).parameters
-    defaults = {name: one.default for name, one in parameters.items() if name in _CHECKS}
+    defaults = {name: parameter.default for name, parameter in parameters.items() if name in _CHECKS}
     places = [
         (place, name)
-        for place, (name, one) in enumerate(parameters.items())
-        if name in _CHECKS and one.kind is not one.KEYWORD_ONLY
+        for place, (name, parameter) in enumerate(parameters.items())
+        if name in _CHECKS and parameter.kind is not parameter.KEYWORD_ONLY
     ]
 
     def accepted(name: str, given: object) -> object:

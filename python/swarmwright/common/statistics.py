@@ -84,7 +84,7 @@ def means(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _finite_mean(values: list[float]) -> float:
-    known = [one for one in values if not math.isnan(one)]
+    known = [value for value in values if not math.isnan(value)]
     return mean(known) if all(map(math.isfinite, known)) else math.nan
 
 

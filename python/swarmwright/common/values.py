@@ -131,7 +131,7 @@ class ComparedByValue:
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
             return NotImplemented
-        compared: list[str] = [one.name for one in fields(self) if one.compare]  # type: ignore[arg-type]
+        compared: list[str] = [field.name for field in fields(self) if field.compare]  # type: ignore[arg-type]
         return all(same(getattr(self, name), getattr(other, name)) for name in compared)
 
     def __ne__(self, other: object) -> bool:

@@ -93,7 +93,7 @@ class Source:
     def _nearest(self, path: Path_) -> Path_:
         """Return the path, or the nearest thing whose place is known."""
         while path and path not in self.options and path not in self.lines:
-            below = next((one for one in self.options if one[: len(path)] == path), None)
+            below = next((option for option in self.options if option[: len(path)] == path), None)
             if below is not None:  # an option created this value
                 return below
             path = path[:-1]

@@ -308,7 +308,9 @@ class Representation(ABC):
         """Return what an operator of one genome made, as rows."""
         if is_plug_in(type(self)):
             size = (self.genome_size,)
-            genomes = [numbers(self, operator, one, size, "a genome, (genome_size,)") for one in genomes]
+            genomes = [
+                numbers(self, operator, genome, size, "a genome, (genome_size,)") for genome in genomes
+            ]
         return np.array(genomes, dtype=np.float32).reshape(len(genomes), self.genome_size)
 
 

@@ -138,7 +138,7 @@ class Diagram:
         self._first_color = first_color
         named = any(node.name for node in nodes)
         self.radius = 0.47 if named else 0.29
-        longest = max((_width(one.label) for one in arrows), default=0.0)
+        longest = max((_width(arrow.label) for arrow in arrows), default=0.0)
         gap = 2 * self.radius + max(0.75 if named else 0.7, longest + 0.15)
         self._ring = 0.0 if count == 1 else max(_LEAST_RING, gap / (2 * math.sin(math.pi / count)))
         self.size = max(2 * (self._ring + self.radius + _LOOP + max(longest / 2, 0.2) + 0.1), _LEAST_SIZE)
@@ -149,11 +149,11 @@ class Diagram:
     def _all_ways(self) -> list[_Way]:
         found: dict[tuple[int, int], _Way] = {}
         # Short ones first: they have the least choice.
-        for one in sorted(self._arrows, key=lambda one: self._far(one.source, one.target)):
-            if (one.source, one.target) not in found:
-                back = found.get((one.target, one.source))
-                found[one.source, one.target] = self._way(one.source, one.target, back)
-        return [found[one.source, one.target] for one in self._arrows]
+        for arrow in sorted(self._arrows, key=lambda arrow: self._far(arrow.source, arrow.target)):
+            if (arrow.source, arrow.target) not in found:
+                back = found.get((arrow.target, arrow.source))
+                found[arrow.source, arrow.target] = self._way(arrow.source, arrow.target, back)
+        return [found[arrow.source, arrow.target] for arrow in self._arrows]
 
     def _far(self, source: int, target: int) -> float:
         return math.dist(self.places[source], self.places[target])
@@ -261,7 +261,7 @@ class Diagram:
         self._draw_arrows(axes)
         self._draw_states(axes)
         missing = sum(
-            box is None and bool(one.label) for one, box in zip(self._arrows, self.labels, strict=True)
+            box is None and bool(arrow.label) for arrow, box in zip(self._arrows, self.labels, strict=True)
         )
         if missing:
             note += f" · {missing} number{'s' if missing > 1 else ''} without space: see the list"
@@ -275,21 +275,21 @@ class Diagram:
         from matplotlib.patches import FancyArrowPatch
         from matplotlib.path import Path
 
-        for one, way, box in zip(self._arrows, self.ways, self.labels, strict=True):
+        for arrow, way, box in zip(self._arrows, self.ways, self.labels, strict=True):
             curve = Path.CURVE4 if len(way.path) == 4 else Path.CURVE3
             codes = [Path.MOVETO, *[curve] * (len(way.path) - 1)]
-            color = SOFT if one.faint else state_color(self._first_color + one.source)
+            color = SOFT if arrow.faint else state_color(self._first_color + arrow.source)
             axes.add_patch(
                 FancyArrowPatch(
-                    path=Path(way.path, codes), arrowstyle="-|>", mutation_scale=9 + 2.5 * one.width,
-                    color=color, linewidth=one.width, alpha=0.3 if one.faint else 0.85, zorder=2,
+                    path=Path(way.path, codes), arrowstyle="-|>", mutation_scale=9 + 2.5 * arrow.width,
+                    color=color, linewidth=arrow.width, alpha=0.3 if arrow.faint else 0.85, zorder=2,
                 )
             )  # fmt: skip
             if box is None:
                 continue
             axes.text(
-                (box[0] + box[2]) / 2, (box[1] + box[3]) / 2, one.label, ha="center", va="center", color=INK,
-                fontsize=_FONT_SIZE_POINTS, zorder=6, gid="label",
+                (box[0] + box[2]) / 2, (box[1] + box[3]) / 2, arrow.label, ha="center", va="center",
+                color=INK, fontsize=_FONT_SIZE_POINTS, zorder=6, gid="label",
                 bbox={"boxstyle": "round,pad=0.12", "facecolor": PAPER, "edgecolor": color, "linewidth": 0.7},
             )  # fmt: skip
 

@@ -15,9 +15,9 @@ def machines_of(specification: Mapping[str, Any]) -> Machines:
         return Machines(kind, machine_of(specification))
     first: int | None = 0
     found = []
-    for group, one in zip(specification["groups"], parts_of(specification).values(), strict=True):
+    for group, part in zip(specification["groups"], parts_of(specification).values(), strict=True):
         agents = group.get("agents")
         end = None if first is None or agents is None else first + int(agents)
-        found.append(Group(group["name"], first, end, machine_of(one)))
+        found.append(Group(group["name"], first, end, machine_of(part)))
         first = end
     return Machines(kind, groups=tuple(found))

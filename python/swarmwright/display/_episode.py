@@ -113,7 +113,7 @@ class Part:
     def kind_names(self) -> tuple[str, ...]:
         """The names of the kinds of agents, which bodies of the kind agent have as their state."""
         groups = self.machines.groups or ()
-        return tuple(dict.fromkeys([*(kind.name for kind in self.kinds), *(one.name for one in groups)]))
+        return tuple(dict.fromkeys([*(kind.name for kind in self.kinds), *(group.name for group in groups)]))
 
 
 PARTS = ("trails", "rays", "links", "labels")

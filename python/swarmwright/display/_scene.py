@@ -211,7 +211,7 @@ class Scene:
         if self.floor is not None:
             fields["floor"] = _floor("floor", self.floor)
         if len(self.patches):
-            fields["patches"] = [_floor(f"patches[{i}]", one) for i, one in enumerate(self.patches)]
+            fields["patches"] = [_floor(f"patches[{i}]", patch) for i, patch in enumerate(self.patches)]
         if len(self.walls):
             fields["walls"] = [_wall(f"walls[{i}]", wall) for i, wall in enumerate(self.walls)]
         if len(self.lights):

@@ -45,7 +45,7 @@ class Budget:
             shares["seconds"] = seconds / self.seconds
         if not shares:
             return "generations", 0.0
-        name = max(shares, key=lambda one: shares[one])
+        name = max(shares, key=lambda share: shares[share])
         return name, min(shares[name], 1.0)
 
     def expected_generations(self, generations: int, evaluations: int) -> int:

@@ -197,7 +197,7 @@ def _ranges(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
         raise ValueError(f"must be ranges, such as {{parameters.speed: [0.4, 0.8]}}, not {shown(value)}")
     for key, ends in value.items():
         numbers = isinstance(ends, list | tuple) and len(ends) == 2
-        if not numbers or any(isinstance(one, bool) or not isinstance(one, int | float) for one in ends):
+        if not numbers or any(isinstance(end, bool) or not isinstance(end, int | float) for end in ends):
             raise FieldError(
                 str(key), f"must be the lowest and the highest value, [0.4, 0.8], not {shown(ends)}"
             )

@@ -60,7 +60,7 @@ def entries_of(value: Any, folder: Path, report: Report) -> Entries | None:  # n
 
 def _together(entries: Entries) -> str | None:
     """Return why entries cannot be used together, None where they can."""
-    if sum(one.launcher == "process" for one in entries) > 1:
+    if sum(entry.launcher == "process" for entry in entries) > 1:
         return "process is there twice; this machine's servers are one entry: add up their numbers"
     return None
 
@@ -152,7 +152,7 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
 
 def files_of(entries: Entries) -> list[str]:
     """Return the patterns of the files that are copied with the simulation's code."""
-    return list(dict.fromkeys(file for one in entries if one.code is None for file in one.files))
+    return list(dict.fromkeys(file for entry in entries if entry.code is None for file in entry.files))
 
 
 def with_files(entries: Entries, given: Entries) -> Entries:
@@ -162,14 +162,14 @@ def with_files(entries: Entries, given: Entries) -> Entries:
     """
     files = files_of(given)
     return tuple(
-        one.model_copy(update={"files": files})
-        if files and one.code is None and "files" not in one.model_fields_set
-        else one
-        for one in entries
+        entry.model_copy(update={"files": files})
+        if files and entry.code is None and "files" not in entry.model_fields_set
+        else entry
+        for entry in entries
     )
 
 
 def written(entries: Entries) -> Any:  # noqa: ANN401 - a mapping or a list
     """Return entries as an experiment file has them, every default written out; a single one as a mapping."""
-    found = [one.model_dump(exclude_none=True) for one in entries]
+    found = [entry.model_dump(exclude_none=True) for entry in entries]
     return found[0] if len(found) == 1 else found

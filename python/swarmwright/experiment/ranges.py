@@ -51,7 +51,7 @@ class Range:
             path, rest = key_path(f"{key}=")
             if rest or not isinstance(values, Sequence) or len(values) != 2:
                 raise InputError("expected a key and the lowest and highest value")
-            low, high = (number("the lowest and highest value", one) for one in values)
+            low, high = (number("the lowest and highest value", value) for value in values)
             return cls(path, low, high, given).checked()
         except InputError as error:
             raise InputError(f"{given}{key}: {error}") from None

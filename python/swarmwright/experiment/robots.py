@@ -35,7 +35,7 @@ def mission_of(given: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - as the
         return given
     if given is None:
         given = catalogue.description(catalogue.ARENA)["parameters"]["mission"]["default"]
-    texts = (one["text"] for one in _engine.missions() if given in (one["name"], one["also"]))
+    texts = (mission["text"] for mission in _engine.missions() if given in (mission["name"], mission["also"]))
     return next((parse(text, "").values for text in texts), None)
 
 
@@ -56,7 +56,7 @@ def subject_of(simulation: str, label: str, parameters: Mapping[str, Any]) -> st
 
 def mission_name(given: Any) -> Any:  # noqa: ANN401 - as the arena's parameter has it
     """Return the longer one of a built-in mission's two names; anything else as it is."""
-    long = (one["also"] for one in _engine.missions() if one["also"] and one["name"] == given)
+    long = (mission["also"] for mission in _engine.missions() if mission["also"] and mission["name"] == given)
     return next(long, given)
 
 
@@ -149,12 +149,12 @@ def kinds(simulation: str, parameters: dict[str, Any]) -> list[Kind]:
         return []
     return [
         Kind(
-            one.name, one.agents,
-            one.own_sensor_names or _padded(one.sensor_names, "sensor", one.sensors, whole["sensors"]),
-            one.own_actuator_names
-            or _padded(one.actuator_names, "actuator", one.actuators, whole["actuators"]),
+            group.name, group.agents,
+            group.own_sensor_names or _padded(group.sensor_names, "sensor", group.sensors, whole["sensors"]),
+            group.own_actuator_names
+            or _padded(group.actuator_names, "actuator", group.actuators, whole["actuators"]),
         )
-        for one in groups
+        for group in groups
     ]  # fmt: skip
 
 

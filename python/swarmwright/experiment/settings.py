@@ -106,8 +106,8 @@ def restricted(
         ask: whether a simulation that is named by its class may be imported, to be asked for its parameters.
     """
     problems = []
-    for one in settings:
-        key = one.path[0]
+    for setting in settings:
+        key = setting.path[0]
         if key in keys:
             continue
         known = {*values["parameters"]}
@@ -115,16 +115,16 @@ def restricted(
             known |= {*catalogue.parameter_names(values["simulation"])} if ask else set()
         found = [] if key in TOP else [*right_places(key, "", values, known)]
         belongs = f"unknown key; it belongs to another section: {' or '.join(found)}"
-        problems.append(f"{one.text}: {belongs if found else f'{key}: {reason}'}")
+        problems.append(f"{setting.text}: {belongs if found else f'{key}: {reason}'}")
     if problems:
         raise InputError("\n".join(problems))
 
 
 def refuse_seed(texts: Iterable[str]) -> None:
     """Raise InputError where a seed is set, the method's or that of episodes, which another option names."""
-    for one in parse_settings(texts):
-        if one.path in {("seed",), ("parameters", "seed")}:
-            raise InputError(f"{one.text}: has no effect here; the seed of episodes is the option --seed")
+    for setting in parse_settings(texts):
+        if setting.path in {("seed",), ("parameters", "seed")}:
+            raise InputError(f"{setting.text}: has no effect here; the seed of episodes is the option --seed")
 
 
 def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = True) -> Source:
@@ -176,19 +176,25 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
 def _in_order(settings: Iterable[Setting]) -> list[Setting]:
     """Return settings with those first on which others build, but after the whole section given before."""
     ordered: list[Setting] = []
-    for one in settings:
+    for setting in settings:
         place = len(ordered)
-        if one.first:
-            wholes = [index for index, other in enumerate(ordered) if other.path in {one.path, one.path[:1]}]
+        if setting.first:
+            wholes = [
+                index for index, other in enumerate(ordered) if other.path in {setting.path, setting.path[:1]}
+            ]
             place = wholes[-1] + 1 if wholes else 0
-        ordered.insert(place, one)
+        ordered.insert(place, setting)
     return ordered
 
 
 def _drop_limits(source: Source, settings: Iterable[Setting]) -> None:
     """Drop the limits of the file where settings have one, so that it means the same for any file."""
     given = sets_limit(
-        {one.path[1]: one.value for one in settings if len(one.path) == 2 and one.path[0] == "method"}
+        {
+            setting.path[1]: setting.value
+            for setting in settings
+            if len(setting.path) == 2 and setting.path[0] == "method"
+        }
     )
     method = source.values.get("method")
     if given and isinstance(method, dict):

@@ -51,8 +51,8 @@ def _of_mapping(value: Mapping[str, Any], folder: Path) -> Entry:
     if isinstance(run, str | PathLike) and value.keys() <= _OF_RUN:
         numbers = [value.get("candidate"), value.get("generation")]
         if any(
-            one is not None and (isinstance(one, bool) or not isinstance(one, int) or one < 0)
-            for one in numbers
+            number is not None and (isinstance(number, bool) or not isinstance(number, int) or number < 0)
+            for number in numbers
         ):
             raise InputError("generation and candidate must be numbers from 0 on")
         return _of_run(folder / run, fspath(run), *numbers)

@@ -228,7 +228,7 @@ def _with_modules(
         names = controller.get(key)
         if isinstance(names, list | tuple):
             here = folder or source.folder(("controller", key))
-            controller[key] = [_module(one, here, partial(report, ("controller", key))) for one in names]
+            controller[key] = [_module(name, here, partial(report, ("controller", key))) for name in names]
     return {**values, "controller": controller}
 
 

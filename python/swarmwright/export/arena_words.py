@@ -69,9 +69,9 @@ def robot_in(parameters: Mapping[str, Any]) -> Robot:
         angles = None if sensors else angles  # parts of them may be others
     elif isinstance(sensors, Sequence):
         angles = {
-            str(one.get("kind")): one.get("angles") or _evenly(int(one.get("count", 0)))
-            for one in sensors
-            if isinstance(one, Mapping)
+            str(sensor.get("kind")): sensor.get("angles") or _evenly(int(sensor.get("count", 0)))
+            for sensor in sensors
+            if isinstance(sensor, Mapping)
         }
     differential = drive.get("kind", "differential") == "differential"
     return Robot(

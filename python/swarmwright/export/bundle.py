@@ -274,8 +274,8 @@ def _manifest(run: "Run", bundle: Bundle, prefix: str, files: Files) -> str:
         "wheels": list(subject.wheels),
         "topics": dict(subject.topics),
         "ranges": dict(subject.ranges),
-        "sensors": [_channel(one) for one in subject.sensors] if subject.steers else [],
-        "actuators": [_channel(one) for one in subject.actuators] if subject.steers else [],
+        "sensors": [_channel(sensor) for sensor in subject.sensors] if subject.steers else [],
+        "actuators": [_channel(actuator) for actuator in subject.actuators] if subject.steers else [],
         "forms": {
             **{form: {"verified": found.to_mapping()} for form, found in bundle.verified.items()},
             **{form: {"unverified": reason} for form, reason in bundle.unverified.items()},
@@ -317,7 +317,7 @@ def table_of(subject: Subject) -> str:
     """Return the recorded episodes as CSV: a line per step, `begins` 1 where a controller is reset first."""
     episodes = subject.episodes
     assert episodes is not None
-    names = [*(one.name for one in subject.sensors), *(one.name for one in subject.actuators)]
+    names = [*(sensor.name for sensor in subject.sensors), *(actuator.name for actuator in subject.actuators)]
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(["begins", *names])

@@ -88,7 +88,7 @@ class BundleVerification:
     @property
     def largest_difference(self) -> float:
         """Between actuators of all formats that were run, absolute."""
-        return max((one.largest_difference for one in self.forms.values()), default=0.0)
+        return max((form.largest_difference for form in self.forms.values()), default=0.0)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the report as plain values."""
@@ -97,7 +97,7 @@ class BundleVerification:
             "fitness_checked": not self.fitness_not_checked,
             "digest": self.digest,
             "files": self.files,
-            "forms": {name: one.to_mapping() for name, one in self.forms.items()},
+            "forms": {name: form.to_mapping() for name, form in self.forms.items()},
             "unverified": self.unverified,
             "formats_not_checked": self.formats_not_checked,
             "largest_difference": self.largest_difference,

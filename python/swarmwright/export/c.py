@@ -99,7 +99,7 @@ def loaded_weights(subject: Subject) -> str:
     A line for each number, eight hexadecimal digits: first how many follow, then the bits of binary32
     numbers, or integers.
     """
-    evolved = [one.evolved for one in code(subject, _values(subject, "controller")).tables]
+    evolved = [table.evolved for table in code(subject, _values(subject, "controller")).tables]
     bits = [one.view(np.uint32) for one in evolved if one is not None]
     numbers = np.concatenate(bits).tolist()
     return "".join(f"{number:08x}\n" for number in [len(numbers), *numbers])
@@ -146,10 +146,10 @@ def _source(subject: Subject, values: dict[str, str], *, loaded: bool = False) -
     made = code(subject, values)
     flash = f"{values['PREFIX']}_FLASH"
     tables = [
-        f"static {one.type} {values['p']}_{one.name}[{one.length}];"
-        if loaded and one.evolved is not None
-        else c_family.defined(one, f"static const {one.type} {values['p']}_", flash)
-        for one in made.tables
+        f"static {table.type} {values['p']}_{table.name}[{table.length}];"
+        if loaded and table.evolved is not None
+        else c_family.defined(table, f"static const {table.type} {values['p']}_", flash)
+        for table in made.tables
     ]
     return render(
         "c_source.txt",
@@ -165,7 +165,7 @@ def _source(subject: Subject, values: dict[str, str], *, loaded: bool = False) -
 
 
 def _load(tables: tuple[Table, ...], values: dict[str, str]) -> str:
-    evolved = [one for one in tables if one.evolved is not None]
+    evolved = [table for table in tables if table.evolved is not None]
     reads = []
     for one in evolved:
         name = f"{values['p']}_{one.name}"
@@ -189,7 +189,7 @@ def _sketch(subject: Subject, values: dict[str, str], sketch: str) -> str:
     drive = c_family.uses(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR")
     step = subject.step_size
     known = "a step of the simulation" if step else "a guess, for the duration of a step is not known"
-    draws = any(one.name == RANDOM and one.range is None for one in subject.sensors)
+    draws = any(sensor.name == RANDOM and sensor.range is None for sensor in subject.sensors)
     text = render(
         "arduino.txt",
         {

@@ -229,7 +229,7 @@ def driven(
             outputs[" ".join(options)] = stepped(
                 written, sequences, f"the controller compiled with {options[0]}"
             )
-    worst = max(outputs, key=lambda one: _distance(sequences, outputs[one]))
+    worst = max(outputs, key=lambda output: _distance(sequences, outputs[output]))
     return outputs[worst]
 
 
@@ -334,7 +334,7 @@ def common(made: Code, values: Mapping[str, str]) -> dict[str, str]:
         if made.reads(f"{upper}_READ{ending}")
     ]
     # What is loaded is in memory: without other tables nothing has the macro.
-    constant = not values.get("loaded") or any(one.evolved is None for one in made.tables)
+    constant = not values.get("loaded") or any(table.evolved is None for table in made.tables)
     flash = {
         "flash_macro": f"#define {upper}_FLASH PROGMEM" if constant else "",
         "memory_macro": f"#define {upper}_FLASH" if constant else "",

@@ -122,7 +122,7 @@ def _header(subject: Subject, values: dict[str, str]) -> str:
             "actuator_enum": c_family.enumeration(subject.actuators, "ACTUATOR_", "ACTUATOR"),
             **c_family.common(made, values),
             "declared": "\n".join(
-                f"    static const {one.type} {one.name}[{one.length}];" for one in made.tables
+                f"    static const {table.type} {table.name}[{table.length}];" for table in made.tables
             ),
             "tables": _tables(made, values),
             "step_seconds": f"{seconds};" if seconds else "",
@@ -136,4 +136,4 @@ def _header(subject: Subject, values: dict[str, str]) -> str:
 def _tables(made: Code, values: dict[str, str]) -> str:
     flash = f"{values['PREFIX']}_FLASH"
     begin = "template <typename Unused>\nconst {} Tables<Unused>::"
-    return "\n\n".join(c_family.defined(one, begin.format(one.type), flash) for one in made.tables)
+    return "\n\n".join(c_family.defined(table, begin.format(table.type), flash) for table in made.tables)

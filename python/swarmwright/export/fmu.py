@@ -296,10 +296,14 @@ class _Variables:
     """Names of variables, and their elements in a description."""
 
     def __init__(self, subject: Subject) -> None:
-        self.sensors = named("sensors", [one.name for one in subject.sensors])
-        self.actuators = named("actuators", [one.name for one in subject.actuators])
+        self.sensors = named("sensors", [sensor.name for sensor in subject.sensors])
+        self.actuators = named("actuators", [actuator.name for actuator in subject.actuators])
         channels = [*subject.sensors, *subject.actuators]
-        units = [unit for one in channels for unit in (one.unit, one.range.unit if one.range else "")]
+        units = [
+            unit
+            for channel in channels
+            for unit in (channel.unit, channel.range.unit if channel.range else "")
+        ]
         self.units = sorted({"s", *filter(None, map(unit_name, units))})
         place = random_sensor(subject)
         self.random = None if place is None else self.sensors[place]
@@ -317,8 +321,11 @@ class _Variables:
 
     def _channels(self, subject: Subject) -> list[tuple[str, Channel, str]]:
         return [
-            *((name, one, "input") for name, one in zip(self.sensors, subject.sensors, strict=True)),
-            *((name, one, "output") for name, one in zip(self.actuators, subject.actuators, strict=True)),
+            *((name, sensor, "input") for name, sensor in zip(self.sensors, subject.sensors, strict=True)),
+            *(
+                (name, actuator, "output")
+                for name, actuator in zip(self.actuators, subject.actuators, strict=True)
+            ),
         ]
 
     def two(self, listed: ET.Element, subject: Subject) -> None:

@@ -65,8 +65,8 @@ class Machine(Exporter):
         if catalogue.in_python:
             own = {
                 "kind": grammar.PYTHON_KIND,
-                "behaviours": [one.as_mapping() for one in catalogue.behaviours],
-                "conditions": [one.as_mapping() for one in catalogue.conditions],
+                "behaviours": [behaviour.as_mapping() for behaviour in catalogue.behaviours],
+                "conditions": [condition.as_mapping() for condition in catalogue.conditions],
             }
         specification = {
             "version": 1,

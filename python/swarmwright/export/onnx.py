@@ -89,9 +89,9 @@ def _model(subject: Subject, graph: Graph, name: str, words: str) -> bytes:
         outputs.append(helper.make_tensor_value_info("next_state", kind, shape))
     nodes = [
         helper.make_node(
-            one.operator, list(one.inputs), [one.result], name=f"{one.result}_node", **one.attributes
+            node.operator, list(node.inputs), [node.result], name=f"{node.result}_node", **node.attributes
         )
-        for one in graph.nodes
+        for node in graph.nodes
     ]
     tensors = [numpy_helper.from_array(value, key) for key, value in graph.constants.items()]
     made = helper.make_graph(nodes, name, inputs, outputs, tensors)
@@ -101,8 +101,8 @@ def _model(subject: Subject, graph: Graph, name: str, words: str) -> bytes:
     )
     properties = {
         **dict(subject.facts),
-        "sensors": ", ".join(_channel(one) for one in subject.sensors),
-        "actuators": ", ".join(_channel(one) for one in subject.actuators),
+        "sensors": ", ".join(_channel(sensor) for sensor in subject.sensors),
+        "actuators": ", ".join(_channel(actuator) for actuator in subject.actuators),
         **({"conversion": " ".join(subject.conversion)} if subject.conversion else {}),
         **({"step_seconds": repr(subject.step_size)} if subject.step_size else {}),
         "largest_tensor_elements": str(graph.largest_tensor_elements),

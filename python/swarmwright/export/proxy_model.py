@@ -60,7 +60,7 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
         description: Mapping[str, Any] = catalogue.description(simulation, dict(parameters))
         limited = catalogue.built_in(simulation) is not None
         known = parameters_of(description, base, have_limits=limited)
-        names: list[str | None] = [one.name for one in groups]
+        names: list[str | None] = [group.name for group in groups]
         ranges.update(catalogue.ranges_by_group(simulation, dict(parameters), names or [None]))
     else:
         description = _announced(experiment, address)

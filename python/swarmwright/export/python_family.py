@@ -21,7 +21,7 @@ def as_decimals(values: Values) -> str:
     code = _CODES[values.dtype.kind + str(values.itemsize)]
     whole = values.dtype.kind == "u"
     exact = whole or values.dtype == np.float64
-    texts = [str(one) for one in values.tolist()] if exact else decimals(values.astype(np.float32))
+    texts = [str(value) for value in values.tolist()] if exact else decimals(values.astype(np.float32))
     if len(texts) <= _NUMBERS_OF_A_LINE:
         return f'array("{code}", [{", ".join(texts)}])'
     return f'array(\n    "{code}",\n    [\n{wrapped(texts, " " * 8)}\n    ],\n)'

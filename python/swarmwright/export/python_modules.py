@@ -75,14 +75,14 @@ def own_python(subject: Subject, prefix: str) -> OwnPython:
         ("behaviour", own_modules(known.behaviours), known.behaviour_places),
         ("condition", own_modules(known.conditions), known.condition_places),
     ):
-        for one in parts:
-            kind: Kind = implementation(what, one)  # type: ignore[call-overload] # one of the two
-            source = _source_of(kind, one)
+        for part in parts:
+            kind: Kind = implementation(what, part)  # type: ignore[call-overload] # one of the two
+            source = _source_of(kind, part)
             _check_imports(source)
             for place, data in source.files.items():
                 if files.setdefault(place, data) != data:
                     raise InputError(
-                        f"{place_of(kind)}: {one.name}: its {place} is not that of another module, and both "
+                        f"{place_of(kind)}: {part.name}: its {place} is not that of another module, and both "
                         "would be copied to the same place; rename one of them"
                     )
             packages |= set(source.packages)
@@ -90,7 +90,7 @@ def own_python(subject: Subject, prefix: str) -> OwnPython:
             # A file that is loaded by its path hides no module of its name.
             imported |= {_top(place) for place in source.files if source.module or place != source.main}
             where = f"{source.main!r}, {source.module!r}, {kind.__qualname__!r}"
-            kinds[what].append(f"    _Module({where}, {dict(places[one.name])!r}),")
+            kinds[what].append(f"    _Module({where}, {dict(places[part.name])!r}),")
     return OwnPython(
         {
             f"{prefix}_modules/__init__.py": render(
@@ -179,7 +179,7 @@ def _as_it_is(kind: Kind, known: grammar.Module, path: Path) -> _Source:
     part = Part.of_file("", "", path) if known.file else Part.of_module("", "", kind.__module__)
     if part is None:
         raise InputError(f"{known.name}: {kind.__module__} has no source in Python, so it cannot be exported")
-    files = {place: one.data for place, one in part.files.items()}
+    files = {place: file.data for place, file in part.files.items()}
     return _Source(part.main, part.module, files, part.digests, distributions([part]))
 
 

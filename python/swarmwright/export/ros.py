@@ -130,7 +130,7 @@ def mapping(subject: Subject) -> str:
 
 
 def _names(channels: Sequence[Channel], literal: Callable[[str], str]) -> str:
-    return "\n".join(f"    {literal(one.name)}," for one in channels)
+    return "\n".join(f"    {literal(channel.name)}," for channel in channels)
 
 
 def _begin(subject: Subject) -> str:
@@ -173,7 +173,7 @@ def _shown(key: str, value: Any) -> str:  # noqa: ANN401 - of an entry
 
 def _wheels(subject: Subject) -> str:
     """Return an example of how the wheels of the arena's robots become a command of a base."""
-    if [one.name for one in subject.actuators] != _WHEELS:
+    if [actuator.name for actuator in subject.actuators] != _WHEELS:
         return ""
     robot = "robot of the run"
     speed, base = subject.wheels

@@ -22,11 +22,15 @@ class Scxml(Exporter):
         """Return the state machine."""
         if subject.kind != "mealy_fsm":
             raise not_exported(subject, self.form, ["mealy_fsm"])
-        names = [[one.name for one in channels] for channels in (subject.sensors, subject.actuators)]
+        names = [[channel.name for channel in channels] for channels in (subject.sensors, subject.actuators)]
         lines = facts(subject, "").splitlines()
         if subject.conversion:
             channels = [*subject.sensors, *subject.actuators]
-            lines += [plain(f"{one.name}: {one.limits}") for one in channels if one.range is not None]
+            lines += [
+                plain(f"{channel.name}: {channel.limits}")
+                for channel in channels
+                if channel.range is not None
+            ]
             lines += subject.conversion
         return {f"{prefix}.scxml": scxml.scxml_of(subject.specification, names[0], names[1], lines)}
 

@@ -176,8 +176,10 @@ def _description(model: Model, fmi: str, name: str, made: str) -> str:
         **({} if three else {"canNotUseMemoryManagementFunctions": "true"}),
     }
     ET.SubElement(root, "CoSimulation", what)
-    scales = [unit_name(one.stands_for.unit) for one in variables if one.stands_for is not None]
-    add_units(root, sorted({"s", *filter(None, (*scales, *(one.unit for one in variables)))}))
+    scales = [
+        unit_name(variable.stands_for.unit) for variable in variables if variable.stands_for is not None
+    ]
+    add_units(root, sorted({"s", *filter(None, (*scales, *(variable.unit for variable in variables)))}))
     categories = ET.SubElement(root, "LogCategories")
     for category in ("logStatusDiscard", "logStatusError"):
         ET.SubElement(categories, "Category", name=category)
@@ -189,8 +191,8 @@ def _description(model: Model, fmi: str, name: str, made: str) -> str:
     if three:
         about = {"name": "time", "valueReference": "0", "causality": "independent"}
         ET.SubElement(listed, "Float64", {**about, "variability": "continuous", "unit": "s"})
-    for one in variables:
-        (_add_three if three else _add_two)(listed, one)
+    for variable in variables:
+        (_add_three if three else _add_two)(listed, variable)
     _add_structure(ET.SubElement(root, "ModelStructure"), variables, three=three)
     return xml(root, comment=f"{MARK} {__version__}; changes here are lost.")
 
@@ -241,7 +243,9 @@ def _add_three(listed: ET.Element, one: Variable) -> None:
 
 def _add_structure(structure: ET.Element, variables: list[Variable], *, three: bool) -> None:
     """Add outputs, and those that are computed at the start: all of them."""
-    outputs = [(index, one) for index, one in enumerate(variables) if one.causality == "output"]
+    outputs = [
+        (index, variable) for index, variable in enumerate(variables) if variable.causality == "output"
+    ]
     for group, element in (("Outputs", "Output"), ("InitialUnknowns", "InitialUnknown")):
         parent = structure if three else ET.SubElement(structure, group)
         for index, one in outputs:
@@ -253,10 +257,10 @@ def _add_structure(structure: ET.Element, variables: list[Variable], *, three: b
 
 def _documentation(model: Model, fmi: str, name: str) -> str:
     rows = "\n".join(
-        f"<tr><td>{escape(one.name)}</td><td>{one.causality}</td><td>{escape(one.unit)}</td>"
-        f"<td>{escape(one.description)}</td></tr>"
-        for one in model.variables()
-        if not one.name.startswith("agent[") or one.name.startswith("agent[1]")
+        f"<tr><td>{escape(variable.name)}</td><td>{variable.causality}</td><td>{escape(variable.unit)}</td>"
+        f"<td>{escape(variable.description)}</td></tr>"
+        for variable in model.variables()
+        if not variable.name.startswith("agent[") or variable.name.startswith("agent[1]")
     )
     values = {
         "p": escape(name), "fmi": fmi, "title": escape(model.title), "rows": rows,

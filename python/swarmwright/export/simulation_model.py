@@ -155,7 +155,8 @@ class Model:
             "title": self.title,
             "base": self.base,
             "parameters": [
-                {"name": one.name, "kind": one.kind, "start": one.start} for one in self.parameters
+                {"name": parameter.name, "kind": parameter.kind, "start": parameter.start}
+                for parameter in self.parameters
             ],
             "seed": self.seed,
             "agents": self.agents,
@@ -169,11 +170,11 @@ class Model:
     def variables(self) -> Iterator[Variable]:
         """Give all variables, but for the time."""
         yield Variable("seed", SEED, "seed", "parameter", "Seed of the episode, at least 0", start=self.seed)
-        for index, one in enumerate(self.parameters):
-            kind: Any = {"number": "double", "json": "text"}.get(one.kind, one.kind)
+        for index, parameter in enumerate(self.parameters):
+            kind: Any = {"number": "double", "json": "text"}.get(parameter.kind, parameter.kind)
             reference = _FIRST_PARAMETER + index
-            about = (one.description, one.start, one.unit, one.range)
-            yield Variable(one.name, reference, kind, "parameter", *about)
+            about = (parameter.description, parameter.start, parameter.unit, parameter.range)
+            yield Variable(parameter.name, reference, kind, "parameter", *about)
         yield Variable("done", DONE, "flag", "output", "Whether the episode has ended")
         yield Variable(
             "fitness", FITNESS, "double", "output", "Fitness of the episode so far; larger is better"
@@ -328,13 +329,13 @@ def _with_agents(parameters: Sequence[Parameter], agents: int) -> list[Parameter
 
     agents: how many it has: defenders come after the others where controllers steer them, too.
     """
-    starts = {one.name: one.start for one in parameters}
+    starts = {parameter.name: parameter.start for parameter in parameters}
     limits: dict[str, Limits] = {}
     if "numAgents" in starts:
         limits["numAgents"] = 1, int(starts["numAgents"])
         if agents > int(starts["numAgents"]):
             limits["numDefenders"] = 0, int(starts.get("numDefenders", 0))
-    return [replace(one, range=limits.get(one.name, one.range)) for one in parameters]
+    return [replace(parameter, range=limits.get(parameter.name, parameter.range)) for parameter in parameters]
 
 
 def _parameter(name: str, about: Mapping[str, Any], base: Mapping[str, Any]) -> Parameter:

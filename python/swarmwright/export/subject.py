@@ -341,9 +341,9 @@ def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], .
     options = run.experiment.controller.model_dump().get("parameters", {})
     options = options if isinstance(options, dict) else {}  # a plug-in may have other ones
     ranges = {
-        name: f"{shortest_decimal(one['range'][0])} to {shortest_decimal(one['range'][1])}"
-        for name, one in options.items()
-        if one.get("range") is not None
+        name: f"{shortest_decimal(option['range'][0])} to {shortest_decimal(option['range'][1])}"
+        for name, option in options.items()
+        if option.get("range") is not None
     }
     values = Controller(chosen.specification).parameters
     return Subject(chosen.specification, facts, values=values, ranges=ranges)
@@ -369,8 +369,8 @@ def _of_arena(run: "Run", subject: Subject) -> Subject:
         return subject
     robot = robot_in(experiment.parameters)
     meanings = {
-        "sensor_meanings": [sensor_meaning(one.name, robot) for one in subject.sensors],
-        "actuator_meanings": [actuator_meaning(one.name, robot) for one in subject.actuators],
+        "sensor_meanings": [sensor_meaning(sensor.name, robot) for sensor in subject.sensors],
+        "actuator_meanings": [actuator_meaning(actuator.name, robot) for actuator in subject.actuators],
     }
     return replace(
         subject,

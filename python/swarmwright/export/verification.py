@@ -77,7 +77,9 @@ def verify(exporter: Exporter, subject: Subject, prefix: str, files: Files) -> V
             values = exporter.values(folder, prefix)
             test = exporter.self_test(folder, prefix)
             wrong = (
-                0 if values is None else sum(values.get(name) != one for name, one in subject.values.items())
+                0
+                if values is None
+                else sum(values.get(name) != value for name, value in subject.values.items())
             )
             return Verification(float(wrong), wrong, 0.0, 0, 0, 0, 0, "", test)
         drawn = random_sequences(

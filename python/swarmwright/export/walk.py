@@ -59,7 +59,7 @@ def walk_of(subject: Subject) -> Walk:
     sensors = int(specification["sensors"])
     visits = kind_of(specification).visits  # of tables, whose thresholds are tried
     tried = (
-        [_probes(one) for one in specification["thresholds"]]
+        [_probes(threshold) for threshold in specification["thresholds"]]
         if visits
         else [np.array([*_VALUES_WITHIN_0_1, *_NEGATIVE_VALUES], np.float32)]
     )

@@ -36,7 +36,7 @@ class Grid:
     @property
     def shape(self) -> tuple[int, ...]:
         """Bins of each measure."""
-        return tuple(one.bins for one in self.axes)
+        return tuple(axis.bins for axis in self.axes)
 
     @property
     def cells(self) -> int:

@@ -85,7 +85,7 @@ class MapElitesOptions(MethodOptions):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        cells = math.prod(one.bins for one in self.measures.values())
+        cells = math.prod(measure.bins for measure in self.measures.values())
         if cells > _MOST_CELLS:
             raise ValueError(f"measures make {cells:,} cells, more than {_MOST_CELLS:,}; use fewer bins")
         return self
@@ -98,7 +98,7 @@ class MapElitesOptions(MethodOptions):
     @property
     def grid(self) -> Grid:
         """The archive's cells; one where there are no measures."""
-        axes = [Axis(one.range[0], one.range[1], one.bins) for one in self.measures.values()]
+        axes = [Axis(measure.range[0], measure.range[1], measure.bins) for measure in self.measures.values()]
         return Grid(tuple(axes or [Axis(0.0, 1.0, 1)]))
 
 
@@ -158,7 +158,7 @@ class MapElites(Method):
             return self.initials(candidates)
         chosen = self.streams("map_elites.choose", candidates).integers(len(self._archive), 2)
         cells = self._archive.cells[chosen].tolist()
-        parents, others = (np.stack([self._genomes[one[place]] for one in cells]) for place in (0, 1))
+        parents, others = (np.stack([self._genomes[cell[place]] for cell in cells]) for place in (0, 1))
         streams = self.streams("map_elites.vary", candidates)
         if self.options.variation == "line" or (
             self.options.variation == "auto" and self.representation.continuous

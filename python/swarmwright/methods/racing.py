@@ -183,14 +183,14 @@ class Race:
         return found[0] if found else None
 
     def _in_order(self, entrants: list[Entrant]) -> list[Entrant]:
-        common = set.intersection(*(set(one.scores) for one in entrants)) if entrants else set()
+        common = set.intersection(*(set(entrant.scores) for entrant in entrants)) if entrants else set()
         if not common or len(entrants) == 1:
             return entrants
-        scores = np.array([[one.scores[number] for one in entrants] for number in sorted(common)])
+        scores = np.array([[entrant.scores[number] for entrant in entrants] for number in sorted(common)])
         if self._rules.test == "friedman":
             badness = ranks_of(scores).sum(axis=0)
         else:
-            badness = -np.array([one.mean for one in entrants])
+            badness = -np.array([entrant.mean for entrant in entrants])
         return [entrants[index] for index in np.argsort(badness, kind="stable").tolist()]
 
 
@@ -419,8 +419,8 @@ class Racing(Method):
         """Begin the next race; return whether there is one."""
         if self._race is not None:
             self._elites = self._race.ranked()[: self._rules.survivors]
-            for one in self._elites:
-                one.parent = None
+            for elite in self._elites:
+                elite.parent = None
             self._unseen = self._race.unseen
         number = self._number + 1
         self._races = max(self._races, number)
@@ -431,7 +431,7 @@ class Racing(Method):
         self._number = number
         entrants = [*self._elites, *self._new(count - len(self._elites))]
         fresh = range(self._unseen, self._unseen + new_instances)
-        old = sorted({instance for one in self._elites for instance in one.scores})
+        old = sorted({instance for elite in self._elites for instance in elite.scores})
         order = Stream(self.seed, "racing.order", number)
         for last in range(len(old) - 1, 0, -1):
             other = order.integer(last + 1)
@@ -456,7 +456,7 @@ class Racing(Method):
     def _size(self, number: int, budget: int) -> tuple[int, int, int] | None:
         """Return evaluations, candidates and new instances of a race; None where too few would race."""
         rules, elites = self._rules, len(self._elites)
-        seen = len({instance for one in self._elites for instance in one.scores})
+        seen = len({instance for elite in self._elites for instance in elite.scores})
         new = self.options.new_instances if elites else 0
         # With less than enough: no new instance, then as short as a race can be.
         for first, growth, unseen in (
@@ -480,10 +480,10 @@ class Racing(Method):
                 genomes = self.representation.initials(self._streams("racing.initial", count))
             return [Entrant(genome) for genome in genomes]
         genes = self.representation.genome_size
-        for one in self._elites:
-            one.spread *= (1 / count) ** (1 / genes)
-            one.fresh = max(
-                one.fresh * (1 - (self._number - 1) / self._races), 1 - _LARGEST_COPY_RATE ** (1 / genes)
+        for elite in self._elites:
+            elite.spread *= (1 / count) ** (1 / genes)
+            elite.fresh = max(
+                elite.fresh * (1 - (self._number - 1) / self._races), 1 - _LARGEST_COPY_RATE ** (1 / genes)
             )
         new = self._sampled("racing.sample", count)
         if self.options.soft_restart and self._widen(new):
@@ -511,7 +511,9 @@ class Racing(Method):
     def _widen(self, new: list[Entrant]) -> bool:
         """Sample wider around elites whose descendants, or that themselves, are practically the same."""
         entrants = [*self._elites, *new]
-        rows = self.representation.likeness(np.array([one.genome for one in entrants], dtype=np.float32))
+        rows = self.representation.likeness(
+            np.array([entrant.genome for entrant in entrants], dtype=np.float32)
+        )
         same = alike(rows)
         if not len(same):
             return False

@@ -123,11 +123,11 @@ class Elites:
         """
         if self.grid is None:
             return None
-        return math.fsum(one.fitness - offset for one in self.candidates)
+        return math.fsum(candidate.fitness - offset for candidate in self.candidates)
 
     def values(self) -> Values:
         """Return fitness and metrics as rows, (candidates, 1 + metrics)."""
-        rows = [[one.fitness, *one.metrics.values()] for one in self.candidates]
+        rows = [[candidate.fitness, *candidate.metrics.values()] for candidate in self.candidates]
         return np.array(rows, dtype=np.float64).reshape(len(rows), 1 + len(self.goals))
 
     def plot(self, path: "str | PathLike[str] | None" = None) -> "Figure":
@@ -158,7 +158,7 @@ class Elites:
             seen = Grid(self.grid.axes[:2])
             best = np.full(seen.cells, np.nan)
             np.fmax.at(best, seen.cells_of(values[:, 1:3]), values[:, 0])
-            limits = [(one.low, one.high) for one in seen.axes]
+            limits = [(axis.low, axis.high) for axis in seen.axes]
             figure = archive(best.reshape(seen.shape), names, limits, (len(values), self.grid.cells), heading)
         if path is not None:
             style.save(figure, Path(path))
@@ -332,7 +332,7 @@ class _Metrics:
 
     def outside(self) -> dict[str, Outside]:
         numbers = (self._below, self._above, self._lowest, self._highest)
-        rows = zip(self._names, self._axes, *(one.tolist() for one in numbers), strict=False)
+        rows = zip(self._names, self._axes, *(number.tolist() for number in numbers), strict=False)
         return {
             name: Outside(below, above, axis.low, axis.high, lowest, highest)
             for name, axis, below, above, lowest, highest in rows

@@ -69,7 +69,7 @@ class LearningCurve:
     @property
     def is_reportable(self) -> bool:
         """Whether all episodes of all points count; see `PostEvaluation.is_reportable`."""
-        return all(one.best.is_reportable for one in self.points)
+        return all(point.best.is_reportable for point in self.points)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, without those of each episode."""
@@ -77,8 +77,12 @@ class LearningCurve:
             "run": str(self.run.path),
             "seeds": self.seeds,
             "points": [
-                {"generation": one.generation, "evaluations": one.evaluations, "best": one.best.summary()}
-                for one in self.points
+                {
+                    "generation": point.generation,
+                    "evaluations": point.evaluations,
+                    "best": point.best.summary(),
+                }
+                for point in self.points
             ],
         }
 
@@ -118,16 +122,16 @@ class LearningCurve:
     def _rows(self) -> list[tuple[object, ...]]:
         return [
             (
-                one.generation,
-                one.evaluations,
-                one.best.label,
-                one.best.recorded,
-                one.best.fitness.mean,
-                one.best.fitness.low,
-                one.best.fitness.high,
-                one.best.failed,
+                point.generation,
+                point.evaluations,
+                point.best.label,
+                point.best.recorded,
+                point.best.fitness.mean,
+                point.best.fitness.low,
+                point.best.fitness.high,
+                point.best.failed,
             )
-            for one in self.points
+            for point in self.points
         ]
 
 
@@ -176,7 +180,7 @@ def learning_curve(
     leaders = {place: run._store.leader(history[place].generation) for place in places}
     distinct = list({one.number: one for one in leaders.values()}.values())
     experiment = used_for(run, history[-1].generation) if experiment is None else experiment_of(experiment)
-    found = {one.number: one for one in of_candidates(run, distinct, experiment, where)}
+    found = {candidate.number: candidate for candidate in of_candidates(run, distinct, experiment, where)}
     return LearningCurve(
         run=run,
         points=[

@@ -399,15 +399,15 @@ def of_candidates(
         most=len(seeds) * len(candidates),
         metrics=asked_for(experiment, where.metrics),
     ) as backend:
-        genomes = np.stack([one.genome for one in candidates])
+        genomes = np.stack([candidate.genome for candidate in candidates])
         results = evaluated(experiment, backend, genomes, seeds, where.on_progress)
         names = backend.metrics
     return [
         PostEvaluation(
-            number=one.number,
-            generation=one.generation,
-            candidate=one.candidate,
-            recorded=one.fitness,
+            number=candidate.number,
+            generation=candidate.generation,
+            candidate=candidate.candidate,
+            recorded=candidate.fitness,
             seeds=seeds,
             seen=len(used.intersection(seeds)),
             validated=len(validated.intersection(seeds)),
@@ -415,7 +415,7 @@ def of_candidates(
             ranking=experiment.new_ranking(),
             metrics=dict(zip(names, results.metrics[index].T + 0.0, strict=True)),
         )
-        for index, one in enumerate(candidates)
+        for index, candidate in enumerate(candidates)
     ]
 
 
@@ -492,7 +492,7 @@ def _servers_for(
 ) -> Iterator[tuple[str | None, Servers | None]]:
     """Start servers once for several controllers; yield broker and servers as `open_once` does."""
     # Servers are started with the modules in Python of the controllers that they get.
-    if len(controllers) == 1 or any(is_in_python(one.specification) for one in controllers):
+    if len(controllers) == 1 or any(is_in_python(controller.specification) for controller in controllers):
         yield where.broker, where.servers
         return
     with open_once(experiment, where.broker, where.servers, most=most) as opened:

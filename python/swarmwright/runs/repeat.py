@@ -129,19 +129,19 @@ def repeat(
 
 def _recorded_errors(run: "Run", parts: Sequence[Evaluation]) -> list[str]:
     """Return why episodes of these evaluations failed, each reason once."""
-    of = {(one.generation, one.candidate) for one in parts}
+    of = {(part.generation, part.candidate) for part in parts}
     errors = [
-        one.error
-        for one in run.attempts()
-        if one.error is not None
-        and one.outcome in NO_RESULT
-        and any((one.generation, one.candidate + index) in of for index in range(one.candidates))
+        attempt.error
+        for attempt in run.attempts()
+        if attempt.error is not None
+        and attempt.outcome in NO_RESULT
+        and any((attempt.generation, attempt.candidate + index) in of for index in range(attempt.candidates))
     ]
     return list(dict.fromkeys(errors))
 
 
 def _plain(errors: Sequence[str]) -> set[str]:
-    return {_VARYING.sub("", one) for one in errors}
+    return {_VARYING.sub("", error) for error in errors}
 
 
 def _episodes_run(run: "Run", recorded: Evaluation) -> int:

@@ -251,23 +251,28 @@ class Replay(ShownEpisode):
 def names(replays: Iterable[Replay]) -> list[str]:
     """Return what episodes beside each other are called, with the names of their runs where these differ."""
     replays = list(replays)
-    runs = [(one.other or one.run).path.resolve() for one in replays]
+    runs = [(replay.other or replay.run).path.resolve() for replay in replays]
     if len(set(runs)) < 2:
-        return [one.name for one in replays]
+        return [replay.name for replay in replays]
     # Folders of the same name are told apart by those that they are in.
     of = [path.name for path in runs]
     depth = 1
     while len(set(of)) < len(set(runs)):
         depth += 1
         of = [str(Path(*path.parts[-depth:])) for path in runs]
-    return [f"{run} {one.name}" if one.choice else one.name for run, one in zip(of, replays, strict=True)]
+    return [
+        f"{run} {replay.name}" if replay.choice else replay.name
+        for run, replay in zip(of, replays, strict=True)
+    ]
 
 
 def _changed(now: Mapping[str, Any], before: Mapping[str, Any], settings: Iterable[Setting]) -> Iterator[str]:
     """Yield parameters that are not as they were, as words: what was set as it was typed, then all others."""
     said: set[str] = set()
     # The last one of a key holds.
-    for path, value in {one.path[1:]: one.value for one in settings if one.path[0] == "parameters"}.items():
+    for path, value in {
+        setting.path[1:]: setting.value for setting in settings if setting.path[0] == "parameters"
+    }.items():
         if not path or _value_at(now, path) == _value_at(before, path):
             continue
         said.add(path[0])  # a name of which a part is set is a mapping now: not all of it is news

@@ -100,7 +100,10 @@ class Validation:
 
     def _repr_html_(self) -> str:
         """Return the candidates as a table, for notebooks."""
-        rows = [(one.label, f"{one.recorded + 0.0:.6g}", one.result) for one in self.candidates]
+        rows = [
+            (candidate.label, f"{candidate.recorded + 0.0:.6g}", candidate.result)
+            for candidate in self.candidates
+        ]
         if self.start is not None:
             rows.append(("start", "", self.start.result))
         return table(("candidate", "recorded fitness", "mean fitness on held-out seeds"), rows)
@@ -113,7 +116,7 @@ class Validation:
     @property
     def failed(self) -> int:
         """Episodes that failed, of all candidates."""
-        return sum(one.failed for one in self.candidates)
+        return sum(candidate.failed for candidate in self.candidates)
 
     @property
     def leading(self) -> PostEvaluation:
@@ -123,7 +126,11 @@ class Validation:
         """
         return max(
             self.candidates,
-            key=lambda one: (one.is_reportable, math.isfinite(one.fitness.mean), one.fitness.mean),
+            key=lambda candidate: (
+                candidate.is_reportable,
+                math.isfinite(candidate.fitness.mean),
+                candidate.fitness.mean,
+            ),
         )
 
     @property
@@ -153,7 +160,7 @@ class Validation:
             "depends_on_seed": self.depends_on_seed,
             "episodes": len(self.seeds),
             "seeds": self.seeds,
-            "candidates": [one.summary() for one in self.candidates],
+            "candidates": [candidate.summary() for candidate in self.candidates],
             **({} if self.start is None else {"start": self.start.summary()}),
         }
 
@@ -167,9 +174,13 @@ class Validation:
             raise InputError(f"{path}: the table of a validation ends with .csv")
         names = list(self.best.metrics)
         lines = [",".join(["generation", "candidate", "recorded", "seed", "fitness", *map(column_of, names)])]
-        for one in self.candidates:
-            columns = [one.seeds, one.episodes.tolist(), *(one.metrics[name].tolist() for name in names)]
-            whose = (one.generation, one.candidate, one.recorded)
+        for candidate in self.candidates:
+            columns = [
+                candidate.seeds,
+                candidate.episodes.tolist(),
+                *(candidate.metrics[name].tolist() for name in names),
+            ]
+            whose = (candidate.generation, candidate.candidate, candidate.recorded)
             lines += [",".join(map(repr, (*whose, *row))) for row in zip(*columns, strict=True)]
         write_text(path, "\n".join([*lines, ""]))
 
@@ -192,7 +203,9 @@ def stored_validation(
     shared = {key: values[key] for key in ("seeds", "seen", "metrics")}
     start = values.get("start")
     return Validation(
-        candidates=[stored_post_evaluation({**shared, **one}, ranking) for one in values["candidates"]],
+        candidates=[
+            stored_post_evaluation({**shared, **candidate}, ranking) for candidate in values["candidates"]
+        ],
         depends_on_seed=values["state"] != "same",
         by_instance=by_instance,
         slow=slow,
@@ -235,13 +248,13 @@ class _Plan:
     @property
     def numbers(self) -> list[int]:
         """Of the evaluations in the whole run."""
-        return [one.number for one in self.candidates]
+        return [candidate.number for candidate in self.candidates]
 
     def fits(self, stored: dict[str, Any] | None) -> bool:
         """Return whether what is stored is of the same candidates and seeds."""
         if stored is None or stored["state"] == "none":
             return False
-        numbers = [one["number"] for one in stored["candidates"]]
+        numbers = [candidate["number"] for candidate in stored["candidates"]]
         seeds = self.seeds[: self.tried] if stored["state"] == "same" else self.seeds
         return bool(numbers == self.numbers and stored["seeds"] == seeds)
 
@@ -369,7 +382,7 @@ class _Work:
     ) -> None:
         self._experiment, self._plan, self._backend = experiment, plan, backend
         self._on_progress, self._keep = on_progress, keep
-        self._genomes = np.stack([one.genome for one in plan.candidates])
+        self._genomes = np.stack([candidate.genome for candidate in plan.candidates])
         count = len(plan.candidates)
         self._fitness = np.zeros((count, 0))
         self._metrics = np.zeros((count, 0, len(backend.metrics)))
@@ -384,8 +397,8 @@ class _Work:
         """Go on from what is stored, unless other metrics are."""
         if stored["metrics"] != list(self._backend.metrics):
             return
-        self._fitness = np.stack([numbers(one["episodes"]) for one in stored["candidates"]])
-        self._metrics = np.stack([numbers(one["values"]) for one in stored["candidates"]])
+        self._fitness = np.stack([numbers(candidate["episodes"]) for candidate in stored["candidates"]])
+        self._metrics = np.stack([numbers(candidate["values"]) for candidate in stored["candidates"]])
         self._metrics = self._metrics.reshape(*self._fitness.shape, len(self._backend.metrics))
 
     def to(self, count: int) -> None:
@@ -437,14 +450,14 @@ class _Work:
                 "metrics": list(self._backend.metrics),
                 "candidates": [
                     {
-                        "number": one.number,
-                        "generation": one.generation,
-                        "candidate": one.candidate,
-                        "recorded": one.fitness,
+                        "number": candidate.number,
+                        "generation": candidate.generation,
+                        "candidate": candidate.candidate,
+                        "recorded": candidate.fitness,
                         "episodes": finite(self._fitness[index]),
                         "values": finite(self._metrics[index]),
                     }
-                    for index, one in enumerate(plan.candidates)
+                    for index, candidate in enumerate(plan.candidates)
                 ],
                 **({} if self._start is None else {"start": self._start}),
             }
@@ -454,8 +467,8 @@ class _Work:
     def rows(self) -> list[NDArray[np.float64]]:
         """Return the fitness of each candidate's episodes, with those in the record before them."""
         return [
-            np.concatenate([one.episodes, values])
-            for one, values in zip(self._plan.candidates, self._fitness, strict=True)
+            np.concatenate([candidate.episodes, values])
+            for candidate, values in zip(self._plan.candidates, self._fitness, strict=True)
         ]
 
     def other(self) -> bool:

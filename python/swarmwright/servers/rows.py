@@ -220,12 +220,12 @@ class Journal:
         """
         return type(self)(
             [
-                one._replace(candidate=candidates[one.candidate], episode=episode + one.episode)
-                for one in self.attempts
+                attempt._replace(candidate=candidates[attempt.candidate], episode=episode + attempt.episode)
+                for attempt in self.attempts
             ],
             [
-                one.moved(None if one.candidate is None else candidates[one.candidate], episode)
-                for one in self.warnings
+                warning.moved(None if warning.candidate is None else candidates[warning.candidate], episode)
+                for warning in self.warnings
             ],
         )
 

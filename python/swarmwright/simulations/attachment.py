@@ -133,7 +133,7 @@ class Attachment(Options):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        twice = next((one for index, one in enumerate(self.robots) if one in self.robots[:index]), None)
+        twice = next((robot for index, robot in enumerate(self.robots) if robot in self.robots[:index]), None)
         if twice is not None:
             raise FieldError("robots", f"{twice} is there twice")
         if self.poses and self.area is not None:
@@ -142,7 +142,7 @@ class Attachment(Options):
             raise FieldError(
                 "poses", f"{len(self.poses)} found, expected one of each of {len(self.robots)} robots"
             )
-        names = [one.sensor for one in self.sensors]
+        names = [sensor.sensor for sensor in self.sensors]
         for name, metric in self.metrics.items():
             if metric.sensor is not None and metric.sensor not in names:
                 raise FieldError(
@@ -162,10 +162,10 @@ class Attachment(Options):
             ("actuators", self.actuators, actuators),
         )
         for section, devices, known in groups:
-            for number, one in enumerate(devices):
-                if one.kind and one.kind not in known:
+            for number, device in enumerate(devices):
+                if device.kind and device.kind not in known:
                     raise InputError(
-                        f"{section}[{number}].kind: {one.kind!r} found, expected {', '.join(known)}"
+                        f"{section}[{number}].kind: {device.kind!r} found, expected {', '.join(known)}"
                     )
 
     @classmethod
@@ -262,7 +262,10 @@ class Episodes:
         actuators = self._attachment.actuators
         self._simulator.step(
             [
-                [_limited(_scaled(one, value), one.limits) for one, value in zip(actuators, row, strict=True)]
+                [
+                    _limited(_scaled(actuator, value), actuator.limits)
+                    for actuator, value in zip(actuators, row, strict=True)
+                ]
                 for row in actions
             ]
         )
@@ -273,17 +276,17 @@ class Episodes:
         given = self._attachment
         sensed = [
             [
-                _limited(_scaled(one, one.infinite if value is None else value), one.clip)
-                for one, value in zip(given.sensors, row, strict=True)
+                _limited(_scaled(sensor, sensor.infinite if value is None else value), sensor.clip)
+                for sensor, value in zip(given.sensors, row, strict=True)
             ]
             for row in self._simulator.sensed()
         ]
         for name, row in zip(given.robots, sensed, strict=True):
-            for one, value in zip(given.sensors, row, strict=True):
+            for sensor, value in zip(given.sensors, row, strict=True):
                 if not math.isfinite(value):
                     raise AttachmentError(
-                        f"{name}: sensor {one.sensor}: {value} came, expected a finite number; `infinite` is "
-                        "what is read where nothing is detected"
+                        f"{name}: sensor {sensor.sensor}: {value} came, expected a finite number; `infinite` "
+                        "is what is read where nothing is detected"
                     )
         poses = self._simulator.poses() if any(one.pose for one in given.metrics.values()) else []
         for name, metric in given.metrics.items():
@@ -299,7 +302,7 @@ class Episodes:
         if metric.pose is not None:
             read = [float(getattr(pose, metric.pose)) for pose in poses]
         else:
-            column = [one.sensor for one in self._attachment.sensors].index(metric.sensor or "")
+            column = [sensor.sensor for sensor in self._attachment.sensors].index(metric.sensor or "")
             read = [row[column] for row in sensed]
         return (metric.scale * value + metric.offset for value in read)
 
@@ -423,7 +426,7 @@ def _placed(area: Area, count: int, apart: float, seed: int) -> list[Pose]:
         return tuple(numbers.uniform(*part) for part in (area.x, area.y, area.yaw))
 
     def is_free(place: tuple[float, ...]) -> bool:
-        return all(math.hypot(place[0] - one.x, place[1] - one.y) >= apart for one in poses)
+        return all(math.hypot(place[0] - pose.x, place[1] - pose.y) >= apart for pose in poses)
 
     for _ in range(count):
         place = free_place(draw, is_free)

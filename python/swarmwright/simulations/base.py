@@ -88,13 +88,13 @@ def declared(groups: Any, parameters: Mapping[str, Parameter], where: str) -> di
     """
     if not isinstance(groups, Mapping):
         raise InputError(f"{where}.groups: {groups!r} found, expected names with Group(..) for each")
-    for name, one in groups.items():
+    for name, group in groups.items():
         if not isinstance(name, str) or not name:
             raise InputError(f"{where}.groups: the name {name!r} found, expected text")
         at = f"{where}.groups[{name!r}]"
-        if not isinstance(one, Group):
-            raise InputError(f"{at}: {one!r} found, expected Group(agents=.., sensors=.., actuators=..)")
-        _check(one, parameters, at)
+        if not isinstance(group, Group):
+            raise InputError(f"{at}: {group!r} found, expected Group(agents=.., sensors=.., actuators=..)")
+        _check(group, parameters, at)
     return dict(groups)
 
 
@@ -131,13 +131,13 @@ def counted(groups: Mapping[str, Group], parameters: Mapping[str, Any]) -> list[
     return [
         DeclaredGroup(
             name,
-            one.count(parameters),
-            one.sensors,
-            one.actuators,
-            tuple(one.sensor_names),
-            tuple(one.actuator_names),
+            group.count(parameters),
+            group.sensors,
+            group.actuators,
+            tuple(group.sensor_names),
+            tuple(group.actuator_names),
         )
-        for name, one in groups.items()
+        for name, group in groups.items()
     ]
 
 

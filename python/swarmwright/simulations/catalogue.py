@@ -252,9 +252,9 @@ def construction_problem(simulation: str, parameters: dict[str, Any]) -> str | N
 def _constructor_names(env: Any) -> list[str]:  # noqa: ANN401 - types of libraries
     """Return the names that the constructor of an environment takes. Raises any exception where none says."""
     _, *parameters = inspect.signature(type(env.unwrapped).__init__).parameters.values()
-    if any(one.kind in {one.VAR_KEYWORD, one.VAR_POSITIONAL} for one in parameters):
+    if any(parameter.kind in {parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL} for parameter in parameters):
         raise ValueError("it takes any")
-    return [one.name for one in parameters if one.name != "render_mode"]
+    return [parameter.name for parameter in parameters if parameter.name != "render_mode"]
 
 
 def _ranges(of: Any) -> dict[str, list[list[Any] | None]]:  # noqa: ANN401 - a Description or a Group
@@ -294,14 +294,14 @@ def channels(simulation: str, parameters: dict[str, Any]) -> dict[str, Any]:
         for about in ("names", "units")
     }
     kinds = groups(simulation, parameters)
-    of_ranges = ranges_by_group(simulation, parameters, [one.name for one in kinds] or [None])
+    of_ranges = ranges_by_group(simulation, parameters, [kind.name for kind in kinds] or [None])
     of_groups = {
-        one.name: {
-            "sensor_names": list(one.sensor_names),
-            "actuator_names": list(one.actuator_names),
-            **of_ranges[one.name],
+        kind.name: {
+            "sensor_names": list(kind.sensor_names),
+            "actuator_names": list(kind.actuator_names),
+            **of_ranges[kind.name],
         }
-        for one in kinds
+        for kind in kinds
     }
     found = {**named, **of_ranges.get(None, {})}
     return {**found, "step_seconds": step_seconds(simulation), "groups": of_groups}
@@ -393,4 +393,4 @@ def parameter_mistakes(simulation: str, parameters: dict[str, Any]) -> list[Para
     if known is None:
         return list(mistakes_in(_python_description(simulation).parameters, parameters))
     with engine_errors():
-        return [ParameterMistake(*one) for one in _engine.parameter_mistakes(known, parameters)]
+        return [ParameterMistake(*mistake) for mistake in _engine.parameter_mistakes(known, parameters)]

@@ -92,12 +92,12 @@ class CoppeliaSim(Simulator):
 
     def sensed(self) -> list[list[float | None]]:
         """Read devices."""
-        kinds = [SENSORS[kind_of(one, SENSORS)] for one in self._given.sensors]
+        kinds = [SENSORS[kind_of(sensor, SENSORS)] for sensor in self._given.sensors]
         read: list[list[float | None]] = self._call(
             lambda: [
                 [
-                    kind(self._sim, handle, one.index)
-                    for kind, handle, one in zip(kinds, row, self._given.sensors, strict=True)
+                    kind(self._sim, handle, sensor.index)
+                    for kind, handle, sensor in zip(kinds, row, self._given.sensors, strict=True)
                 ]
                 for row in self._sensors
             ]
@@ -126,7 +126,7 @@ class CoppeliaSim(Simulator):
         self._sim = self._client.require("sim")
         self._robots = [self._object(name) for name in self._given.robots]
         self._sensors, self._actuators = (
-            [[self._object(f"{robot}/{one.device}") for one in devices] for robot in self._given.robots]
+            [[self._object(f"{robot}/{device.device}") for device in devices] for robot in self._given.robots]
             for devices in (self._given.sensors, self._given.actuators)
         )
 
@@ -154,7 +154,7 @@ class CoppeliaSim(Simulator):
         sim.step()  # sensors read nothing before
 
     def _go(self, commands: Sequence[Sequence[float]]) -> None:
-        kinds = [ACTUATORS[kind_of(one, ACTUATORS)] for one in self._given.actuators]
+        kinds = [ACTUATORS[kind_of(actuator, ACTUATORS)] for actuator in self._given.actuators]
         for handles, row in zip(self._actuators, commands, strict=True):
             for kind, handle, value in zip(kinds, handles, row, strict=True):
                 kind(self._sim, handle, value)

@@ -72,8 +72,12 @@ class Description:
             "sensor_units": list(self.sensor_units),
             "actuator_units": list(self.actuator_units),
             "parameters": {
-                name: {"type": one.kind, "default": one.default, "description": one.description}
-                for name, one in self.parameters.items()
+                name: {
+                    "type": parameter.kind,
+                    "default": parameter.default,
+                    "description": parameter.description,
+                }
+                for name, parameter in self.parameters.items()
             },
             "metrics": {name: {"unit": "", "description": text} for name, text in self.metrics.items()},
             "determinism": self.determinism,
@@ -87,12 +91,13 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
     if not isinstance(title, str) or len(title) > 1000:
         raise InputError(f"{where}.title: {title!r} found, expected text of at most 1000 characters")
     parameters = declared(simulation.parameters, where)
-    for name, one in parameters.items():
+    for name, parameter in parameters.items():
         try:
-            json.dumps(one.default, allow_nan=False)
+            json.dumps(parameter.default, allow_nan=False)
         except (TypeError, ValueError):
             raise InputError(
-                f"{where}.parameters[{name!r}]: default: {one.default!r} found, expected what JSON can hold"
+                f"{where}.parameters[{name!r}]: default: {parameter.default!r} found, expected what JSON "
+                "can hold"
             ) from None
     most, steps = simulation.max_agents, getattr(simulation, "most_steps", Described.most_steps)
     groups = declared_groups(getattr(simulation, "groups", {}), parameters, where)
@@ -148,7 +153,7 @@ def misspelt(kind: type[Described]) -> list[str]:
     """
     base = BatchSimulation if issubclass(kind, BatchSimulation) else Simulation
     users = [one for one in kind.__mro__ if not f"{one.__module__}.".startswith(("swarmwright.", "abc."))]
-    given = {name: value for one in reversed(users) for name, value in vars(one).items()}
+    given = {name: value for user in reversed(users) for name, value in vars(user).items()}
     known = {
         name: getattr(base, name, 0)  # sensors and actuators have no default
         for name in (*dir(base), "sensors", "actuators")

@@ -227,7 +227,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         Name, agents, sensors, actuators, and whether rows of all agents have the same length.
         """
         padded = self.description.padded
-        return [(one.name, one.agents, one.sensors, one.actuators, padded) for one in self._groups]
+        return [(group.name, group.agents, group.sensors, group.actuators, padded) for group in self._groups]
 
     def another(self) -> "Host":
         """Return a host with another object, which is made when it is reset."""
@@ -466,13 +466,13 @@ class Host(Calls[Simulation | BatchSimulation]):
 
     def _filled_up(self, method: str, returned: Any) -> Any:  # noqa: ANN401 - whatever it returns
         """Return rows of the same length where each is as long as the agent's group says."""
-        wanted = [one.sensors for one in self._groups for _ in range(one.agents)]
+        wanted = [group.sensors for group in self._groups for _ in range(group.agents)]
         try:
             rows = [np.asarray(row) for row in returned]
         except (TypeError, ValueError):
             return returned
         if len(rows) != len(wanted):
-            groups = ", ".join(f"{one.agents} {one.name}" for one in self._groups)
+            groups = ", ".join(f"{group.agents} {group.name}" for group in self._groups)
             self._fail(f"{method}: {len(rows)} rows returned, expected {len(wanted)}: {groups}")
         filled = np.zeros((len(rows), self.sensors), np.float64)
         for agent, (row, own) in enumerate(zip(rows, wanted, strict=True)):

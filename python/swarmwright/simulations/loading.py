@@ -205,7 +205,7 @@ def _kept_environment(name: str, copy: Copy, kept: Kept) -> type[Simulation]:
 
 def _top(places: Iterable[str]) -> set[str]:
     """Return the modules and packages at the top of a folder of modules."""
-    return {one.partition("/")[0].partition(".")[0] for one in places}
+    return {place.partition("/")[0].partition(".")[0] for place in places}
 
 
 def _apart(folder: Path, names: set[str]) -> isolation.Apart:
@@ -305,7 +305,7 @@ def _import_copy(copy: Copy, kept: Kept) -> ModuleType:
         return _file(part.origin) if part.module is None else _module(part.module)
     if choice.instead is not None and not _is_started_by_another():
         copy_is_used(copy, kept, choice.instead)
-    code = [one for one in kept.digests if one not in kept.data]
+    code = [digest for digest in kept.digests if digest not in kept.data]
     places = [one for one in code if kept.module is not None or one != kept.main]
     apart = _apart(copy.folder / kept.name, _top(places))
     if kept.module is not None and "." in kept.module:

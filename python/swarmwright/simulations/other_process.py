@@ -92,10 +92,10 @@ def difference(now: Outcome, before: Outcome, host: Host) -> str | None:
                 return f"other {what}"
     tolerance = host.tolerance if is_statistical else 0.0
     names = ["fitness", *(f"metric {name!r}" for name, _ in host.metrics)]
-    for name, one, other in zip(names, now.results, before.results, strict=False):
-        margin = tolerance * max(1.0, abs(one), abs(other))
-        if not (one == other or abs(one - other) <= margin or (np.isnan(one) and np.isnan(other))):
-            return f"another {name}, {one!r} instead of {other!r}"
+    for name, result, other in zip(names, now.results, before.results, strict=False):
+        margin = tolerance * max(1.0, abs(result), abs(other))
+        if not (result == other or abs(result - other) <= margin or (np.isnan(result) and np.isnan(other))):
+            return f"another {name}, {result!r} instead of {other!r}"
     return None
 
 

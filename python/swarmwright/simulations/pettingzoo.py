@@ -163,11 +163,11 @@ class PettingZoo(Environment):
             return act.act(actions(act.width), self._allowed[name](seen[name]) if name in seen else None)
 
         seen, _ = env.reset(seed=seed)
-        yield b"".join(read(*one) for one in seen.items())
+        yield b"".join(read(*item) for item in seen.items())
         while env.agents:
             seen, rewards, *_ = env.step({name: action(name, seen) for name in env.agents})
             gained = np.array([float(reward) for reward in rewards.values()])
-            yield b"".join(read(*one) for one in seen.items()) + gained.tobytes()
+            yield b"".join(read(*item) for item in seen.items()) + gained.tobytes()
 
     def _rows(self, seen: dict[str, Any]) -> NDArray[np.float64]:
         """Return what agents sense, (agents, sensors), 0 for those that are gone."""

@@ -337,11 +337,12 @@ def _world(plain: Mapping[str, Any]) -> World:
     return World(
         tick=plain["tick"],
         grey=plain["grey"],
-        walls=[Wall(points(one), one["height"]) for one in plain["walls"]],
-        patches=[Patch(points(one), one["grey"]) for one in plain["patches"]],
-        lights=[Light(**one) for one in plain["lights"]],
+        walls=[Wall(points(wall), wall["height"]) for wall in plain["walls"]],
+        patches=[Patch(points(patch), patch["grey"]) for patch in plain["patches"]],
+        lights=[Light(**light) for light in plain["lights"]],
         models=[
-            RobotModel(**{**one, "rays": np.asarray(one["rays"], np.float32)}) for one in plain["models"]
+            RobotModel(**{**model, "rays": np.asarray(model["rays"], np.float32)})
+            for model in plain["models"]
         ],
         robots=plain["robots"],
         objects=[PushedObject(**one) for one in plain["objects"]],

@@ -138,7 +138,7 @@ class Webots(Simulator):
         self._each([{"reset": "devices"}] * len(robots) + [{"reset": "simulation"}])
         self._step([[]] * len(robots))  # the reset takes place in a step
         if poses:
-            places = [[one.x, one.y, one.z or None, one.yaw] for one in poses]
+            places = [[pose.x, pose.y, pose.z or None, pose.yaw] for pose in poses]
             self._each([{"poses": places}], [supervisor])
         self._each([{"reset": "devices"}] * len(robots), robots)
         self._step([[]] * len(robots))
@@ -168,8 +168,8 @@ class Webots(Simulator):
 
     def _connect(self) -> None:
         given = self._given
-        sensors = [(one.device, kind_of(one, SENSORS), one.index) for one in given.sensors]
-        actuators = [(one.device, kind_of(one, ACTUATORS)) for one in given.actuators]
+        sensors = [(sensor.device, kind_of(sensor, SENSORS), sensor.index) for sensor in given.sensors]
+        actuators = [(actuator.device, kind_of(actuator, ACTUATORS)) for actuator in given.actuators]
         devices = {"devices": {"sensors": sensors, "actuators": actuators}, "ticks": given.ticks}
         none = {"devices": {"sensors": [], "actuators": []}, "ticks": given.ticks}
         self._each([devices] * len(given.robots) + [none])

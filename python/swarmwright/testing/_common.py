@@ -60,9 +60,9 @@ def check_common_options(model: type[Options], key: str, name: str, given: Mappi
     field = model.model_fields.get(key)
     assert field is not None, f"{model.__name__} needs {key}: Literal[{name!r}] = {name!r}"
     assert field.default == name, f"{model.__name__}.{key} must default to {name!r}"
-    for option, one in described(model).model_fields.items():
-        assert option == key or one.description, f"{model.__name__}.{option} has no description"
-        assert not one.is_required() or option in given, (
+    for option, model_field in described(model).model_fields.items():
+        assert option == key or model_field.description, f"{model.__name__}.{option} has no description"
+        assert not model_field.is_required() or option in given, (
             f"{model.__name__}.{option} has no default: give it one, or say here what it is"
         )
 

@@ -105,7 +105,7 @@ def _check_life(launcher: Launcher, broker: str, timeout: float) -> None:
 
 
 def _ready(broker: str) -> set[int]:
-    return {one["server"] for one in _engine.servers(broker, wait=_POLL_S) if one["state"] != "lost"}
+    return {server["server"] for server in _engine.servers(broker, wait=_POLL_S) if server["state"] != "lost"}
 
 
 def _until(holds: Callable[[], bool], timeout: float, rule: str, launcher: Launcher | None = None) -> None:

@@ -79,12 +79,14 @@ def shares(
     wanted = chosen(first, servers)
     if broker is None and wanted == "auto" and here.in_process_is_better(first):
         wanted = "local"
-    if any(one.simulation.startswith("__main__:") for one in experiments):
+    if any(experiment.simulation.startswith("__main__:") for experiment in experiments):
         jobs = 1  # a class of this session, which no other process finds
     most = max(runs, 1)
     if broker is None and wanted in HERE:
         jobs = min(jobs or processors(), most)
-        if wanted == "in-process" or not all(here.has_workers(one.simulation) for one in experiments):
+        if wanted == "in-process" or not all(
+            here.has_workers(experiment.simulation) for experiment in experiments
+        ):
             return [wanted] * jobs
         wanted = max(processors(), jobs)  # all runs together, not each of them
     if isinstance(wanted, tuple):  # one run after the other has all of them
@@ -108,11 +110,11 @@ def _served(experiments: Sequence[Experiment], broker: str) -> int:
     from_keyring(broker)
     first = experiments[0]
     found = _engine.servers(broker, prefix=with_environment(first).prefix, wait=_LISTEN)
-    titles = {catalogue.title(one.simulation) for one in experiments}
+    titles = {catalogue.title(experiment.simulation) for experiment in experiments}
     able = [
         one for one in found if one.get("state") != "lost" and titles <= set(one.get("simulations") or ())
     ]
-    return max(1, len(able) // max(_at_a_time(one) for one in experiments))
+    return max(1, len(able) // max(_at_a_time(experiment) for experiment in experiments))
 
 
 def _at_a_time(experiment: Experiment) -> int:
@@ -155,7 +157,7 @@ def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
     common = {
         key: value
         for key, value in first.items()
-        if all(key in one and one[key] == value for one in experiments)
+        if all(key in experiment and experiment[key] == value for experiment in experiments)
     }
     runs: dict[int, list[str]] = {}
     for task in tasks:
@@ -169,10 +171,10 @@ def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
             {
                 "label": variant.label,
                 "keys": list(variant.keys),
-                "experiment": {key: value for key, value in one.items() if key not in common},
+                "experiment": {key: value for key, value in experiment.items() if key not in common},
                 "runs": runs.get(id(variant), []),
             }
-            for variant, one in zip(sweep.variants, experiments, strict=True)
+            for variant, experiment in zip(sweep.variants, experiments, strict=True)
         ],
     }
 
@@ -302,7 +304,7 @@ def conduct(
             picture.draw_missing(task.folder)
         else:
             left.append(task)
-    experiments = [one.experiment for one in sweep.variants]
+    experiments = [variant.experiment for variant in sweep.variants]
     if broker is None and servers not in HERE and experiments[0].servers not in HERE:
         broker = experiments[0].broker
     try:

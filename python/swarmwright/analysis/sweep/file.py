@@ -59,7 +59,7 @@ def require_effect(
         # Other keys can replace it as well: a limit all other limits, another kind the options of a kind.
         for leaf in leaves(path, setting.value) if grids else ():
             value = value_at(base, leaf)
-            if all(value_at(one.experiment, leaf) != value for one in variants):
+            if all(value_at(variant.experiment, leaf) != value for variant in variants):
                 raise InputError(
                     f"{setting.text}: no variant has this value of {dotted_path(leaf)}, because of "
                     f"'{_replacing(base, leaf, grids)}' in the grid; leave it out, or take the key out of "
@@ -69,7 +69,7 @@ def require_effect(
 
 def _replacing(base: Experiment, path: tuple[str, ...], grids: Iterable[Mapping[Any, Any]]) -> str:
     """Return the key of the grid by which an experiment has another value at a path."""
-    keys = [(str(key), values) for one in grids for key, values in one.items()]
+    keys = [(str(key), values) for grid in grids for key, values in grid.items()]
     for key, values in keys:
         with suppress(InputError):  # it may be possible only together with other keys
             if value_at(changed(base, {key: values[0]}), path) != value_at(base, path):
@@ -137,10 +137,10 @@ class Sweep:
                 f"{file}: is not a sweep file; a sweep file begins like 'experiment: minisim.yaml'"
             )
         settings = tuple(settings)
-        for one in parse_settings(settings):
-            if one.path == ("seed",):
+        for setting in parse_settings(settings):
+            if setting.path == ("seed",):
                 raise InputError(
-                    f"{one.text}: each run has a seed of the sweep; see the key 'seeds' of {file}"
+                    f"{setting.text}: each run has a seed of the sweep; see the key 'seeds' of {file}"
                 )
         if is_record(source.values):
             return cls(**sweep_of(file, source.values, out, settings))

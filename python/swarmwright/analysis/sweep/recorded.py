@@ -78,12 +78,12 @@ def sweep_of(
         name = None if values["file"] is None else Path(values["file"])
         found = [
             (
-                str(one["label"]),
-                _folder(names_of(one["runs"]), seeds),
-                {**values["experiment"], **one["experiment"]},
-                _texts(one["keys"], "keys"),
+                str(variant["label"]),
+                _folder(names_of(variant["runs"]), seeds),
+                {**values["experiment"], **variant["experiment"]},
+                _texts(variant["keys"], "keys"),
             )
-            for one in values["variants"]
+            for variant in values["variants"]
         ]
         if not found:
             raise ValueError("variants: none")
@@ -150,7 +150,7 @@ def _seeds(seeds: Any) -> tuple[int, ...]:  # noqa: ANN401 - whatever a file say
 
 
 def _texts(texts: Any, key: str) -> tuple[str, ...]:  # noqa: ANN401 - whatever a file says
-    if not isinstance(texts, list) or not all(isinstance(one, str) for one in texts):
+    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
         raise ValueError(f"{key}: not a list of texts")
     return tuple(texts)
 
@@ -189,7 +189,9 @@ def _of_run(run: Run, recorded: Experiment, code: _Code) -> Experiment:
     other runs of the simulation.
     """
     differing = [
-        one for one in differences(comparable(run.experiment), comparable(recorded)) if one.key != "seed"
+        difference
+        for difference in differences(comparable(run.experiment), comparable(recorded))
+        if difference.key != "seed"
     ]
     if differing:
         raise InputError(
@@ -232,17 +234,17 @@ def _first_readable(folders: Iterable[Path]) -> Run | None:
 
 def _changed(file: Path, variants: Sequence[Variant], settings: Sequence[str]) -> tuple[Variant, ...]:
     """Return variants with settings. Raises InputError where these concern what differs between them."""
-    experiments = [one.experiment for one in variants]
+    experiments = [variant.experiment for variant in variants]
     for setting in parse_settings(settings):
         for leaf in leaves(setting.path, setting.value):
-            if len({value_at(one, leaf) for one in experiments}) > 1:
+            if len({value_at(experiment, leaf) for experiment in experiments}) > 1:
                 raise InputError(
                     f"{setting.text}: the variants of this sweep differ in {dotted_path(leaf)}; leave it "
                     "out, or change a copy of the sweep file"
                 )
     found: dict[str, Variant] = {}
-    for one in variants:
-        changed = dataclasses.replace(one, experiment=one.experiment.with_settings(settings))
+    for variant in variants:
+        changed = dataclasses.replace(variant, experiment=variant.experiment.with_settings(settings))
         same = found.setdefault(_asked(changed.experiment), changed)
         if same is changed:
             continue
@@ -251,7 +253,7 @@ def _changed(file: Path, variants: Sequence[Variant], settings: Sequence[str]) -
                 f"{', '.join(settings)}: several variants of this sweep would be the same experiment; leave "
                 "it out, or change a copy of the sweep file"
             )
-        raise InputError(f"{file}: two variants are the same experiment: {same.label}, {one.label}")
+        raise InputError(f"{file}: two variants are the same experiment: {same.label}, {variant.label}")
     return tuple(found.values())
 
 

@@ -195,7 +195,9 @@ class SweepResult:
 
     def __str__(self) -> str:
         """Return what the command `sweep` prints at the end: comparisons with their caveats, and failures."""
-        failed = (f"Failed: {one.variant}, seed {one.seed}: {one.message}" for one in self.failures)
+        failed = (
+            f"Failed: {failure.variant}, seed {failure.seed}: {failure.message}" for failure in self.failures
+        )
         comparisons = compare_all((*self.runs, *self.unfinished), self.unreadable)
         return "\n\n".join([repr(self), *map(str, comparisons), *failed])
 
@@ -212,7 +214,9 @@ class SweepResult:
             (label, run.experiment.seed, f"{run.history[-1].best_so_far:.6g}", f"{run.evaluations:,}")
             for run, label in zip(self.runs, self.labels, strict=True)
         ]
-        failed = [(f"failed: {one.variant}, seed {one.seed}", one.message) for one in self.failures]
+        failed = [
+            (f"failed: {failure.variant}, seed {failure.seed}", failure.message) for failure in self.failures
+        ]
         state = [("interrupted", "the same call goes on")] if self.interrupted else []
         without = f", {len(self.left_out)} left out" if self.left_out else ""
         title = f"Sweep in {self.path}: {len(self.runs)} runs{without}"

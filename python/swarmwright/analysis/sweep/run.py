@@ -209,7 +209,10 @@ def _with_longer_runs(sweep: Sweep, folders: Sequence[str]) -> list[str]:
 
     folders: of each variant, without the seed.
     """
-    new = [not any((sweep.out / f"{one}-{seed}" / FILE).exists() for seed in sweep.seeds) for one in folders]
+    new = [
+        not any((sweep.out / f"{folder}-{seed}" / FILE).exists() for seed in sweep.seeds)
+        for folder in folders
+    ]
     found = _shorter_runs(sweep, set(folders)) if any(new) else []
     chosen = list(folders)
     for place, variant in enumerate(sweep.variants):
@@ -241,8 +244,8 @@ def _shorter_runs(sweep: Sweep, taken: Collection[str]) -> list[tuple[str, Exper
         recorded = loads(contents(file))
         if recorded["file"] != str(sweep.file):
             return []
-        for one in recorded["variants"]:
-            seeds = zip(names_of(one["runs"]), recorded["seeds"], strict=True)
+        for variant in recorded["variants"]:
+            seeds = zip(names_of(variant["runs"]), recorded["seeds"], strict=True)
             for folder, seed in seeds:
                 name = folder.removesuffix(f"-{seed}")
                 if name not in taken and (sweep.out / folder / FILE).exists():
@@ -307,7 +310,7 @@ def reason(error: Exception) -> str:
 def _check_titles(sweep: Sweep) -> None:
     """Raise InputError where servers on one broker could not be told apart by their simulations' titles."""
     found: dict[str, str] = {}
-    for simulation in dict.fromkeys(one.experiment.simulation for one in sweep.variants):
+    for simulation in dict.fromkeys(variant.experiment.simulation for variant in sweep.variants):
         title = catalogue.title(simulation)
         other = found.setdefault(title, simulation)
         if other != simulation:
@@ -368,9 +371,9 @@ class Executor:
         Each has a broker of its own, unless one is given: a run finds servers by the title of their
         simulation, which is that of other versions of its code as well.
         """
-        experiments = {one.experiment.simulation: one.experiment for one in self._sweep.variants}
+        experiments = {variant.experiment.simulation: variant.experiment for variant in self._sweep.variants}
         for experiment in experiments.values():
-            same = (one.experiment for one in self._sweep.variants)
+            same = (variant.experiment for variant in self._sweep.variants)
             modules = opening.modules_of([one for one in same if one.simulation == experiment.simulation])
             address, local = opening.open_servers(
                 self._stack, experiment, self._broker, wanted, started=self._servers, modules=modules

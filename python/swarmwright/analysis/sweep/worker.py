@@ -66,7 +66,7 @@ class Worker:
         """Do tasks until there are no more; return the exit status."""
         try:
             settings = json.loads(self._lines.get())
-            variants = [_variant(one) for one in settings["variants"]]
+            variants = [_variant(variant) for variant in settings["variants"]]
             sweep = Sweep(tuple(variants), (), Path())
             with (
                 self._forwarding(settings["reports"]),

@@ -143,7 +143,7 @@ class SideBySide:
         try:
             for place in range(len(self._processes)):
                 self._start(place)
-            while waiting or any(one is not None and one.task for one in self._processes):
+            while waiting or any(process is not None and process.task for process in self._processes):
                 for key, _ in self._selector.select(_POLL_S):
                     self._receive(key.data, waiting)
                 self._listener.tick()
@@ -217,7 +217,7 @@ class SideBySide:
             return
         task = waiting.popleft()
         self._listener.begun(task)
-        place = next(index for index, one in enumerate(self._variants) if one is task.variant)
+        place = next(index for index, variant in enumerate(self._variants) if variant is task.variant)
         process.give(task, {"variant": place, "seed": task.seed, "folder": str(task.folder)})
 
     def _replace(self, place: int, waiting: deque[Task]) -> None:

@@ -103,8 +103,8 @@ class Transfer:
                 members = [of[str(run.path)] for run in group.runs]
                 columns = np.array(
                     [
-                        (one.source_fitness[0].mean, one.target_fitness[0].mean, one.losses[0].mean)
-                        for one in members
+                        (member.source_fitness[0].mean, member.target_fitness[0].mean, member.losses[0].mean)
+                        for member in members
                     ]
                 ).T
                 found.append(GroupLoss(group.label, target, *columns))
@@ -119,7 +119,7 @@ class Transfer:
         found = []
         tasks = by_task(self.groups, by="fitness", held_out=False)
         for target in self.targets:
-            losses = [one for one in self.group_losses if one.target == target]
+            losses = [group_loss for group_loss in self.group_losses if group_loss.target == target]
             for task in tasks:
                 members = tuple(losses[index] for index in task.indices)
                 found.append(GroupTask(task.label, task.differs, target, members, _tested(members)))
@@ -179,12 +179,12 @@ class Transfer:
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         table.writerow(["run", "target", "generation", "candidate", "seed", "fitness", "fitness_in_target"])
-        for one in self.runs:
+        for run in self.runs:
             rows = zip(
-                one.candidates, one.source_episodes.tolist(), one.target_episodes.tolist(), strict=True
+                run.candidates, run.source_episodes.tolist(), run.target_episodes.tolist(), strict=True
             )
             for candidate, source, target in rows:
-                whose = (one.run.path, one.target, candidate.generation, candidate.candidate)
+                whose = (run.run.path, run.target, candidate.generation, candidate.candidate)
                 table.writerows((*whose, *row) for row in zip(self.seeds, source, target, strict=True))
         write_text(path, text.getvalue())
 

@@ -29,9 +29,9 @@ def _one_run(transfer: "Transfer") -> Iterator[str]:
     """Yield the candidates of a run."""
     count = len(transfer.seeds)
     yield f"Mean fitness of {count} episodes with held-out seeds, and what is lost (95 % interval):"
-    for one in transfer.runs:
-        rows = [["candidate", "recorded", "fitness", f"in {one.target}", "loss", "95 % interval"]]
-        shown = zip(one.candidates, one.source_fitness, one.target_fitness, one.losses, strict=True)
+    for run in transfer.runs:
+        rows = [["candidate", "recorded", "fitness", f"in {run.target}", "loss", "95 % interval"]]
+        shown = zip(run.candidates, run.source_fitness, run.target_fitness, run.losses, strict=True)
         for candidate, here, there, lost in list(shown)[:_CANDIDATES]:
             recorded = "" if candidate.recorded is None else number(candidate.recorded)
             rows.append(
@@ -39,13 +39,13 @@ def _one_run(transfer: "Transfer") -> Iterator[str]:
             )
         yield ""
         yield from columns(rows)
-        hidden = len(one.candidates) - len(rows) + 1
+        hidden = len(run.candidates) - len(rows) + 1
         if hidden:
             yield f"and {hidden} more; --csv and --json have all"
-        if one.correlation is not None:
+        if run.correlation is not None:
             yield (
-                f"Rank correlation of the {one.correlation.candidates} candidates (Spearman): "
-                f"{_correlation(one.correlation)}"
+                f"Rank correlation of the {run.correlation.candidates} candidates (Spearman): "
+                f"{_correlation(run.correlation)}"
             )
 
 
@@ -58,7 +58,7 @@ def _runs(transfer: "Transfer") -> Iterator[str]:
     )
     for target in transfer.targets:
         rows = [["run", "fitness", f"in {target}", "loss", "95 % interval", "rank correlation"]]
-        rows += [_of_run(one) for one in transfer.runs if one.target == target]
+        rows += [_of_run(run) for run in transfer.runs if run.target == target]
         yield ""
         yield from columns(rows)
 
@@ -79,12 +79,13 @@ def _groups(transfer: "Transfer") -> Iterator[str]:
             yield f"Task: {one_line(task.label)}"
         yield "Medians of the runs' best:"
         rows = [["group", "runs", "fitness", f"in {task.target}", "loss", "quartiles of the loss"]]
-        for one in task.groups:
-            low, high = np.quantile(one.losses, [0.25, 0.75])
+        for group in task.groups:
+            low, high = np.quantile(group.losses, [0.25, 0.75])
             medians = (
-                float(np.median(values)) for values in (one.source_fitness, one.target_fitness, one.losses)
+                float(np.median(values))
+                for values in (group.source_fitness, group.target_fitness, group.losses)
             )
-            row = [one.label, str(len(one.losses)), *map(number, medians)]
+            row = [group.label, str(len(group.losses)), *map(number, medians)]
             rows.append([*row, f"{number(low)} to {number(high)}"])
         yield from columns(rows)
         if task.pairs:
@@ -113,11 +114,11 @@ def to_mapping(transfer: "Transfer") -> dict[str, Any]:
         "targets": list(transfer.targets),
         "runs": [
             {
-                "run": str(one.run.path),
-                "target": one.target,
-                "failed": one.failed,
-                "failed_in_own_simulation": one.source_failed,
-                "rank_correlation": None if one.correlation is None else vars(one.correlation),
+                "run": str(run.run.path),
+                "target": run.target,
+                "failed": run.failed,
+                "failed_in_own_simulation": run.source_failed,
+                "rank_correlation": None if run.correlation is None else vars(run.correlation),
                 "candidates": [
                     {
                         "generation": candidate.generation,
@@ -128,28 +129,28 @@ def to_mapping(transfer: "Transfer") -> dict[str, Any]:
                         "loss": vars(lost),
                     }
                     for candidate, here, there, lost in zip(
-                        one.candidates, one.source_fitness, one.target_fitness, one.losses, strict=True
+                        run.candidates, run.source_fitness, run.target_fitness, run.losses, strict=True
                     )
                 ],
             }
-            for one in transfer.runs
+            for run in transfer.runs
         ],
         "group_losses": [
             {
-                "label": one.label,
-                "target": one.target,
-                "fitness": one.source_fitness.tolist(),
-                "fitness_in_target": one.target_fitness.tolist(),
-                "loss": one.losses.tolist(),
+                "label": group_loss.label,
+                "target": group_loss.target,
+                "fitness": group_loss.source_fitness.tolist(),
+                "fitness_in_target": group_loss.target_fitness.tolist(),
+                "loss": group_loss.losses.tolist(),
             }
-            for one in transfer.group_losses
+            for group_loss in transfer.group_losses
         ],
         "tasks": [
             {
                 "label": task.label,
                 "differs": task.differs,
                 "target": task.target,
-                "groups": [one.label for one in task.groups],
+                "groups": [group.label for group in task.groups],
             }
             for task in transfer.tasks
         ],

@@ -161,9 +161,9 @@ def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Itera
     if len(groups) > 1 and min(len(one.runs) for one in groups) < FEW_RUNS:
         yield f"with fewer than {FEW_RUNS} runs of a group a test has little power"
     tasks = by_task(groups, by="fitness", held_out=False)
-    if any(len(one.indices) > 1 for one in tasks) and len(tasks) > 1:
+    if any(len(task.indices) > 1 for task in tasks) and len(tasks) > 1:
         yield different_tasks()
-    members = [(one.differs, [groups[index].label for index in one.indices]) for one in tasks]
+    members = [(task.differs, [groups[index].label for index in task.indices]) for task in tasks]
     alone = untested(members)
     if alone is not None:
         yield alone

@@ -53,7 +53,7 @@ def vectors() -> Json:
 
 def binary32(bits: Sequence[str]) -> Floats:
     """Return the numbers with these bits, in hexadecimal."""
-    return np.array([int(one, 16) for one in bits], np.uint32).view(np.float32)
+    return np.array([int(bit, 16) for bit in bits], np.uint32).view(np.float32)
 
 
 @dataclass(frozen=True)
@@ -198,13 +198,13 @@ class Case:
 
 def cases() -> Iterator[Case]:
     """Networks that can be tried on any sensors."""
-    for one in vectors()["controllers"]:
-        specification = one["specification"]
+    for controller in vectors()["controllers"]:
+        specification = controller["specification"]
         low, high = PASSES.get(specification.get("activation"), (1.0, 0.0))
-        steps = [(binary32(s["sensor_bits"]), binary32(s["actuator_bits"])) for s in one["steps"]]
+        steps = [(binary32(s["sensor_bits"]), binary32(s["actuator_bits"])) for s in controller["steps"]]
         fit = [step for step in steps if (step[0] >= low).all() and (step[0] <= high).all()]
         if specification["kind"] == "layered" and fit:
-            yield Case(one["name"], specification, fit)
+            yield Case(controller["name"], specification, fit)
 
 
 @rule(

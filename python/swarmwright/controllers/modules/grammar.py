@@ -68,7 +68,7 @@ class Module:
     def as_mapping(self) -> dict[str, Any]:
         """Return it as specifications hold it."""
         code = {"file": self.file, "sha256": self.sha256} if self.file else {}
-        ranges = {name: list(one) for name, one in self.parameters.items()}
+        ranges = {name: list(parameter) for name, parameter in self.parameters.items()}
         return {"name": self.name, **code, "parameters": ranges}
 
 
@@ -140,17 +140,17 @@ def module_of(entry: Mapping[str, Any]) -> Module:
 
 
 def _own_places(modules: Sequence[Module]) -> int:
-    return sum(len(one.parameters) for one in modules if not one.built_in)
+    return sum(len(module.parameters) for module in modules if not module.built_in)
 
 
 def _places(modules: Sequence[Module], first: int) -> dict[str, dict[str, int]]:
     found: dict[str, dict[str, int]] = {}
-    for one in modules:
-        if one.built_in:
-            found[one.name] = {name: PLACES[name] for name in one.parameters}
+    for module in modules:
+        if module.built_in:
+            found[module.name] = {name: PLACES[name] for name in module.parameters}
         else:
-            found[one.name] = {name: first + index for index, name in enumerate(one.parameters)}
-            first += len(one.parameters)
+            found[module.name] = {name: first + index for index, name in enumerate(module.parameters)}
+            first += len(module.parameters)
     return found
 
 

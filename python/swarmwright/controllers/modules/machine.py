@@ -250,10 +250,10 @@ class Swarm:
     def __init__(self, architecture: Mapping[str, Any], weights: Numbers) -> None:
         catalogue = grammar.Catalogue.of(architecture)
         self._behaviours: list[Behaviour] = [
-            _made(implementation("behaviour", one)) for one in catalogue.behaviours
+            _made(implementation("behaviour", behaviour)) for behaviour in catalogue.behaviours
         ]
         self._conditions: list[Condition] = [
-            _made(implementation("condition", one)) for one in catalogue.conditions
+            _made(implementation("condition", condition)) for condition in catalogue.conditions
         ]
         self._behaviour_places = list(catalogue.behaviour_places.items())
         self._condition_places = list(catalogue.condition_places.items())
@@ -290,9 +290,9 @@ class Swarm:
         self.current = np.zeros(count, dtype=np.int64)
         """The state in which the machine of each robot makes its next step."""
         self._settled = np.zeros(count, dtype=np.bool_)
-        widest = max(one.state for one in self._behaviours)
+        widest = max(behaviour.state for behaviour in self._behaviours)
         self._kept = np.zeros((count, widest), dtype=np.float32)
-        widest = max(one.state for one in self._conditions)
+        widest = max(condition.state for condition in self._conditions)
         self._conditions_kept = np.zeros((count, self._most, widest), dtype=np.float32)
 
     def extend(self, owners: Rows, before: int, after: int) -> None:
@@ -335,7 +335,7 @@ class Swarm:
             name, places = self._behaviour_places[number]
             state = self._kept[robots[rows], : behaviour.state]
             given = {key: part[rows, place] for key, place in places.items()}
-            random = RandomNumbers(bits[rows], 0, [one[rows] for one in words])
+            random = RandomNumbers(bits[rows], 0, [word[rows] for word in words])
             speeds = called(
                 behaviour.act, name, Senses.of(sensors[rows]), given, state, random, shape=(len(rows), 2)
             )
@@ -424,7 +424,7 @@ class Swarm:
         ended = self.current[robots] >= counts
         rows = np.flatnonzero(~ended)
         part = self._table[owners[rows], self.current[robots[rows]]]
-        some = [one[rows] for one in words]
+        some = [word[rows] for word in words]
         actuators[rows] = self._act(robots[rows], part, sensors[rows], bits[rows], some)
         self.current[robots[ended]] = 0
         return actuators

@@ -117,15 +117,15 @@ def _list(value: Any, where: Path_, least: int, most: int) -> Sequence[Any]:  # 
 
 
 def _name(value: Any, where: Path_, modules: Sequence[Module]) -> Module:  # noqa: ANN401 - a file's
-    for one in modules:
-        if one.name == value:
-            return one
-    names = ", ".join(one.name for one in modules)
+    for module in modules:
+        if module.name == value:
+            return module
+    names = ", ".join(module.name for module in modules)
     raise FieldError(where, f"{value!r} found, expected one of {names}")
 
 
 def _values(values: Mapping[str, Any], module: Module, where: Path_) -> dict[str, float]:
-    return {name: _value(values, name, one, where) for name, one in module.parameters.items()}
+    return {name: _value(values, name, parameter, where) for name, parameter in module.parameters.items()}
 
 
 def _value(values: Mapping[str, Any], name: str, limits: Range, where: Path_) -> float:
@@ -146,8 +146,8 @@ def mapping_of(states: Sequence[State]) -> dict[str, Any]:
                 "behaviour": state.behaviour,
                 **state.parameters,
                 "transitions": [
-                    {"to": one.target, "condition": one.condition, **one.parameters}
-                    for one in state.transitions
+                    {"to": transition.target, "condition": transition.condition, **transition.parameters}
+                    for transition in state.transitions
                 ],
             }
             for state in states

@@ -36,7 +36,7 @@ def as_text(states: Sequence[State]) -> str:
     lines = []
     for index, state in enumerate(states):
         lines.append(f"state {index}: {words_of(state)}")
-        lines += [f"  {words_of(one)}" for one in state.transitions]
+        lines += [f"  {words_of(transition)}" for transition in state.transitions]
     return "\n".join(lines)
 
 
@@ -44,9 +44,9 @@ def as_diagram(states: Sequence[State], language: Literal["dot", "mermaid"]) -> 
     """Return a machine as text of Graphviz (`dot`) or of Mermaid."""
     labels = [_behaviour_words(state) for state in states]
     edges = [
-        (index, one.target, _condition_words(one))
+        (index, transition.target, _condition_words(transition))
         for index, state in enumerate(states)
-        for one in state.transitions
+        for transition in state.transitions
     ]
     if language == "mermaid":
         lines = ["stateDiagram-v2", "    [*] --> s0"]
@@ -76,7 +76,7 @@ def tree_text(subtrees: Sequence[State]) -> str:
 
 def tree_diagram(subtrees: Sequence[State], language: Literal["dot", "mermaid"]) -> str:
     """Return a tree as text of Graphviz (`dot`) or of Mermaid."""
-    leaves = [(condition_words(one), words_of(one)) for one in subtrees]
+    leaves = [(condition_words(subtree), words_of(subtree)) for subtree in subtrees]
     if language == "mermaid":
         lines = ["flowchart TD", '    root["sequence*"]']
         for index, (condition, action) in enumerate(leaves):

@@ -130,11 +130,11 @@ def find(specification: Mapping[str, Any], folder: Path) -> None:
     """
     catalogue = grammar.Catalogue.of(specification)
     for what, parts in (("behaviour", catalogue.behaviours), ("condition", catalogue.conditions)):
-        for one in parts:
-            if one.file and (what, one.name, one.sha256) not in _in_files:
-                path = _loading().file_with(folder, one.file, one.sha256)
+        for part in parts:
+            if part.file and (what, part.name, part.sha256) not in _in_files:
+                path = _loading().file_with(folder, part.file, part.sha256)
                 if path is not None:
-                    _from_file(what, f"{path}:{one.name}")
+                    _from_file(what, f"{path}:{part.name}")
 
 
 def _loading() -> Any:  # noqa: ANN401 - a module
@@ -189,7 +189,7 @@ def _ranges(what: str, name: str, found: Kind) -> dict[str, grammar.Range]:
     state: object = found.state
     if not isinstance(state, int) or isinstance(state, bool) or not 0 <= state <= _MOST_STATE:
         raise InputError(f"{where}: state must be an integer of 0 to {_MOST_STATE}, not {state!r}")
-    return {key: _range(where, key, one) for key, one in found.parameters.items()}
+    return {key: _range(where, key, parameter) for key, parameter in found.parameters.items()}
 
 
 def _range(where: str, name: object, given: object) -> grammar.Range:

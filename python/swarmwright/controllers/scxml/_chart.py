@@ -97,7 +97,7 @@ class State:
 
     def inside(self, other: "State") -> bool:
         """Whether it is inside of another state, at any depth."""
-        return any(one is other for one in self.ancestors)
+        return any(ancestor is other for ancestor in self.ancestors)
 
     def all(self) -> Iterator["State"]:
         """Yield it and all inside, in document order."""
@@ -113,7 +113,7 @@ class State:
     @property
     def actions(self) -> list[Action]:
         """All that is done in it and by its transitions."""
-        return [*self.entry, *self.exit, *(one for t in self.all_transitions for one in t.actions)]
+        return [*self.entry, *self.exit, *(action for t in self.all_transitions for action in t.actions)]
 
 
 def combinations(state: State) -> int:

@@ -67,7 +67,7 @@ def table(
     steps, thresholds, rows = steps_of(root, edges, outputs, sensors)
     _check_size(rows * (1 + actuators))
     effects, first = _flattened(root, steps, rows, 1 + actuators)
-    kept = [_keeping_actuators(one, actuators) for one in effects]
+    kept = [_keeping_actuators(effect, actuators) for effect in effects]
     given = dict([*begin, *first])
     start = tuple(given.get(actuator, 0.0) for actuator in range(actuators))
     variants = _variants(effects, kept, start)
@@ -241,8 +241,8 @@ class StateMachine:
     @property
     def assigned(self) -> list[str]:
         """Names of actuators: those declared first, in their order, then in the order of their use."""
-        actions = (one for state in self.root.all() for one in state.actions)
-        used = [one.actuator for one in actions if isinstance(one, Assignment)]
+        actions = (action for state in self.root.all() for action in state.actions)
+        used = [action.actuator for action in actions if isinstance(action, Assignment)]
         return list(dict.fromkeys([*(name for name in self.declared if name in used), *used]))
 
     @property
@@ -317,7 +317,11 @@ class _Resolved:
     def parts(self) -> tuple[dict[int, Edge], dict[int, tuple[int, float]]]:
         """Return transitions and assignments, by their `id`."""
         states = self.machine.root.all()
-        edges = {id(one): self._edge(state, one) for state in states for one in state.all_transitions}
+        edges = {
+            id(transition): self._edge(state, transition)
+            for state in states
+            for transition in state.all_transitions
+        }
         return edges, self._outputs()
 
     def _exported(self) -> dict[str, dict[str, int]]:
@@ -359,12 +363,12 @@ class _Resolved:
         """Return the actuator and its number of each action that assigns one."""
         found = {}
         for state in self.machine.root.all():
-            for one in state.actions:
-                if isinstance(one, Assignment):
-                    number = self._number(one.actuator, self.actuators, "actuator", one.line)
+            for action in state.actions:
+                if isinstance(action, Assignment):
+                    number = self._number(action.actuator, self.actuators, "actuator", action.line)
                     if number is None:
-                        self._unknown(one.line, "actuator", one.actuator, self.actuators)
-                    found[id(one)] = (-1 if number is None else number, one.value)
+                        self._unknown(action.line, "actuator", action.actuator, self.actuators)
+                    found[id(action)] = (-1 if number is None else number, action.value)
         return found
 
     def _numbered(self, actuator: str) -> int:
@@ -416,13 +420,15 @@ class _Resolved:
                 found.add(f"done.state.{state.parent.name}")
                 if state.parent.parent is not None and state.parent.parent.kind == "parallel":
                     found.add(f"done.state.{state.parent.parent.name}")
-            found |= {one.name for one in state.actions if isinstance(one, Event)}
+            found |= {action.name for action in state.actions if isinstance(action, Event)}
         return found
 
     def _sensor(self, line: int, node: ast.expr) -> int | None:
         match node:
             case ast.Name(id=name) if name not in self.constants:
-                number = self._number(name, [in_expression(one) for one in self.sensors], "sensor", line)
+                number = self._number(
+                    name, [in_expression(sensor) for sensor in self.sensors], "sensor", line
+                )
                 if number is None:
                     self._unknown(line, "sensor", name, self.sensors)
                 return 0 if number is None else number

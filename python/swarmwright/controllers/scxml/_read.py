@@ -95,7 +95,7 @@ class _Namespaces:
             return False
         element.tag = element.tag.rpartition(":")[2]
         spaces = self._declared(element, known)
-        element.children = [one for one in element.children if self._take(one, spaces, element.tag)]
+        element.children = [child for child in element.children if self._take(child, spaces, element.tag)]
         return True
 
 
@@ -330,7 +330,7 @@ class _Reader:
 
     def _check_events(self) -> None:
         """Events that no transition waits for are mistakes, or meant for others where they carry numbers."""
-        waited = [one for state in self.states.values() for t in state.transitions for one in t.events]
+        waited = [event for state in self.states.values() for t in state.transitions for event in t.events]
         awaited = Descriptors(waited)
         for state in self.states.values():
             for block in (state.entry, state.exit, *(t.actions for t in state.all_transitions)):
@@ -353,8 +353,8 @@ class _Reader:
                 self._check(state, state.initial, "initial" if state.kind != "history" else "target")
             elif state.is_compound:
                 state.initial = Transition(state.line, targets=[state.inner[0].name])
-            for one in state.transitions:
-                self._check(state, one, "target")
+            for transition in state.transitions:
+                self._check(state, transition, "target")
 
     def _check(self, state: State, one: Transition, what: str) -> None:
         """Check that targets are there, in the state where they have to be, and can be active together."""

@@ -168,7 +168,11 @@ class Steps:
             state = self._states[number]
             if not state.is_atomic:
                 continue
-            around = [self._edges[id(one)] for at in (state, *state.ancestors) for one in at.transitions]
+            around = [
+                self._edges[id(transition)]
+                for at in (state, *state.ancestors)
+                for transition in at.transitions
+            ]
             tried = [(edge, test) for edge in around if (test := condition(edge)) is not None]
             after = []
             for rows, chosen in found:
@@ -270,10 +274,12 @@ class Steps:
         """Return the state in which everything is left."""
         targets = self._targets(branch, edge.targets)
         source = edge.source
-        if edge.of.internal and source.is_compound and all(one.inside(source) for one in targets):
+        if edge.of.internal and source.is_compound and all(target.inside(source) for target in targets):
             return source
         for around in source.ancestors:
-            if (around.is_compound or around is self._root) and all(one.inside(around) for one in targets):
+            if (around.is_compound or around is self._root) and all(
+                target.inside(around) for target in targets
+            ):
                 return around
         return self._root
 
@@ -381,8 +387,8 @@ def _queued(
     """Return both queues with the events of a block of actions."""
     events = [one for one in block if isinstance(one, Event)]
     return (
-        internal + tuple(one.name for one in events if one.internal),
-        external + tuple(one.name for one in events if not one.internal),
+        internal + tuple(event.name for event in events if event.internal),
+        external + tuple(event.name for event in events if not event.internal),
     )
 
 
@@ -399,8 +405,8 @@ class Descriptors:
 
     def __init__(self, descriptors: Collection[str]) -> None:
         self._all = "*" in descriptors
-        self._prefixes = {_prefix(one) for one in descriptors}
-        self._lengths = sorted({len(one) for one in self._prefixes})
+        self._prefixes = {_prefix(descriptor) for descriptor in descriptors}
+        self._lengths = sorted({len(prefix) for prefix in self._prefixes})
 
     def match(self, event: str) -> bool:
         """Whether one of them names an event."""

@@ -137,5 +137,5 @@ def _actuator(low: float, high: float, language: dict[str, str]) -> tuple[str, s
         f"{p}_product product = share * 2.0f;",
         f"{p}_real a = product - 1.0f;",
     ]
-    first, last = (shortest_decimal(float(one)) for one in bounds)
+    first, last = (shortest_decimal(float(bound)) for bound in bounds)
     return f"{first}..{last} becomes -1..1", "\n".join(f"    {line}" for line in lines)

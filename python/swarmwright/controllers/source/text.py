@@ -189,7 +189,9 @@ def _spelled(text: str) -> str:
         return text
     raised = _RAISED.sub(lambda found: f"^{found[0].translate(_SUPERSCRIPTS)}", text)
     letters = (one for one in unicodedata.normalize("NFKD", raised) if not unicodedata.combining(one))
-    return "".join(one if one.isascii() else _LATIN.get(one) or _greek(one) or one for one in letters)
+    return "".join(
+        letter if letter.isascii() else _LATIN.get(letter) or _greek(letter) or letter for letter in letters
+    )
 
 
 def _greek(letter: str) -> str:

@@ -100,7 +100,7 @@ def draw(
         designs: those of its groups, by which groups have colours.
         x: "evaluations" or "generations".
     """
-    design_of = {id(one): design for design in designs for one in design.groups}
+    design_of = {id(group): design for design in designs for group in design.groups}
     tasks = comparison.tasks
     rows = [list(task.groups) for task in tasks]  # fitness of unlike tasks has unlike units
     if len(tasks) > _MOST_TASKS:
@@ -108,12 +108,12 @@ def draw(
     named_designs = [[design_of[id(one)].name for one in row] for row in rows]
     page = current()
     names = [_names(row) for row in named_designs]
-    width = max(one.width for one in names)
+    width = max(name.width for name in names)
     if names[-1].slanted and not page.narrow and all(row == named_designs[-1] for row in named_designs):
         # One below the other: the names of the last row are those of all.
-        names[:-1] = [_Names([""] * len(one.names), slanted=False, width=one.width) for one in names[:-1]]
+        names[:-1] = [_Names([""] * len(name.names), slanted=False, width=name.width) for name in names[:-1]]
     least = 5.4 if len(rows) == 1 else _ROW
-    slanted = sum(0.6 * points(_CHARACTER) * max(map(len, one.names)) for one in names if one.slanted)
+    slanted = sum(0.6 * points(_CHARACTER) * max(map(len, name.names)) for name in names if name.slanted)
     entries = [_entry(one) for one in designs]
     below = (
         _LEGEND_LINE_INCHES * sum(entry.count("\n") + 1 for entry in entries[::_COLUMNS])
@@ -141,11 +141,11 @@ def draw(
         for (_, right), task in zip(axes, tasks, strict=True):
             right.set_title(_verdict(task), loc="left", fontsize=points(10), color=SOFT)
     groups = comparison.groups
-    experiments = [one.runs[0].experiment for one in groups]
-    subjects = sorted({one.subject for one in experiments})
+    experiments = [group.runs[0].experiment for group in groups]
+    subjects = sorted({experiment.subject for experiment in experiments})
     if len(subjects) > _MOST_SUBJECTS:
-        subjects = sorted({one.label for one in experiments})
-    entitle(figure, f"{'; '.join(subjects)}: {counted(sum(len(one.runs) for one in groups), 'run')}")
+        subjects = sorted({experiment.label for experiment in experiments})
+    entitle(figure, f"{'; '.join(subjects)}: {counted(sum(len(group.runs) for group in groups), 'run')}")
     _legend(figure, designs, entries, _meaning(groups))
     return figure
 
@@ -166,12 +166,12 @@ def _row(
     drawn = []
     indicator = comparison.indicator
     curve = partial(indicator_so_far, indicator) if indicator.has_curve else best_so_far
-    for place, (one, design) in enumerate(zip(groups, designs, strict=True)):
+    for place, (group, design) in enumerate(zip(groups, designs, strict=True)):
         extremes = len(comparison.groups) <= _MOST_SHADED_GROUPS
-        drawn.append(_curve(left, one, design, x, curve, extremes=extremes))
-        _final(right, one, place, design.number)
+        drawn.append(_curve(left, group, design, x, curve, extremes=extremes))
+        _final(right, group, place, design.number)
     zoom(left, drawn)
-    falls = any(run.best_words != "best so far" for one in groups for run in one.runs)
+    falls = any(run.best_words != "best so far" for group in groups for run in group.runs)
     best = "recorded fitness of the returned candidate" if falls else "best recorded fitness so far"
     subject = f"{indicator.words if indicator.has_curve else best} (more is better)"
     dress(left, x=AXES[x], y=subject)
@@ -255,7 +255,7 @@ def _wrapped(name: str) -> list[str]:
 
 def _meaning(groups: "tuple[Group, ...]") -> str:
     """Return what lines and shades of the curves mean; nothing where each group is one run."""
-    if all(len(one.runs) == 1 for one in groups):
+    if all(len(group.runs) == 1 for group in groups):
         return ""
     shades = "dark: middle half · light: all" if len(groups) <= _MOST_SHADED_GROUPS else "shaded: middle half"
     return f"line: median of the runs · {shades}"
@@ -266,8 +266,8 @@ def _legend(figure: "Figure", designs: "Sequence[Design]", entries: Sequence[str
     from matplotlib.lines import Line2D
 
     handles = []
-    for one in designs:
-        color, dashes = look(one.number)
+    for design in designs:
+        color, dashes = look(design.number)
         style: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": points(2.2)}
         handles.append(Line2D([], [], **style))
     # matplotlib fills columns; the order of the boxes is read row by row.

@@ -31,8 +31,8 @@ _RECORDED, _HELD_OUT = COLORS[2], INK
 @styled()
 def draw(curve: "LearningCurve") -> "Figure":
     """Return the figure: recorded and held-out fitness, with 95 % intervals, over evaluations."""
-    places = np.array([one.evaluations for one in curve.points], dtype=float)
-    fitness = [one.best.fitness for one in curve.points]
+    places = np.array([point.evaluations for point in curve.points], dtype=float)
+    fitness = [point.best.fitness for point in curve.points]
 
     def column(values: list[float | None]) -> "np.typing.NDArray[np.float64]":
         found = np.array(values, dtype=np.float64)
@@ -45,8 +45,8 @@ def draw(curve: "LearningCurve") -> "Figure":
         color=_HELD_OUT, alpha=0.15, linewidth=0, label="95 % confidence interval",
     )  # fmt: skip
     axes.plot(
-        places, column([one.best.recorded for one in curve.points]), color=_RECORDED, linewidth=points(1.4),
-        linestyle="--", marker="o", markersize=points(4),
+        places, column([point.best.recorded for point in curve.points]), color=_RECORDED,
+        linewidth=points(1.4), linestyle="--", marker="o", markersize=points(4),
         label=f"recorded fitness of the {curve.run.best_words}",
     )  # fmt: skip
     axes.plot(

@@ -63,12 +63,12 @@ def draw(run: "Run", curves: "MetricCurves", *, x: str = "evaluations") -> "Figu
     figure, axes = _grid(len(curves.names))
     marker = "o" if len(places) == 1 else None
     drawn = [index for index in range(len(shares)) if np.isfinite(values[:, index]).any()]
-    for one, name, of_metric in zip(axes, curves.labels, values, strict=False):
+    for axis, name, of_metric in zip(axes, curves.labels, values, strict=False):
         for index in drawn:
             color, width = _LOOKS[index]
             style: dict[str, Any] = {"color": color, "linewidth": points(width), "marker": marker}
-            one.plot(places, of_metric[index], label=shares[index], **style)
-        dress(one, y=textwrap.fill(name, _LABEL))
+            axis.plot(places, of_metric[index], label=shares[index], **style)
+        dress(axis, y=textwrap.fill(name, _LABEL))
     _finish(axes, len(curves.names), x, places)
     entitle(figure, title_of(run.experiment))
     failed = sum(one.failed for one in run.history)
@@ -171,14 +171,14 @@ def _grid(count: int) -> "tuple[Figure, list[Axes]]":
 def _finish(axes: "Sequence[Axes]", count: int, x: str, places: "np.ndarray[Any, Any]") -> None:
     """Remove axes without a metric, and write what all are drawn over below the lowest of each column."""
     axes[0].figure.align_ylabels(axes[:count])
-    rows = len({round(one.get_position().y0, 6) for one in axes})
-    for index, one in enumerate(axes):
+    rows = len({round(axis.get_position().y0, 6) for axis in axes})
+    for index, axis in enumerate(axes):
         if index >= count:
-            one.remove()
+            axis.remove()
             continue
-        one.margins(x=0.01, y=0.08)
-        whole_ticks(one.xaxis, places)
+        axis.margins(x=0.01, y=0.08)
+        whole_ticks(axis.xaxis, places)
         if (index + 1) % rows == 0 or index == count - 1:
-            one.set_xlabel(AXES[x], fontsize=points(11), color=INK)
+            axis.set_xlabel(AXES[x], fontsize=points(11), color=INK)
         else:
-            one.tick_params(labelbottom=False)
+            axis.tick_params(labelbottom=False)

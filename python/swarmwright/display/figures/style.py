@@ -325,7 +325,7 @@ def fitting_columns(entries: Sequence[str], most: int) -> int:
     entries: its texts, which may have several lines. most: columns.
     """
     width = current().width or math.inf
-    needed = [points(max(map(len, one.split("\n"))) * _LETTER_INCHES + _MARK_INCHES) for one in entries]
+    needed = [points(max(map(len, entry.split("\n"))) * _LETTER_INCHES + _MARK_INCHES) for entry in entries]
     for columns in range(min(most, len(entries)), 1, -1):
         if sum(float(max(part)) for part in np.array_split(needed, columns)) <= width:
             return columns

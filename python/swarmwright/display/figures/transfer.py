@@ -75,12 +75,12 @@ def _signs(transfer: "Transfer") -> list[tuple[str, dict[str, Any]]]:
     """Return what the sizes of points and the lines across them mean, where there are any, with its style."""
     plain: dict[str, Any] = {"color": SOFT, "fmt": "o"}
     found: list[tuple[str, dict[str, Any]]] = []
-    if any(len(one.candidates) > 1 for one in transfer.runs):
+    if any(len(run.candidates) > 1 for run in transfer.runs):
         found = [
             ("best of the run", {**plain, "markersize": _BEST}),
             ("other candidates of the run", {**plain, "markersize": _OTHER}),
         ]
-    fitness = [of for one in transfer.runs for of in (*one.source_fitness, *one.target_fitness)]
+    fitness = [of for run in transfer.runs for of in (*run.source_fitness, *run.target_fitness)]
     if any(of.low is not None for of in fitness):
         bars = {"fmt": "none", "ecolor": SOFT, "elinewidth": points(0.8), "xerr": [], "yerr": []}
         found.append(("95 % interval of the mean", bars))

@@ -256,7 +256,9 @@ def _grounds(scenes: Sequence[Scene]) -> list[tuple[int, dict[str, Any]]]:
                     "floor": None if scene.floor is None else _patch(whole(scene)),
                     "patches": [_patch(patch) for patch in scene.patches],
                     "walls": [{"points": _points(wall.points), "solid": wall.solid} for wall in scene.walls],
-                    "lights": [{"x": one.x, "y": one.y, "on": one.intensity > 0} for one in scene.lights],
+                    "lights": [
+                        {"x": light.x, "y": light.y, "on": light.intensity > 0} for light in scene.lights
+                    ],
                 },
             )
         )

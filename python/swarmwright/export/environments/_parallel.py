@@ -34,9 +34,11 @@ class SwarmEnv(OfWorld, ParallelEnv):  # type: ignore[misc] # PettingZoo has no 
         self._numbers = {name: number for number, name in enumerate(self.possible_agents)}
         spaces = [self._world.spaces(number) for number in range(len(self.possible_agents))]
         self.observation_spaces = {
-            name: one[0] for name, one in zip(self.possible_agents, spaces, strict=True)
+            name: space[0] for name, space in zip(self.possible_agents, spaces, strict=True)
         }
-        self.action_spaces = {name: one[1] for name, one in zip(self.possible_agents, spaces, strict=True)}
+        self.action_spaces = {
+            name: space[1] for name, space in zip(self.possible_agents, spaces, strict=True)
+        }
 
     def observation_space(self, agent: str) -> Box:
         """Return the space of what an agent senses, the same object each time."""

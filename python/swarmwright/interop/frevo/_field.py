@@ -204,7 +204,7 @@ def _read(path: Path) -> dict[str, Any]:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     if mistakes:
-        raise InputError("\n".join(f"{path}: {one}" for one in mistakes))
+        raise InputError("\n".join(f"{path}: {mistake}" for mistake in mistakes))
     return value
 
 

@@ -68,12 +68,12 @@ class Scores:
     @property
     def best(self) -> Score:
         """The candidate with the highest fitness here, the first of them."""
-        return max(self.candidates, key=lambda one: one.fitness)
+        return max(self.candidates, key=lambda candidate: candidate.fitness)
 
     @property
     def max_difference(self) -> float:
         """The largest difference from FREVO's fitness."""
-        return max(one.difference for one in self.candidates)
+        return max(candidate.difference for candidate in self.candidates)
 
 
 @checked

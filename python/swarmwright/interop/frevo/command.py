@@ -61,11 +61,11 @@ def command(
     for note in scores.notes:
         complain(f"not as in FREVO: {note}")
     output.text(f"{'candidate':>9} {'fitness':>22} {'FREVO':>22} {'difference':>10}")
-    for one in scores:
-        output.text(f"{one.index:9} {one.fitness!r:>22} {one.frevo!r:>22} {one.difference:10.3g}")
+    for score in scores:
+        output.text(f"{score.index:9} {score.fitness!r:>22} {score.frevo!r:>22} {score.difference:10.3g}")
     largest = scores.max_difference
     output.text(f"{len(scores)} candidates, largest difference {largest:.3g}")
-    candidates = [{"index": one.index, "fitness": one.fitness, "frevo": one.frevo} for one in scores]
+    candidates = [{"index": score.index, "fitness": score.fitness, "frevo": score.frevo} for score in scores]
     if target is not None:
         saved = scores.best if candidate is None else scores.candidates[candidate]
         Controller(saved.specification).save(target)

@@ -73,7 +73,7 @@ class Parameters:
         problems = Problems()
         named = [(one.name, one.place) for one in model.properties]
         if known.agents is None:
-            named += [(one.name, one.place) for one in model.members]
+            named += [(member.name, member.place) for member in model.members]
         for name, place in named:
             if known.is_ambiguous(name):
                 problems.add(place, known.missing(name))

@@ -232,7 +232,8 @@ def _statement(
     tokens: list[Any], end: int, body: list[Statement] | None = None, *, is_result: bool = False
 ) -> Statement:
     words = [
-        Word(_KINDS.get(one.type, "sign"), str(one), one.line, one.start_pos, one.end_pos) for one in tokens
+        Word(_KINDS.get(token.type, "sign"), str(token), token.line, token.start_pos, token.end_pos)
+        for token in tokens
     ]
     return Statement(words, words[0].line, end, body, is_result)
 

@@ -145,8 +145,8 @@ def _numbers(source: Source, at: Path_, messages: object, problems: Problems) ->
         if not isinstance(fields, list):
             _note(source, (*below, "fields"), f"expected a list, not {shown(fields)}", problems)
             continue
-        for number, one in enumerate(fields):
-            yield from (before + name for name in _field(source, (*below, "fields", number), one, problems))
+        for number, field in enumerate(fields):
+            yield from (before + name for name in _field(source, (*below, "fields", number), field, problems))
 
 
 def _field(source: Source, at: Path_, field: Any, problems: Problems) -> list[str]:  # noqa: ANN401 - whatever the file says
@@ -168,7 +168,9 @@ def _field(source: Source, at: Path_, field: Any, problems: Problems) -> list[st
         )
         return []
     items = [f"{name}[{index}]" for index in range(_count(source, at, array, problems))] if array else [name]
-    return items if parts is None else [f"{item}.{one}".removeprefix(".") for item in items for one in parts]
+    return (
+        items if parts is None else [f"{item}.{part}".removeprefix(".") for item in items for part in parts]
+    )
 
 
 def _count(source: Source, at: Path_, array: re.Match[str], problems: Problems) -> int:

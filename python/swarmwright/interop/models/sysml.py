@@ -303,10 +303,10 @@ class Names:
         named = self._by_name.get(names[-1], [])
         self._step(len(named))
         ends = [one for path, one in named if [*path[-len(names) :]] == [*names]]
-        ends = [one for one in ends if one.path != feature.path]
-        ends = [one for one in ends if one.is_definition] or ends
+        ends = [end for end in ends if end.path != feature.path]
+        ends = [end for end in ends if end.is_definition] or ends
         if len(ends) > 1:
-            shown = ", ".join(f"{'::'.join(one.path)} (line {one.line})" for one in ends[:5])
+            shown = ", ".join(f"{'::'.join(end.path)} (line {end.line})" for end in ends[:5])
             return Unknown(f"{'::'.join(names)} may be {shown}; write its qualified name")
         return ends[0] if ends else None
 
@@ -463,7 +463,7 @@ def _part(reader: "_Reader") -> Part:
 class _Reader:
     def __init__(self, path: Path, text: str) -> None:
         self.path = path
-        self.roots = [feature_of(one) for one in statements(text, path)]
+        self.roots = [feature_of(statement) for statement in statements(text, path)]
         self.problems = Problems()
         self.result = Part(path, WORDS)
         self.optimised: list[Feature] = []
@@ -486,7 +486,7 @@ class _Reader:
             self.problems.add(self.place(again), f"duplicate definition (first in line {first.line})")
         for feature in self.roots:
             self._note_metadata(feature)
-        self.result.name = next((one.name for one in self.roots if one.keyword == "package"), "")
+        self.result.name = next((root.name for root in self.roots if root.keyword == "package"), "")
         for feature in self.roots:
             self._take(feature, in_port=False, around=())
         self._agents()

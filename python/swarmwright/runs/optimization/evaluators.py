@@ -187,5 +187,7 @@ def evaluator_of(ranking: Ranking, experiment: Experiment) -> Evaluator:
 
 def _named(journal: Journal, name: str) -> Journal:
     """Return a journal whose warnings name the simulation."""
-    warnings = [one._replace(text=f"{name}: {one.text}", episode=None) for one in journal.warnings]
+    warnings = [
+        warning._replace(text=f"{name}: {warning.text}", episode=None) for warning in journal.warnings
+    ]
     return Journal(journal.attempts, warnings)

@@ -87,9 +87,9 @@ class Failures:
         if not failures:
             self._hint = self._hint or self._hint_without_value(results, seeds, generation, first)
             return results
-        warnings = [one for one in results.journal.warnings if one.failed is None]
+        warnings = [warning for warning in results.journal.warnings if warning.failed is None]
         self._hint = self._hint or self._hint_at(failures[0], seeds, generation, first)
-        warnings += [one.entry(seeds) for one in failures[:_MOST_NAMED]]
+        warnings += [failure.entry(seeds) for failure in failures[:_MOST_NAMED]]
         if len(failures) > _MOST_NAMED:
             warnings.append(
                 WarningEntry(f"{len(failures) - _MOST_NAMED} more episodes of this generation failed as well")
@@ -109,10 +109,11 @@ class Failures:
         self, results: Results, seeds: Sequence[int], generation: int | None, first: int
     ) -> str:
         """Return how an episode is repeated for which the fitness expression has no value; empty without."""
-        for one in results.journal.warnings:
-            if one.error is not None and one.candidate is not None and one.episode is not None:
-                what = f"episode {one.episode} (seed {seeds[one.episode]}) failed: {one_line(one.error)}"
-                return self._hint_of(first + one.candidate, generation, what)
+        for warning in results.journal.warnings:
+            if warning.error is not None and warning.candidate is not None and warning.episode is not None:
+                seed, error = seeds[warning.episode], one_line(warning.error)
+                what = f"episode {warning.episode} (seed {seed}) failed: {error}"
+                return self._hint_of(first + warning.candidate, generation, what)
         return ""
 
     def _hint_of(self, candidate: int, generation: int | None, what: str) -> str:
@@ -131,9 +132,9 @@ def failures_of(results: Results, rows: Mapping[int, int] | None) -> Iterator[Fa
     if not failed.any():
         return
     quarantined = {
-        (one.failed["candidate"], one.failed["episode"]): one.failed["quarantined"]
-        for one in results.journal.warnings
-        if one.failed is not None
+        (warning.failed["candidate"], warning.failed["episode"]): warning.failed["quarantined"]
+        for warning in results.journal.warnings
+        if warning.failed is not None
     }
     found: dict[tuple[int, int], list[AttemptEntry]] = {}
     for entry in results.journal.attempts:
@@ -144,7 +145,7 @@ def failures_of(results: Results, rows: Mapping[int, int] | None) -> Iterator[Fa
             for episode in range(entry.episode, entry.episode + entry.episodes):
                 if 0 <= row < failed.shape[0] and episode < failed.shape[1] and failed[row, episode]:
                     found.setdefault((candidate, episode), []).append(entry)
-    for (candidate, episode), entries in sorted(found.items(), key=lambda one: one[0]):
+    for (candidate, episode), entries in sorted(found.items(), key=lambda item: item[0]):
         # Copies of one attempt have one number; a batch that failed as a whole says nothing of its parts.
         alone = sum(entry.candidates * entry.episodes == 1 for entry in entries)
         attempts = max(alone, *(entry.attempt for entry in entries))

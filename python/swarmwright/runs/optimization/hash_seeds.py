@@ -32,7 +32,7 @@ def warn_of_hash_seed(experiment: Experiment, backend: Backend) -> None:
         return
     try:
         part = of_simulation(name)
-        if part is None or not any(_has_sets(one.data) for one in part.files.values()):
+        if part is None or not any(_has_sets(file.data) for file in part.files.values()):
             return
         kind: Any = load(name)
         if not issubclass(kind, Simulation | BatchSimulation):

@@ -371,8 +371,8 @@ def _check_bounds(representation: Representation, size: int) -> None:
                 f"{place(representation, name)}: is {one_line(repr(limits)[:100])}, expected {what}"
             )
         low, high = (
-            numbers(representation, name, one, (size,), what, finite=False, dtype=np.float64)
-            for one in limits
+            numbers(representation, name, limit, (size,), what, finite=False, dtype=np.float64)
+            for limit in limits
         )
         if not (low <= high).all():
             gene = int(np.flatnonzero(~(low <= high))[0])

@@ -78,7 +78,7 @@ class Resumption:
             notes,
             reader,
             has_all_generations=run.state == "done" and experiment.budget == run.experiment.budget,
-            had_ended=any(one.outcome in {"done", "stopped"} for one in reader.sessions()[-1:]),
+            had_ended=any(session.outcome in {"done", "stopped"} for session in reader.sessions()[-1:]),
             has_other_validation=experiment.validate != run.experiment.validate,
         )
 
@@ -182,7 +182,9 @@ def _why(reader: StoreReader, components: Sequence[Component], edited: Sequence[
             f"run's copy is in {reader.file.parent / 'code'}), or start a new run"
         )
     first = reader.sessions()[0]
-    then = {name: one for name, one in first.versions.items() if ":" not in name and name not in _NO_PART}
+    then = {
+        name: version for name, version in first.versions.items() if ":" not in name and name not in _NO_PART
+    }
     now = versions([*then])
     others = [
         f"{name} {one} (here {now.get(name, 'it is not installed')})"

@@ -285,7 +285,7 @@ class StoreReader:
 
     def episodes_left_out(self) -> int:
         """Return how many episodes candidates did not go through that have not failed: dropped in a race."""
-        return sum(int(np.isnan(one.episodes[np.isfinite(one.fitness)]).sum()) for one in self.rows())
+        return sum(int(np.isnan(row.episodes[np.isfinite(row.fitness)]).sum()) for row in self.rows())
 
     def measured(self, metric: str) -> int:
         """Return how many evaluations have a metric."""
@@ -381,10 +381,10 @@ class StoreReader:
         """Return the number of the first evaluation since which the simulation's code has not changed."""
         sessions = self.sessions()
         first = sessions[-1]
-        for one in reversed(sessions):
-            if one.code != first.code:
+        for session in reversed(sessions):
+            if session.code != first.code:
                 break
-            first = one
+            first = session
         with self._reading() as connection:
             (number,) = connection.execute(
                 "SELECT min(first) FROM generation WHERE session >= ? AND generation < ?",

@@ -81,7 +81,7 @@ class RecordTable(Record, dict[str, Column]):  # noqa: PLW1641 - arrays have no 
         """Raise KeyError, and say which columns there are: a metric has one for each episode."""
         episodes, genes = self.episodes.shape[1], self.genomes.shape[1]
         names = [_numbered(f"{one}_", episodes) for one in ("episode", *map(column_of, self.metric_names))]
-        others = [one for one in dict.keys(self) if not (one.startswith("g") and one[1:].isdecimal())]
+        others = [key for key in dict.keys(self) if not (key.startswith("g") and key[1:].isdecimal())]
         known = ", ".join(["generation", "candidate", "fitness", *names, _numbered("g", genes)])
         raise KeyError(f"no column {name!r}{did_you_mean(str(name), others) or ';'} available: {known}")
 

@@ -179,7 +179,10 @@ class _Session:
         plan = Plan.of(experiment, planned.best, left, random=planned.random, seeds=count)
         work = Work(planned.seeds, self._broker, servers, on_progress, plan.episodes(count))
         if stored["source"] is None:
-            stored["candidates"] = [[one.generation, one.candidate, one.recorded] for one in plan.candidates]
+            stored["candidates"] = [
+                [candidate.generation, candidate.candidate, candidate.recorded]
+                for candidate in plan.candidates
+            ]
             stored["source"] = finite(work.here(plan))
             self._store.note_transfer(stored)
         else:
@@ -231,7 +234,7 @@ def of_run(run: Run) -> tuple[Transferred, ...]:
     stored = run._store.transfer()
     if stored is None or stored["source"] is None or stored["numbers"][0] != run.evaluation().number:
         return ()
-    candidates = tuple(Candidate(*one) for one in stored["candidates"])
+    candidates = tuple(Candidate(*candidate) for candidate in stored["candidates"])
     reason = unreadable(run.experiment.ranking)
     if reason is not None:
         warn_once(f"{run.path}: fitness in other simulations is not shown: {reason}")

@@ -80,7 +80,7 @@ class Episodes:
     ) -> None:
         self.experiment = _experiment(simulation, parameters)
         listed("seeds", seeds, "integers such as [0, 1, 2]")
-        self.seeds: list[int] = [simulation_seed(f"seeds[{index}]", one) for index, one in enumerate(seeds)]
+        self.seeds: list[int] = [simulation_seed(f"seeds[{index}]", seed) for index, seed in enumerate(seeds)]
         if not self.seeds:
             raise InputError("seeds: is empty, expected at least one")
         description = catalogue.description(self.experiment.simulation, self.experiment.parameters)

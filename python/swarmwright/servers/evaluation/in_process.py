@@ -114,12 +114,12 @@ class InProcessBackend:
     ) -> tuple[Results, list[int | None]]:
         """Repeat single evaluations, one after the other; no server has a part in it."""
         parts = []
-        for index, one in enumerate(evaluations):
+        for index, evaluation in enumerate(evaluations):
             on_progress(index, len(evaluations), "")
-            weights = controllers.weights[one.candidate : one.candidate + 1]
+            weights = controllers.weights[evaluation.candidate : evaluation.candidate + 1]
             alone = Controllers(controllers.architecture, weights)
             with engine_errors():
-                parts.append(self.compute(alone, [one.seed], lambda *_: None, None))
+                parts.append(self.compute(alone, [evaluation.seed], lambda *_: None, None))
         on_progress(len(evaluations), len(evaluations), "")
         fitness = np.concatenate([part.fitness for part in parts])
         metrics = np.concatenate([part.metrics for part in parts])
@@ -314,7 +314,7 @@ class PythonBackend(InProcessBackend):
             on_progress,
             metrics=self.metrics,
         )
-        return fitness, metrics, [Failed(*one) for one in failures]
+        return fitness, metrics, [Failed(*failure) for failure in failures]
 
     def failure_of(self, reason: str, /) -> SimulationError | None:
         """Return what the code failed with, for a reason of a journal: the last one with what it raised."""

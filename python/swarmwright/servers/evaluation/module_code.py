@@ -56,7 +56,7 @@ def in_python(architecture: Mapping[str, Any]) -> Iterator[tuple[str, Module]]:
     """Yield the modules in Python of a specification: behaviour or condition, and module."""
     catalogue = Catalogue.of(architecture)
     for role, parts in (("behaviour", catalogue.behaviours), ("condition", catalogue.conditions)):
-        yield from ((role, one) for one in parts if not one.built_in)
+        yield from ((role, part) for part in parts if not part.built_in)
 
 
 def names_of(architectures: Iterable[Mapping[str, Any]]) -> list[str]:

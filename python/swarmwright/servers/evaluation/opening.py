@@ -331,8 +331,8 @@ def _machines(experiment: Experiment, controller: Mapping[str, Any] | None) -> M
 
 def modules_of(experiments: Iterable[Experiment]) -> list[str]:
     """Return the names of all behaviours and conditions in Python that servers need for experiments."""
-    machines = (_machines(one, None) for one in experiments)
-    return names_of(one for one in machines if one is not None)
+    machines = (_machines(experiment, None) for experiment in experiments)
+    return names_of(machine for machine in machines if machine is not None)
 
 
 def _require_offloaded(experiment: Experiment, *, visual: bool) -> None:

@@ -77,7 +77,7 @@ class Repetition:
             started: when the first attempts were begun, seconds since 1970.
         """
         journal = Journal()
-        left = [_Open(one) for one in failures]
+        left = [_Open(failure) for failure in failures]
         if not left:
             return journal
         seconds = time.time() - started

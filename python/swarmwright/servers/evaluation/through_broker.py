@@ -236,10 +236,10 @@ class BrokerBackend:
         self, controllers: Controllers, evaluations: Sequence[AuditedEpisode], on_progress: Progress
     ) -> tuple[Results, list[int | None]]:
         """Repeat single evaluations, each on another server than before where there is one."""
-        seeds = list(dict.fromkeys(one.seed for one in evaluations))
+        seeds = list(dict.fromkeys(evaluation.seed for evaluation in evaluations))
         columns = {seed: index for index, seed in enumerate(seeds)}
-        places = [(one.candidate, columns[one.seed]) for one in evaluations]
-        only = [(*place, one.before) for place, one in zip(places, evaluations, strict=True)]
+        places = [(evaluation.candidate, columns[evaluation.seed]) for evaluation in evaluations]
+        only = [(*place, evaluation.before) for place, evaluation in zip(places, evaluations, strict=True)]
         others = len(controllers.weights) * len(seeds) - len(set(places))
 
         def progress(done: int, total: int, waiting_for: str) -> None:
@@ -256,7 +256,9 @@ class BrokerBackend:
             )
         self.check()
         servers = {
-            (one["candidate"], one["episode"]): one["server"] for one in attempts if one["outcome"] == "done"
+            (attempt["candidate"], attempt["episode"]): attempt["server"]
+            for attempt in attempts
+            if attempt["outcome"] == "done"
         }
         rows, episodes = (list(part) for part in zip(*places, strict=True))
         found = Results(

@@ -110,12 +110,12 @@ class Cluster:
         started = self._started()
         waits = self._reason(workers)
         found = {}
-        for server, one in self._tasks.items():
-            if one.ended is None and one.future.done():
-                one.ended = _end(one.future)
-                self._printed[server] = one.ended.lines
-            if one.ended is not None:
-                found[server] = Health("ended", one.ended.words)
+        for server, task in self._tasks.items():
+            if task.ended is None and task.future.done():
+                task.ended = _end(task.future)
+                self._printed[server] = task.ended.lines
+            if task.ended is not None:
+                found[server] = Health("ended", task.ended.words)
             elif started.get(server) in workers:
                 found[server] = Health("running")
             else:

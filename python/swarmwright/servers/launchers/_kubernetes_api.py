@@ -111,7 +111,7 @@ class Api:
         except LauncherError:  # events need a right of their own
             return ""
         latest = max(
-            events, key=lambda one: one.get("lastTimestamp") or one.get("eventTime") or "", default={}
+            events, key=lambda event: event.get("lastTimestamp") or event.get("eventTime") or "", default={}
         )
         return str(latest.get("message", ""))
 

@@ -73,21 +73,21 @@ class Cluster:
 
     def health(self) -> Mapping[int, Health]:
         """Return the states of all actors."""
-        pending = [one.where for one in self._actors.values() if one.host is None]
-        pending += [one.end for one in self._actors.values() if one.ended is None]
+        pending = [actor.where for actor in self._actors.values() if actor.host is None]
+        pending += [actor.end for actor in self._actors.values() if actor.ended is None]
         done = set(ray.wait(pending, num_returns=len(pending), timeout=0)[0]) if pending else set()
         waits = ""
         found = {}
-        for server, one in self._actors.items():
-            if one.ended is None and one.end in done:
-                one.ended = _end(one.end)
-                self._printed[server] = one.ended.lines
-            elif one.host is None and one.where in done:
+        for server, actor in self._actors.items():
+            if actor.ended is None and actor.end in done:
+                actor.ended = _end(actor.end)
+                self._printed[server] = actor.ended.lines
+            elif actor.host is None and actor.where in done:
                 with suppress(RayError):  # then `run` fails, too
-                    one.host = ray.get(one.where)
-            if one.ended is not None:
-                found[server] = Health("ended", one.ended.words)
-            elif one.host is not None:
+                    actor.host = ray.get(actor.where)
+            if actor.ended is not None:
+                found[server] = Health("ended", actor.ended.words)
+            elif actor.host is not None:
                 found[server] = Health("running")
             else:
                 waits = waits or self._reason()

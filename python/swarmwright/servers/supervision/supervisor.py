@@ -73,7 +73,9 @@ class Supervisor:
     @staticmethod
     def _placed(settings: Sequence[Mapping[str, Any]], recycle: int) -> dict[int, Place]:
         first = quotas(len(settings), recycle)
-        return {int(one["id"]): Place(one, quota) for one, quota in zip(settings, first, strict=True)}
+        return {
+            int(setting["id"]): Place(setting, quota) for setting, quota in zip(settings, first, strict=True)
+        }
 
     @property
     def identifiers(self) -> list[int]:

@@ -284,7 +284,7 @@ class CommandOptions(Definition):
     def _files(cls, value: Any) -> dict[str, str]:  # noqa: ANN401 - whatever the file says
         if isinstance(value, str | list):
             paths = list(_texts(value))
-            value = {Path(str(one)).name: one for one in paths}
+            value = {Path(str(path)).name: path for path in paths}
             if "" in value:
                 raise ValueError(f"{value['']} has no name for the work folder; write {{NAME: {value['']}}}")
             if len(value) < len(paths):
@@ -332,7 +332,8 @@ class CommandOptions(Definition):
                         "many of them; it gets parameters and seed over its standard input",
                     )
             if self.log or (
-                self.metrics and any(str(one) != f"last({name})" for name, one in self.reductions.items())
+                self.metrics
+                and any(str(reduction) != f"last({name})" for name, reduction in self.reductions.items())
             ):
                 raise FieldError(
                     "log",

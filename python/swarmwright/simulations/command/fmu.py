@@ -58,7 +58,7 @@ class FmuParameter(Parameter):
 
 def announced(definition: FmuOptions) -> dict[str, FmuParameter]:
     """Return the parameters of an FMU, as its simulation declares them."""
-    return {name: FmuParameter.of(one) for name, one in definition.parameters.items()}
+    return {name: FmuParameter.of(parameter) for name, parameter in definition.parameters.items()}
 
 
 class FmuSimulation(CommandSimulation):
@@ -75,12 +75,12 @@ class FmuSimulation(CommandSimulation):
         super().__init__()
         for which in ("sensors", "actuators"):
             names, units, ranges = [], [], []
-            for one in self._definition.channels(which):
-                unit = one.unit or known[one.variable.replace(AGENT, "1")].unit
-                names.append(one.variable)
+            for channel in self._definition.channels(which):
+                unit = channel.unit or known[channel.variable.replace(AGENT, "1")].unit
+                names.append(channel.variable)
                 # A scaled number has no unit itself, only what it stands for has.
-                units.append("" if one.range is not None else unit)
-                ranges.append(None if one.range is None else Range(*one.range, unit))
+                units.append("" if channel.range is not None else unit)
+                ranges.append(None if channel.range is None else Range(*channel.range, unit))
             if which == "sensors":
                 self.sensor_names, self.sensor_units, self.sensor_ranges = names, units, ranges
             else:

@@ -461,7 +461,7 @@ class FmuOptions(Definition):
     @property
     def is_one(self) -> bool:
         """Whether all agents are in one instance."""
-        return self.layout is not None or any(AGENT in one.variable for one in self.sensors or ())
+        return self.layout is not None or any(AGENT in sensor.variable for sensor in self.sensors or ())
 
     def channels(self, which: Literal["sensors", "actuators"]) -> list[Channel]:
         """Return sensors or actuators, with their ranges written out."""
@@ -602,12 +602,12 @@ class FmuOptions(Definition):
     def parameters(self) -> dict[str, Variable]:
         """What experiments can set; not `seed`, which is the name of the episode's."""
         return {
-            one.name: one
-            for one in self.description.variables.values()
-            if one.causality == "parameter"
-            and not one.is_array
-            and one.count == 1
-            and one.name not in {*self.start, self.seeded, "seed"}
+            variable.name: variable
+            for variable in self.description.variables.values()
+            if variable.causality == "parameter"
+            and not variable.is_array
+            and variable.count == 1
+            and variable.name not in {*self.start, self.seeded, "seed"}
         }
 
     def named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
@@ -646,13 +646,13 @@ class FmuOptions(Definition):
             "one": self.is_one,
             "algorithm": self.algorithm or "gauss_seidel",
             "solver": self.solved_by,
-            "sensors": [self._written(one) for one in self.channels("sensors")],
-            "actuators": [self._written(one) for one in self.channels("actuators")],
+            "sensors": [self._written(channel) for channel in self.channels("sensors")],
+            "actuators": [self._written(channel) for channel in self.channels("actuators")],
             "step": self.size,
             "steps": self.length,
             "start": self.start,
             "seed": self.seeded,
-            "metrics": {name: [one.function, one.column] for name, one in self.columns.items()},
+            "metrics": {name: [column.function, column.column] for name, column in self.columns.items()},
             "done": self.done,
             "fitness": None if found is None else found.fitness,
             "acts": None if found is None else found.acts,

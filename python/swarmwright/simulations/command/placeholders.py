@@ -274,7 +274,7 @@ class Template:
 
 def is_choice(value: object, choices: Sequence[Any]) -> bool:
     """Return whether a value is one of several; true is not 1."""
-    return any(value == one and isinstance(value, bool) == isinstance(one, bool) for one in choices)
+    return any(value == choice and isinstance(value, bool) == isinstance(choice, bool) for choice in choices)
 
 
 def _by_variable(name: str) -> str:

@@ -39,13 +39,15 @@ class RosSimulation(CommandSimulation):
         self._has_robots = False
         self.metrics = list(self._definition.metrics)
         super().__init__()
-        self.sensor_names = [one.sensor for one in self._definition.sensors]
-        self.actuator_names = [one.actuator for one in self._definition.actuators]
+        self.sensor_names = [sensor.sensor for sensor in self._definition.sensors]
+        self.actuator_names = [actuator.actuator for actuator in self._definition.actuators]
         self.sensor_ranges = [
-            Range.scaled(1 / one.scale, -one.offset / one.scale) if one.scale else None
-            for one in self._definition.sensors
+            Range.scaled(1 / sensor.scale, -sensor.offset / sensor.scale) if sensor.scale else None
+            for sensor in self._definition.sensors
         ]
-        self.actuator_ranges = [Range.scaled(one.scale, one.offset) for one in self._definition.actuators]
+        self.actuator_ranges = [
+            Range.scaled(actuator.scale, actuator.offset) for actuator in self._definition.actuators
+        ]
         self.step_seconds = self._definition.step.duration  # None where a service makes a step
 
     @classmethod

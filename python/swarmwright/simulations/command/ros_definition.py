@@ -45,12 +45,12 @@ def _of_topics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
         missing = "sensors" if options.actuators else "actuators"
         yield (missing,), "is missing: controllers need sensors and actuators"
     yield from _types(options)
-    own_names = [one.actuator for one in options.actuators]
+    own_names = [actuator.actuator for actuator in options.actuators]
     block = {"rate": 1, "sensors": [], "actuators": options.topics["actuators"]}
     try:
         actuators = read_mapping(block, [], own_names).actuators
-        for topic in dict.fromkeys(one.place.topic for one in actuators):
-            writers([one for one in actuators if one.place.topic == topic])
+        for topic in dict.fromkeys(actuator.place.topic for actuator in actuators):
+            writers([actuator for actuator in actuators if actuator.place.topic == topic])
     except SameFieldError as error:
         yield ("actuators", error.actuator.terms[0][0]), error.reason
     except MappingError:
@@ -60,9 +60,11 @@ def _of_topics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
 def _types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
     """A topic has one type."""
     types: dict[str, tuple[str, str]] = {}
-    places: list[tuple[Path_, Any]] = [(("sensors", index), one) for index, one in enumerate(options.sensors)]
-    places += [(("actuators", index), one) for index, one in enumerate(options.actuators)]
-    places += [(("metrics", name), one) for name, one in options.metrics.items() if one.topic]
+    places: list[tuple[Path_, Any]] = [
+        (("sensors", index), sensor) for index, sensor in enumerate(options.sensors)
+    ]
+    places += [(("actuators", index), actuator) for index, actuator in enumerate(options.actuators)]
+    places += [(("metrics", name), metric) for name, metric in options.metrics.items() if metric.topic]
     for path, one in places:
         wrong = _of_topic(one.topic)
         if wrong is not None:
@@ -90,7 +92,7 @@ def _of_topic(topic: str) -> str | None:
 
 
 def _of_metrics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
-    sensors = [one.sensor for one in options.sensors]
+    sensors = [sensor.sensor for sensor in options.sensors]
     for name, metric in options.metrics.items():
         path: Path_ = ("metrics", name)
         if metric.sensor is not None:
@@ -595,8 +597,8 @@ class RosOptions(Definition):
     def topics(self) -> dict[str, Any]:
         """Sensors and actuators as in the mapping of an exported package."""
         return {
-            "sensors": [one.model_dump(exclude_defaults=True) for one in self.sensors],
-            "actuators": [one.model_dump(exclude_defaults=True) for one in self.actuators],
+            "sensors": [sensor.model_dump(exclude_defaults=True) for sensor in self.sensors],
+            "actuators": [actuator.model_dump(exclude_defaults=True) for actuator in self.actuators],
         }
 
     def named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
@@ -659,7 +661,7 @@ class RosOptions(Definition):
                 "despawns": self.reset.despawns,
             },
             "spawn": None if self.spawn is None else self._spawned(self.spawn),
-            "metrics": {name: self._measured(one) for name, one in self.metrics.items()},
+            "metrics": {name: self._measured(metric) for name, metric in self.metrics.items()},
         }
 
     @property

@@ -278,7 +278,9 @@ class CommandSimulation(Simulation):
             self.metrics = [name for name in self._reductions or named if name != OWN]
         if not self.parameters and self.options.parameters is not None:
             self.parameters = parameter_file.defaults(self._here / self.options.parameters)
-        own = {name: one for name, one in self.parameters.items() if isinstance(one, Parameter)}
+        own = {
+            name: parameter for name, parameter in self.parameters.items() if isinstance(parameter, Parameter)
+        }
         self._choices = self.options.choices | {
             name: one.choices for name, one in own.items() if one.choices is not None
         }
@@ -359,20 +361,20 @@ class CommandSimulation(Simulation):
 
     def readLogs(self) -> Mapping[str, float]:  # noqa: N802 - D6.1's name
         """Return the metrics of the episode, and `fitness` where the logs have that."""
-        wanted = {one.column for one in self._reductions.values()}
+        wanted = {reduction.column for reduction in self._reductions.values()}
         wanted |= set(self.metrics) - set(self._reductions)
         if (self._own is None and OWN not in self._reductions) or self._asks_own:
             wanted.add(OWN)
         columns = logs.read(self._log_files(), self.options.log_format, wanted)
         plain = (set(self.metrics) | {OWN}) & set(columns)
         reductions = {name: Reduction("last", name) for name in sorted(plain)} | self._reductions
-        for name, one in reductions.items():
-            problem = columns[one.column].problem(one.function)
+        for name, reduction in reductions.items():
+            problem = columns[reduction.column].problem(reduction.function)
             if problem is not None and not problem.is_number:
                 raise CommandFailure(problem.text)
             if problem is not None:
                 self._unusable[name] = problem.text
-        return {name: one.of(columns[one.column]) for name, one in reductions.items()}
+        return {name: reduction.of(columns[reduction.column]) for name, reduction in reductions.items()}
 
     def getLogs(self) -> dict[str, str]:  # noqa: N802 - D6.1's name
         """Return the content of the logs, by the names of their files; `stdout` is what was printed."""

@@ -611,7 +611,7 @@ class Dialogue:
         self._close_pipes()
 
     def _close_pipes(self) -> None:
-        for one in self._pipes or ():
-            if one >= 0:
-                os.close(one)
+        for pipe in self._pipes or ():
+            if pipe >= 0:
+                os.close(pipe)
         self._pipes = None

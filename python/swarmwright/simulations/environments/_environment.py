@@ -776,7 +776,9 @@ def _tell(found: Restoring, name: str) -> None:
 
 def _listed(groups: Mapping[str, Group]) -> str:
     """Return groups with their numbers of agents."""
-    return "the groups " + (", ".join(f"{name} ({one.agents})" for name, one in groups.items()) or "(none)")
+    return "the groups " + (
+        ", ".join(f"{name} ({group.agents})" for name, group in groups.items()) or "(none)"
+    )
 
 
 def _render_modes(env: Any) -> list[str]:  # noqa: ANN401 - types of libraries

@@ -147,12 +147,14 @@ def _attributes(start: str, end: str) -> dict[str, str]:
 
 
 def _add_connectors(parent: ET.Element, known: Description) -> None:
-    for one in known.variables.values():
-        if one.causality not in _KINDS or one.is_array:
+    for variable in known.variables.values():
+        if variable.causality not in _KINDS or variable.is_array:
             continue
-        connector = ET.SubElement(parent, f"{{{_SSD}}}Connector", name=one.name, kind=_KINDS[one.causality])
-        kind = _type(one)
-        unit = {"unit": one.unit} if one.unit and kind == "Real" else {}
+        connector = ET.SubElement(
+            parent, f"{{{_SSD}}}Connector", name=variable.name, kind=_KINDS[variable.causality]
+        )
+        kind = _type(variable)
+        unit = {"unit": variable.unit} if variable.unit and kind == "Real" else {}
         ET.SubElement(connector, f"{{{_SSC}}}{kind}", unit)
 
 

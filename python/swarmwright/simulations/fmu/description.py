@@ -197,7 +197,11 @@ class Description:
 
     def of_causality(self, causality: str) -> list[Variable]:
         """Return the variables with one number, of a causality."""
-        return [one for one in self.variables.values() if one.causality == causality and one.is_number]
+        return [
+            variable
+            for variable in self.variables.values()
+            if variable.causality == causality and variable.is_number
+        ]
 
 
 def flat(values: Any) -> list[Any]:  # noqa: ANN401 - a list, or lists in it
@@ -267,8 +271,8 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
         variables: dict[str, Variable] = {}
         types: dict[int, tuple[tuple[int, ...], tuple[str, ...]]] = {}
         for variable in found.modelVariables:
-            for one in _with_elements(variable, sizes, types):
-                variables[one.name] = replace(one, stands_for=ranges.get(one.name))
+            for element in _with_elements(variable, sizes, types):
+                variables[element.name] = replace(element, stands_for=ranges.get(element.name))
             if len(variables) > _MOST_VARIABLES:
                 raise ValueError(f"has more than {_MOST_VARIABLES:,} variables and elements of arrays")
         exchange = _exchange(found)
@@ -289,7 +293,7 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
         times["tolerance"] or None,
         bool((found.coSimulation or found.modelExchange).canBeInstantiatedOnlyOncePerProcess),
         tuple(sorted({one[1] for one in places if len(one) > 2 and one[0] == "binaries"})),
-        {one.name: Unit.of(one.baseUnit) for one in found.unitDefinitions},
+        {unitDefinition.name: Unit.of(unitDefinition.baseUnit) for unitDefinition in found.unitDefinitions},
         Conversions(found.unitDefinitions, inverse),
         exchange,
         terminals,
@@ -322,9 +326,12 @@ def _add_limits(variables: Any, text: bytes) -> None:  # noqa: ANN401 - FMPy has
     unsigned = {
         one.get("name"): one for one in root.iterfind("ModelVariables/*") if one.tag.startswith("UInt")
     }
-    for one in variables:
-        if one.name in unsigned:
-            one.min, one.max = unsigned[one.name].get("min"), unsigned[one.name].get("max")
+    for variable in variables:
+        if variable.name in unsigned:
+            variable.min, variable.max = (
+                unsigned[variable.name].get("min"),
+                unsigned[variable.name].get("max"),
+            )
 
 
 def _ranges(text: bytes) -> dict[str, Range]:
@@ -358,8 +365,12 @@ def _with_elements(
 ) -> Iterator[Variable]:
     """Yield a variable, and of an array of numbers its elements; `given` are values of parameters."""
     sizes = tuple(
-        int(one.start if one.variable is None else given.get(one.variable.name, one.variable.start))
-        for one in found.dimensions or ()
+        int(
+            dimension.start
+            if dimension.variable is None
+            else given.get(dimension.variable.name, dimension.variable.start)
+        )
+        for dimension in found.dimensions or ()
     )
     whole = replace(_variable(found, types), shape=sizes)
     count = math.prod(sizes)
@@ -418,7 +429,7 @@ def _items(
     if found.type != "Enumeration" or declared is None:
         return (), ()
     if id(declared) not in types:
-        listed = [(one.value, one.name) for one in declared.items]
+        listed = [(item.value, item.name) for item in declared.items]
         if any(value is None for value, _ in listed):  # FMI requires values, but FMPy reads it without
             listed = []
         pairs = sorted((int(value), name) for value, name in listed)
@@ -506,7 +517,7 @@ def expected(variable: Variable) -> str | None:
     """Return in words what one value can be; None where there is none that can be given."""
     bounds = limits(variable)
     if variable.items:
-        items = [str(one) for one in sorted(variable.items)]
+        items = [str(item) for item in sorted(variable.items)]
         return f"one of {', '.join(items[:_MOST_ITEMS])}{', ..' if len(items) > _MOST_ITEMS else ''}"
     if bounds is not None:
         return f"an integer from {bounds[0]} to {bounds[1]}"

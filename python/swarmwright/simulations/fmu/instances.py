@@ -296,20 +296,23 @@ class Instance:
         if plan.kind is not None:
             found = self._called("outputs", getattr(self._fmu, f"get{plan.kind}"), plan.references)
             return [float(one) for one in found]
-        arrays = {one.reference: self._array(one) for one in variables if one.count > 1}
-        return [arrays[one.reference][one.index] if one.count > 1 else self.get(one) for one in variables]
+        arrays = {variable.reference: self._array(variable) for variable in variables if variable.count > 1}
+        return [
+            arrays[variable.reference][variable.index] if variable.count > 1 else self.get(variable)
+            for variable in variables
+        ]
 
     def _plan(self, variables: Sequence[Variable]) -> "_Plan":
         """Return how variables are set and got, which is looked up in every step."""
         plan = self._plans.get(id(variables))
         if plan is None or plan.variables is not variables:
-            kinds = {self._kind(one) for one in variables}
-            at_once = len(kinds) == 1 and all(one.count == 1 for one in variables)
+            kinds = {self._kind(variable) for variable in variables}
+            at_once = len(kinds) == 1 and all(variable.count == 1 for variable in variables)
             plan = _Plan(
                 variables,
                 kinds.pop() if at_once else None,
-                all(one.is_real for one in variables),
-                [one.reference for one in variables],
+                all(variable.is_real for variable in variables),
+                [variable.reference for variable in variables],
             )
             if len(self._plans) >= _MOST_PLANS:  # of lists that are made anew for each call
                 self._plans.clear()

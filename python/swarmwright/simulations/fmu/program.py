@@ -73,7 +73,8 @@ class Coupled:
                 place = unpacked(str(fmu), folder / name)
                 self._instances[name] = Instance(system.components[name], place, name, log)
         self._into: dict[str, list[Connection]] = {
-            name: [one for one in system.connections if one.end[0] == name] for name in self._instances
+            name: [connection for connection in system.connections if connection.end[0] == name]
+            for name in self._instances
         }
         self._known: dict[str, tuple[Instance, Variable]] = {}
 
@@ -108,7 +109,7 @@ class Coupled:
 
     def numbers(self, variables: Sequence[Variable]) -> list[float]:
         """Return variables that are numbers or booleans."""
-        return [self.get(one) for one in variables]
+        return [self.get(variable) for variable in variables]
 
     def step(self, time: float, size: float) -> bool:
         """Go on by a step; return whether a component ends the simulation."""
@@ -140,8 +141,8 @@ class Coupled:
             instance.end()
 
     def _transfer(self, connections: Sequence[Connection]) -> None:
-        for one in connections:
-            self._give(one, self._value(one))
+        for connection in connections:
+            self._give(connection, self._value(connection))
 
     def _value(self, connection: Connection) -> float:
         name, variable = connection.start
@@ -194,7 +195,7 @@ class _Watch:
     @property
     def summary(self) -> str:
         """Seconds by component, the one that was waited for longest first."""
-        found = sorted(self._waited.items(), key=lambda one: -one[1][0])
+        found = sorted(self._waited.items(), key=lambda item: -item[1][0])
         return ", ".join(
             f"{name} {total:.3g} s in {calls:,.0f} calls (longest {most:.3g} s)"
             for name, (total, calls, most) in found
@@ -318,7 +319,7 @@ class ExchangeInstance(Instance):
 
     def put(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
         """Set the inputs; others than before are an event."""
-        names, given = tuple(one.name for one in variables), list(values)
+        names, given = tuple(variable.name for variable in variables), list(values)
         if given != self._given.get(names) and not self._ended:
             self._given[names] = given
             self._event(lambda: super(ExchangeInstance, self).put(variables, values))
@@ -371,8 +372,8 @@ class Episodes:
         self._agents: int = attachment["agents"]
         self._size: float = attachment["step"]
         self._instances = self._make(1 if attachment["one"] else self._agents)
-        self._sensors = self._variables([one["variable"] for one in attachment["sensors"]])
-        self._actuators = self._variables([one["variable"] for one in attachment["actuators"]])
+        self._sensors = self._variables([sensor["variable"] for sensor in attachment["sensors"]])
+        self._actuators = self._variables([actuator["variable"] for actuator in attachment["actuators"]])
         self._columns = self._variables([variable for _, variable in attachment["metrics"].values()])
         acts = attachment["acts"]
         self._acts = [] if acts is None else self._variables([acts])
@@ -440,8 +441,8 @@ class Episodes:
         channels = self._attachment["actuators"]
         for row, (instance, variables) in zip(actuators, self._actuators, strict=True):
             values = [
-                driven(variable, share, _of_actuator(one, share))
-                for share, one, variable in zip(row, channels, variables, strict=False)
+                driven(variable, share, _of_actuator(channel, share))
+                for share, channel, variable in zip(row, channels, variables, strict=False)
             ]
             instance.put(variables, values)
         time = self._begin + self._made * self._size
@@ -490,10 +491,10 @@ class Episodes:
                     raise FmuError(f"{variable.name} is {value} at {self._time:g} s")
             rows.append(
                 [
-                    _in_unit(one, value)
-                    if one["range"] is None
-                    else _share(one["range"], _in_unit(one, value))
-                    for value, one in zip(values, channels, strict=True)
+                    _in_unit(channel, value)
+                    if channel["range"] is None
+                    else _share(channel["range"], _in_unit(channel, value))
+                    for value, channel in zip(values, channels, strict=True)
                 ]
             )
         return rows

@@ -341,13 +341,13 @@ def _system(file: Path, _changed: int) -> System:
         top = root.find(f"{SSD}System")
         assert top is not None  # the schema requires it
         elements = list(top.iterfind(f"{SSD}Elements/*"))
-        others = [one.get("name", "") for one in elements if one.tag != f"{SSD}Component"]
+        others = [element.get("name", "") for element in elements if element.tag != f"{SSD}Component"]
         if others:
             raise InputError(
                 f"{file}: {STRUCTURE}: {', '.join(others)}: systems inside of systems and signal "
                 "dictionaries are not supported; export one system of components"
             )
-        sources = {one.get("name", ""): _source(file, one) for one in elements}
+        sources = {element.get("name", ""): _source(file, element) for element in elements}
         if not sources:
             raise InputError(f"{file}: {STRUCTURE}: the system has no components")
         known = System(top.get("name") or file.stem, sources, _components(file, sources), (), {})
@@ -566,15 +566,17 @@ def _starts(
 
 def _flat(file: Path, system: System) -> Description:
     """Return a system as if it was one FMU."""
-    ends = {one.end for one in system.connections}
+    ends = {connection.end for connection in system.connections}
     variables = {}
     for component, known in system.components.items():
-        for name, one in known.variables.items():
+        for name, variable in known.variables.items():
             full = f"{component}.{name}"
-            causality = "local" if (component, name) in ends else one.causality
-            start = system.starts.get(full, one.start)
-            elements = tuple(f"{component}.{element}" for element in one.elements)
-            variables[full] = replace(one, name=full, causality=causality, start=start, elements=elements)
+            causality = "local" if (component, name) in ends else variable.causality
+            start = system.starts.get(full, variable.start)
+            elements = tuple(f"{component}.{element}" for element in variable.elements)
+            variables[full] = replace(
+                variable, name=full, causality=causality, start=start, elements=elements
+            )
     every = list(system.components.values())
     missing = [one for one in every if not runs_here(one)]
     sizes = {one.step_size for one in every if one.step_size is not None}

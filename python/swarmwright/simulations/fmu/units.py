@@ -60,8 +60,8 @@ class Conversions(Mapping[str, Mapping[str, tuple[float, float]]]):
     """
 
     def __init__(self, units: Sequence[Any], inverse: set[str]) -> None:
-        self._units, self._inverse = {one.name: one for one in units}, inverse
-        self._bases = {one.name: Unit.of(one.baseUnit) for one in units}
+        self._units, self._inverse = {unit.name: unit for unit in units}, inverse
+        self._bases = {unit.name: Unit.of(unit.baseUnit) for unit in units}
 
     def __getitem__(self, unit: str) -> Mapping[str, tuple[float, float]]:
         """Return the units that one is converted to, with factor and offset."""

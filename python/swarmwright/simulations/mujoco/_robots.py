@@ -54,7 +54,7 @@ class Arena:
         pillars = raw.get("pillars", ())
         if not isinstance(pillars, list | tuple):
             raise InputError(f"arena: pillars: {pillars!r} found, expected a list of [x, y, radius]")
-        return cls(width, depth, height, tuple(_pillar(one, (width, depth)) for one in pillars))
+        return cls(width, depth, height, tuple(_pillar(pillar, (width, depth)) for pillar in pillars))
 
     def xml(self, more: int, radius: float) -> str:
         """Return the static bodies of a MuJoCo model.
@@ -65,7 +65,7 @@ class Arena:
         long = y + 2 * WALL
         walls = [(x + WALL, 0.0, WALL, long), (-x - WALL, 0.0, WALL, long)]
         walls += [(0.0, y + WALL, x, WALL), (0.0, -y - WALL, x, WALL)]
-        radii = [one[2] for one in self.pillars] + [radius] * more
+        radii = [pillar[2] for pillar in self.pillars] + [radius] * more
         return "\n".join(
             [
                 '<light pos="0 0 9" dir="0.1 0.15 -1" diffuse="0.45 0.45 0.45" directional="true"/>',

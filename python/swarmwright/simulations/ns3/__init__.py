@@ -184,7 +184,9 @@ def _library() -> Any:  # noqa: ANN401 - a namespace of C++
     except ModuleNotFoundError as error:
         raise InputError(f"{error.name} is not installed; pip install 'swarmwright[ns3]'") from error
     spec = find_spec("ns3")
-    folders = [Path(one) for one in (spec.submodule_search_locations or ())] if spec is not None else []
+    folders = (
+        [Path(location) for location in (spec.submodule_search_locations or ())] if spec is not None else []
+    )
     folder = next((one for one in folders if (one / "lib64").is_dir()), None)
     if folder is None:
         raise InputError("ns3 is not installed; pip install 'swarmwright[ns3]'")

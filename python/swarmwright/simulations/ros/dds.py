@@ -142,7 +142,7 @@ class Dds:
     def service_types(self, service: str) -> Sequence[str]:
         """Return the types with which other nodes offer a service, as far as they have been discovered."""
         requests = self._types(f"rq{self.resolve(service)}Request")
-        return [one[: -len("_Request")] for one in requests if one.endswith("_Request")]
+        return [request[: -len("_Request")] for request in requests if request.endswith("_Request")]
 
     def _types(self, name: str) -> list[str]:
         own = self._participant.guid
@@ -374,7 +374,7 @@ def _await_reader(requests: Any, writer: Any, asker: int) -> None:
     identity = _identity(requests.get_matched_publication_data(asker))
     while identity and time.monotonic() < deadline:
         readers = map(writer.get_matched_subscription_data, writer.get_matched_subscriptions())
-        if any(_identity(one) == identity for one in readers):
+        if any(_identity(reader) == identity for reader in readers):
             return
         time.sleep(0.005)
 
@@ -460,7 +460,7 @@ def _configure(domain: int) -> None:
     if reach == "OFF":
         discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
     else:
-        listed = "".join(f"<Peer address={quoteattr(one)}/>" for one in peers)
+        listed = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in peers)
         discovery = (
             "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
             # Nodes that begin later are told soon, not after half a minute.

@@ -80,7 +80,7 @@ class Robots:
         }
         for robot in self._names:
             self._connect(robot)
-        self._metrics = {name: self._metric(name, one) for name, one in definition["metrics"].items()}
+        self._metrics = {name: self._metric(name, metric) for name, metric in definition["metrics"].items()}
         done = definition["done"]
         self._done = None if done is None else Expression(done)
         self._spawned = self._connected = False
@@ -93,14 +93,14 @@ class Robots:
 
     def _connect(self, robot: str) -> None:
         definition = self._definition
-        names = [one["sensor"] for one in definition["sensors"]]
+        names = [sensor["sensor"] for sensor in definition["sensors"]]
         mapping = read_mapping(
             {"rate": 1, "sensors": definition["sensors"], "actuators": definition["actuators"]},
             names,
-            [one["actuator"] for one in definition["actuators"]],
+            [actuator["actuator"] for actuator in definition["actuators"]],
         )
         mapping = resolved(mapping, lambda topic: _topic(topic, robot))
-        timeouts = {one["sensor"]: one.get("timeout", 0.0) for one in definition["sensors"]}
+        timeouts = {sensor["sensor"]: sensor.get("timeout", 0.0) for sensor in definition["sensors"]}
         self._sensors.append(
             [
                 self._feeds.add(
@@ -120,7 +120,7 @@ class Robots:
     def _metric(self, name: str, definition: Mapping[str, Any]) -> _Metric:
         made, place = _Metric(definition), dict(definition["place"])
         if "sensor" in place:
-            at = [one["sensor"] for one in self._definition["sensors"]].index(place["sensor"])
+            at = [sensor["sensor"] for sensor in self._definition["sensors"]].index(place["sensor"])
             scale, offset = place.get("scale", 1.0), place.get("offset", 0.0)
             for sensors in self._sensors:
                 made.sources.append(_scaled(sensors[at], scale, offset))

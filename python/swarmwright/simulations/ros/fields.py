@@ -185,7 +185,7 @@ def _scan(sensor: SensorMapping) -> Reader:
         shape = (count, scan.angle_min, scan.angle_increment)
         if shape != last[0]:
             angles = [(scan.angle_min + index * scan.angle_increment) / _DEGREE for index in range(count)]
-            last = (shape, [index for index, one in enumerate(angles) if _sees(one, sensor.sector)])
+            last = (shape, [index for index, angle in enumerate(angles) if _sees(angle, sensor.sector)])
         return last[1]
 
     def read(scan: Any) -> float | None:

@@ -136,8 +136,11 @@ def resolved(mapping: Mapping, resolve: Callable[[str], str]) -> Mapping:
 
     return replace(
         mapping,
-        sensors=[replace(one, place=full(one.place)) if one.place.topic else one for one in mapping.sensors],
-        actuators=[replace(one, place=full(one.place)) for one in mapping.actuators],
+        sensors=[
+            replace(sensor, place=full(sensor.place)) if sensor.place.topic else sensor
+            for sensor in mapping.sensors
+        ],
+        actuators=[replace(actuator, place=full(actuator.place)) for actuator in mapping.actuators],
     )
 
 
@@ -375,7 +378,9 @@ def _actuators(mapping: _Block, names: Sequence[str]) -> list[ActuatorMapping]:
         block = _Block(f"actuators[{number}]", value)
         is_sum = block.has("actuators")
         weights = block.weights("actuators") if is_sum else {block.text("actuator"): 1.0}
-        terms = tuple(sorted((_index(block, "actuator", names, name), one) for name, one in weights.items()))
+        terms = tuple(
+            sorted((_index(block, "actuator", names, name), weight) for name, weight in weights.items())
+        )
         block.where += f" ({', '.join(names[index] for index, _ in terms)})"
         if not is_sum and terms[0][0] in alone:
             raise block.mistake("is mapped twice")

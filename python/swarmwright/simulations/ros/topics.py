@@ -58,17 +58,19 @@ class Inputs:
 
     def __init__(self, node: Middleware, sensors: Sequence[SensorMapping]) -> None:
         self._node, self._sensors = node, list(sensors)
-        self.values = [binary32(one.constant or 0.0) or 0.0 for one in self._sensors]
+        self.values = [binary32(sensor.constant or 0.0) or 0.0 for sensor in self._sensors]
         """By sensor, numbers of binary32; 0 before the first one."""
         self.times: list[float | None] = [None] * len(self._sensors)
         """By sensor, when its value came, on the node's clock; None before the first one."""
         self._heard: list[float | None] = [None] * len(self._sensors)
         """By sensor, when a message came, with a value for it or without."""
-        drawn = [(at, one.seed) for at, one in enumerate(self._sensors) if one.random]
+        drawn = [(at, sensor.seed) for at, sensor in enumerate(self._sensors) if sensor.random]
         self._generators = [(at, Generator(seed)) for at, seed in drawn]
         for topic in _topics(self._sensors):
             kind = _type_of(node, topic, self._sensors)
-            reads = [(at, reader(one)) for at, one in enumerate(self._sensors) if one.place.topic == topic]
+            reads = [
+                (at, reader(sensor)) for at, sensor in enumerate(self._sensors) if sensor.place.topic == topic
+            ]
             node.subscribe(topic, kind, self._receiver(reads))
 
     def _receiver(self, reads: list[tuple[int, Reader]]) -> Callable[[Any], None]:
@@ -124,7 +126,7 @@ class Outputs:
         """Topic, type, and what publishes on it."""
         for topic in _topics(self._actuators):
             kind = _type_of(node, topic, self._actuators)
-            write = writers([one for one in self._actuators if one.place.topic == topic])
+            write = writers([actuator for actuator in self._actuators if actuator.place.topic == topic])
             publisher = node.publisher(topic, kind)
             self.publishers.append((topic, kind, publisher))
             self._topics.append(self._sender(publisher, write, stamped(kind)))

@@ -277,9 +277,9 @@ class Traffic(Simulation):
 
         roads = [Wall([place(point) for point in sumo.lane.getShape(lane)]) for lane in sumo.lane.getIDList()]
         bodies = []
-        for one in self.vehicles:
-            x, y = place(sumo.vehicle.getPosition(one))
-            bodies.append(Body("vehicle", x, y, self.state(one)))
+        for vehicle in self.vehicles:
+            x, y = place(sumo.vehicle.getPosition(vehicle))
+            bodies.append(Body("vehicle", x, y, self.state(vehicle)))
         return Scene(
             right - left + margin,
             high - low + margin,
@@ -381,7 +381,9 @@ class TrafficLights(Traffic):
             raise InputError(f"config: {self._path}: the network has no traffic lights")
         self._phases = {light: self._program(light) for light in self.lights}
         self._since: dict[str, float | None] = dict.fromkeys(self.lights)
-        lanes = {lane for phases in self._phases.values() for one in phases if one for lane in _all(one)}
+        lanes = {
+            lane for phases in self._phases.values() for phase in phases if phase for lane in _all(phase)
+        }
         self._holds = {lane: max(self.sumo.lane.getLength(lane) / _VEHICLE_M, 1.0) for lane in sorted(lanes)}
         for light in self.lights:
             self._hold(light)
@@ -436,7 +438,11 @@ class TrafficLights(Traffic):
         """Return the phases of a light; None for those that lead from one green phase to the next."""
         lights = self.sumo.trafficlight
         running = lights.getProgram(light)
-        logic = next(one for one in lights.getAllProgramLogics(light) if one.programID == running)
+        logic = next(
+            getAllProgramLogic
+            for getAllProgramLogic in lights.getAllProgramLogics(light)
+            if getAllProgramLogic.programID == running
+        )
         links = lights.getControlledLinks(light)
         return [_green(phase.state, links) for phase in logic.phases]
 
@@ -520,7 +526,7 @@ class Vehicles(Traffic):
                 vehicle.setSpeedMode(one, _ALL_CHECKS if self._safe else _NO_CHECKS)
                 self.agents.append(one)
         there = set(self.vehicles)
-        self._acting = [index for index, one in enumerate(self.agents) if one in there]
+        self._acting = [index for index, agent in enumerate(self.agents) if agent in there]
         seen = np.zeros((self._most, 5))
         for index in self._acting:
             one = self.agents[index]

@@ -118,7 +118,7 @@ def files_of(simulation: str) -> dict[str, str]:
         return {}
     # A command's definition is in no file.
     virtual = part.main if is_command(simulation) else None
-    return {str(one.origin): one.digest for name, one in part.files.items() if name != virtual}
+    return {str(file.origin): file.digest for name, file in part.files.items() if name != virtual}
 
 
 def check_unchanged(files: Mapping[str, str]) -> None:

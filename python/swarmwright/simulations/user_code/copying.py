@@ -218,7 +218,7 @@ def beside(run: Path, file: Path) -> list[Path]:
 def digest_of(parts: Mapping[str, Mapping[str, str]]) -> str:
     """Return the SHA-256, in hexadecimal, of components' files: section -> place -> their SHA-256."""
     lines = sorted(
-        f"{name}/{place} {digest}\n" for name, one in parts.items() for place, digest in one.items()
+        f"{name}/{place} {digest}\n" for name, part in parts.items() for place, digest in part.items()
     )
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 

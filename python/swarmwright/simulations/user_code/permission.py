@@ -67,7 +67,7 @@ def trusts_file(name: str) -> bool:
 def _own(part: Part) -> dict[str, str]:
     if part.module is None:
         return part.digests
-    return {place: one.digest for place, one in part.files.items() if not _is_installed(one.origin)}
+    return {place: file.digest for place, file in part.files.items() if not _is_installed(file.origin)}
 
 
 def _is_installed(path: Path) -> bool:

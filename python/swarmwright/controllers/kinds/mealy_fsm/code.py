@@ -22,7 +22,7 @@ def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
             "next",
             in_c.TYPES[bits],
             len(states),
-            wrapped([str(one) for one in states.tolist()]),
+            wrapped([str(state) for state in states.tolist()]),
             states.astype(np.uint32),
         ),
         in_c.Table(
@@ -31,7 +31,7 @@ def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
     ]
     if any(counts):
         tables.append(
-            in_c.Table("counts", in_c.TYPES[bits], len(counts), wrapped([str(one) for one in counts]))
+            in_c.Table("counts", in_c.TYPES[bits], len(counts), wrapped([str(count) for count in counts]))
         )
         lines = [
             f"    /* sensor {sensor} */\n{wrapped(literals(of_one))}"

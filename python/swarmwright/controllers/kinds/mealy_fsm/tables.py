@@ -30,7 +30,7 @@ def visits(
         least: steps to take, at least.
     """
     next_states, _ = machine_tables(Evolved(specification))
-    thresholds = [np.array(one, np.float32) for one in specification["thresholds"]]
+    thresholds = [np.array(threshold, np.float32) for threshold in specification["thresholds"]]
     cell = np.zeros(len(rows), np.int64)
     cells = 1
     for sensor, edges in enumerate(thresholds):

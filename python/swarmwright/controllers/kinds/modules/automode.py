@@ -117,9 +117,11 @@ def text_of(states: Sequence[State], *, tree: bool) -> str | None:
 
     None if it has what these lack: another module, or a transition from a state to itself.
     """
-    conditions = [one.condition for state in states for one in state.transitions]
+    conditions = [transition.condition for state in states for transition in state.transitions]
     known = {state.behaviour for state in states} <= set(BEHAVIOURS) and set(conditions) <= set(CONDITIONS)
-    ways = [(index, one.target) for index, state in enumerate(states) for one in state.transitions]
+    ways = [
+        (index, transition.target) for index, state in enumerate(states) for transition in state.transitions
+    ]
     if not tree and any(source == target for source, target in ways):
         return None
     if not known:
@@ -135,10 +137,10 @@ def text_of(states: Sequence[State], *, tree: bool) -> str | None:
 def _state_words(index: int, state: State) -> list[str]:
     words = [f"--s{index} {BEHAVIOURS.index(state.behaviour)}", *_behaviour_words(state, str(index))]
     words.append(f"--n{index} {len(state.transitions)}")
-    for k, one in enumerate(state.transitions):
+    for k, transition in enumerate(state.transitions):
         # Targets count the other states.
-        words.append(f"--n{index}x{k} {one.target - (one.target > index)}")
-        words += _condition_words(one, f"{index}x{k}")
+        words.append(f"--n{index}x{k} {transition.target - (transition.target > index)}")
+        words += _condition_words(transition, f"{index}x{k}")
     return words
 
 

@@ -70,8 +70,8 @@ def own_code(
     Raises InputError for a module without code in C, and for a parameter that has no name there.
     """
     behaviours, conditions = (own_modules(one) for one in (catalogue.behaviours, catalogue.conditions))
-    kinds = [implementation("behaviour", one) for one in behaviours]
-    others = [implementation("condition", one) for one in conditions]
+    kinds = [implementation("behaviour", behaviour) for behaviour in behaviours]
+    others = [implementation("condition", condition) for condition in conditions]
     _check([*zip(behaviours, kinds, strict=True), *zip(conditions, others, strict=True)])
     p, own, detail = language["p"], language["self"], language["detail"]
     row = f"&row[{catalogue.of_state}]" if tree else "transition"
@@ -94,8 +94,8 @@ def own_code(
         members.append(f"    float kept[{most}];")
         forget.append(f"    {detail}{p}_forget({own}kept, {most});")
         functions += [
-            _behaviour(number, one, kind, catalogue, language)
-            for number, (one, kind) in enumerate(zip(behaviours, kinds, strict=True))
+            _behaviour(number, behaviour, kind, catalogue, language)
+            for number, (behaviour, kind) in enumerate(zip(behaviours, kinds, strict=True))
         ]
         cases = _cases(
             len(kinds), len(grammar.BEHAVIOURS), f"{p}_behaviour", "row, kept, random, sensors, actuators"
@@ -108,8 +108,8 @@ def own_code(
         members.append(f"    float kept_by_conditions[{count * most}];")
         forget.append(f"    {detail}{p}_forget({own}kept_by_conditions, {count * most});")
         functions += [
-            _condition(number, one, kind, catalogue, language)
-            for number, (one, kind) in enumerate(zip(conditions, others, strict=True))
+            _condition(number, condition, kind, catalogue, language)
+            for number, (condition, kind) in enumerate(zip(conditions, others, strict=True))
         ]
         cases = _cases(
             len(others), len(grammar.CONDITIONS), f"return {p}_condition", "transition, kept, random, sensors"
@@ -308,12 +308,12 @@ def python(controller: Evolved, numbers: in_python.Numbers) -> in_python.PythonC
         lines.append(f"    # {'subtree' if tree else 'state'} {index}: {machine_texts.words_of(state)}")
         row = weights[at : at + (known.of_state if own else 3)]
         lines += ["    (", indent(f"{numbers(row)},", " " * 8), "        ("]
-        for k, one in enumerate(state.transitions):
+        for k, transition in enumerate(state.transitions):
             here = at + known.of_state + k * known.of_transition
             words = (
                 f"next subtree if {machine_texts.condition_words(state)}"
                 if tree
-                else machine_texts.words_of(one)
+                else machine_texts.words_of(transition)
             )
             lines.append(f"            # {words}")
             lines.append(indent(f"{numbers(weights[here : here + known.of_transition])},", " " * 12))

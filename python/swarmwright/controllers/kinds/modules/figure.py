@@ -27,7 +27,7 @@ def draw(drawing: Drawing) -> "Figure":
         [
             Arrow(index, target, _numbers(state, target))
             for index, state in enumerate(states)
-            for target in sorted({one.target for one in state.transitions})
+            for target in sorted({transition.target for transition in state.transitions})
         ],
         drawing.first_color,
     )
@@ -80,7 +80,9 @@ def _tree(subtrees: tuple[State, ...], title: str) -> "Figure":
 
 def _numbers(state: State, target: int) -> str:
     """Return the numbers of the transitions that lead to a state."""
-    return ", ".join(str(k) for k, one in enumerate(state.transitions, 1) if one.target == target)
+    return ", ".join(
+        str(k) for k, transition in enumerate(state.transitions, 1) if transition.target == target
+    )
 
 
 def _list(states: tuple[State, ...]) -> list[list[str]]:
@@ -90,8 +92,8 @@ def _list(states: tuple[State, ...]) -> list[list[str]]:
         lines = textwrap.wrap(
             f"state {index}: {words_of(state)}", _LINE_CHARACTERS, subsequent_indent="      "
         )
-        for k, one in enumerate(state.transitions, 1):
-            text = f"{k} {words_of(one)}"
+        for k, transition in enumerate(state.transitions, 1):
+            text = f"{k} {words_of(transition)}"
             lines += textwrap.wrap(text, _LINE_CHARACTERS, initial_indent="  ", subsequent_indent="      ")
         blocks.append(lines)
     return blocks

@@ -128,8 +128,8 @@ class ModulesOptions(RepresentationOptions):
                 except InputError as error:
                     raise FieldError(name, str(error)) from None
         catalogue = self.catalogue
-        both = {name for one in catalogue.behaviours for name in one.parameters}
-        both &= {name for one in catalogue.conditions for name in one.parameters}
+        both = {name for behaviour in catalogue.behaviours for name in behaviour.parameters}
+        both &= {name for condition in catalogue.conditions for name in condition.parameters}
         if both and self.form == "tree":
             raise FieldError(
                 "conditions",
@@ -176,8 +176,8 @@ class ModulesOptions(RepresentationOptions):
     def catalogue(self) -> grammar.Catalogue:
         """The modules of which machines are made. Raises InputError for an unknown one."""
         return grammar.Catalogue(
-            tuple(module("behaviour", one) for one in self.behaviours or grammar.BEHAVIOURS),
-            tuple(module("condition", one) for one in self.conditions or grammar.CONDITIONS),
+            tuple(module("behaviour", behaviour) for behaviour in self.behaviours or grammar.BEHAVIOURS),
+            tuple(module("condition", condition) for condition in self.conditions or grammar.CONDITIONS),
         )
 
     def start(self) -> tuple[grammar.State, ...] | None:
@@ -190,8 +190,8 @@ class ModulesOptions(RepresentationOptions):
         machine = machine_of(self.machine) if isinstance(self.machine, str) else self.machine
         states = machine_mappings.states_from(machine, self.states, self.most_transitions, self.catalogue)
         for index, state in enumerate(states):
-            for k, one in enumerate(state.transitions):
-                if one.target == index:
+            for k, transition in enumerate(state.transitions):
+                if transition.target == index:
                     where = f"states[{index}].transitions[{k}].to"
                     raise InputError(f"{where}: a transition must lead to another state")
         return states
@@ -470,8 +470,8 @@ class Modules(Representation):
         if not self.catalogue.in_python:
             return {}
         return {
-            "behaviours": [one.as_mapping() for one in self.catalogue.behaviours],
-            "conditions": [one.as_mapping() for one in self.catalogue.conditions],
+            "behaviours": [behaviour.as_mapping() for behaviour in self.catalogue.behaviours],
+            "conditions": [condition.as_mapping() for condition in self.catalogue.conditions],
         }
 
     def weights(self, genomes: Genomes) -> NDArray[np.float32]:
@@ -488,12 +488,12 @@ class Modules(Representation):
 
     @cached_property
     def _behaviour_numbers(self) -> NDArray[np.float64]:
-        names = [one.name for one in self.catalogue.behaviours]
+        names = [behaviour.name for behaviour in self.catalogue.behaviours]
         return np.array([grammar.BEHAVIOURS.index(name) for name in names], dtype=np.float64)
 
     @cached_property
     def _condition_numbers(self) -> NDArray[np.float64]:
-        names = [one.name for one in self.catalogue.conditions]
+        names = [condition.name for condition in self.catalogue.conditions]
         return np.array([grammar.CONDITIONS.index(name) for name in names], dtype=np.float64)
 
     def _limited(self, genomes: Genomes) -> NDArray[np.float64]:
@@ -556,12 +556,14 @@ class Modules(Representation):
             for name, place in catalogue.behaviour_places[state.behaviour].items():
                 genome[at + place] = state.parameters[name] + (0.5 if self._counted(at + place) else 0.0)
             genome[at + 3] = weights[at + 3] + 0.5
-            for k, one in enumerate(state.transitions):
+            for k, transition in enumerate(state.transitions):
                 here = at + self._first + k * self._each
-                genome[here] = one.target - (one.target > index) + 0.5
+                genome[here] = transition.target - (transition.target > index) + 0.5
                 genome[here + 1] = weights[here + 1] + 0.5
-                for name, place in catalogue.condition_places[one.condition].items():
-                    genome[here + place] = one.parameters[name] + (0.5 if self._counted(here + place) else 0)
+                for name, place in catalogue.condition_places[transition.condition].items():
+                    genome[here + place] = transition.parameters[name] + (
+                        0.5 if self._counted(here + place) else 0
+                    )
         return np.clip(genome, lower, upper).astype(np.float32)
 
     @property
@@ -671,9 +673,9 @@ class Modules(Representation):
         lower, upper = self.bounds
         counted = np.zeros(self.genome_size, dtype=np.bool_)
         rows = counted[1:].reshape(self.options.states, self._width)
-        rows[:, [place for place, one in self._behaviours.items() if one[2]]] = True
-        for place, one in self._conditions.items():
-            rows[:, self._first + place :: self._each] = one[2]
+        rows[:, [place for place, behaviour in self._behaviours.items() if behaviour[2]]] = True
+        for place, condition in self._conditions.items():
+            rows[:, self._first + place :: self._each] = condition[2]
         return Changes(
             Layout(
                 states=self.options.states,

@@ -30,7 +30,7 @@ def catalogue_of(specification: Mapping[str, Any]) -> grammar.Catalogue:
 
 def own_modules(parts: tuple[grammar.Module, ...]) -> list[grammar.Module]:
     """Return those that are not the engine's."""
-    return [one for one in parts if not one.built_in]
+    return [part for part in parts if not part.built_in]
 
 
 def words(specification: Mapping[str, Any]) -> str:
@@ -61,8 +61,8 @@ def machine(specification: Mapping[str, Any]) -> Machine:
             for state in found
         ],
         "transitions": [
-            (index, one.target, machine_texts.words_of(one).partition(": ")[2])
+            (index, transition.target, machine_texts.words_of(transition).partition(": ")[2])
             for index, state in enumerate(found)
-            for one in state.transitions
+            for transition in state.transitions
         ],
     }

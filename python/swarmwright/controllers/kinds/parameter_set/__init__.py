@@ -206,8 +206,8 @@ class ParameterSet(Representation):
         """Number of choices of each parameter; 0 for numbers."""
         return np.array(
             [
-                len(one.choices) if isinstance(one, CategoricalParameter) else 0
-                for one in self.options.parameters.values()
+                len(parameter.choices) if isinstance(parameter, CategoricalParameter) else 0
+                for parameter in self.options.parameters.values()
             ],
             dtype=np.float64,
         )
@@ -218,13 +218,15 @@ class ParameterSet(Representation):
         Choices that are numbers or booleans are a real or an integer: what the weight says is the value.
         """
         parameters: list[dict[str, Any]] = []
-        for name, one in self.options.parameters.items():
-            described: dict[str, Any] = {"name": name, "type": one.type}
-            if isinstance(one, CategoricalParameter):
-                if one.are_texts:
-                    described["choices"] = one.choices
+        for name, parameter in self.options.parameters.items():
+            described: dict[str, Any] = {"name": name, "type": parameter.type}
+            if isinstance(parameter, CategoricalParameter):
+                if parameter.are_texts:
+                    described["choices"] = parameter.choices
                 else:
-                    described["type"] = "real" if any(type(c) is float for c in one.choices) else "integer"
+                    described["type"] = (
+                        "real" if any(type(c) is float for c in parameter.choices) else "integer"
+                    )
             parameters.append(described)
         return {"version": 1, "kind": self.kind, "parameters": parameters}
 
@@ -232,7 +234,8 @@ class ParameterSet(Representation):
         """Return the values, (candidates, parameters); of texts the index of the choice."""
         genes = np.clip(genomes.astype(np.float64), 0.0, 1.0)
         columns = [
-            _value(one, genes[..., index]) for index, one in enumerate(self.options.parameters.values())
+            _value(parameter, genes[..., index])
+            for index, parameter in enumerate(self.options.parameters.values())
         ]
         return np.stack(columns, axis=-1).astype(np.float32)
 

@@ -266,5 +266,5 @@ def words(specification: Mapping[str, Any]) -> str:
     """Return the controller of each group in words."""
     if not isinstance(specification.get("groups"), list):
         return TEAM
-    groups = (f"{one['name']}: {words_of(one['controller'])}" for one in specification["groups"])
+    groups = (f"{group['name']}: {words_of(group['controller'])}" for group in specification["groups"])
     return f"{TEAM} of {'; '.join(groups)}"

@@ -48,4 +48,4 @@ def draw(drawing: Drawing) -> "Figure":
 def _of_group(simulation: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     """Return a description with the names of sensors and actuators of one group of agents."""
     groups = simulation.get("groups") or ()
-    return next((one for one in groups if one["name"] == name), simulation)
+    return next((group for group in groups if group["name"] == name), simulation)

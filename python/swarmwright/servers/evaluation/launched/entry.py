@@ -92,7 +92,7 @@ class Entry:
 
     def count_use(self, now: float) -> None:
         """Count the time of the servers that run; note when the budget is spent."""
-        running = sum(one.health.state == "running" for one in self.servers.values())
+        running = sum(server.health.state == "running" for server in self.servers.values())
         self.seconds += running * (now - self.counted_at)
         self.counted_at = now
         self.compare_with_budget()

@@ -358,7 +358,9 @@ class LaunchedServers:
 
     def _tell_waiting(self, entry: Entry, now: float) -> None:
         """Say why servers wait in a queue, when that takes long or its reason changes."""
-        waiting = [one.health.reason for one in entry.servers.values() if one.health.state == "waiting"]
+        waiting = [
+            server.health.reason for server in entry.servers.values() if server.health.state == "waiting"
+        ]
         if not waiting or now - self._began < LATE_S or not any(waiting):
             return
         reasons = ", ".join(sorted({reason for reason in waiting if reason}))

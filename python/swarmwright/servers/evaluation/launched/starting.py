@@ -51,9 +51,9 @@ def start(
     """
     names = _names(entries)
     modules = [] if machines is None else names_of([machines])
-    hosts = {name: _host(one) for name, one in zip(names, entries, strict=True)}
+    hosts = {name: _host(entry) for name, entry in zip(names, entries, strict=True)}
     if broker is None:
-        most = sum(one.most for one in entries)
+        most = sum(entry.most for entry in entries)
         if most > MOST_EMBEDDED:
             raise InputError(
                 f"servers: {most} servers are too many for the embedded broker, which admits {MOST_EMBEDDED}"
@@ -85,9 +85,9 @@ def start(
 def _names(entries: Entries) -> list[str]:
     """Return a name for each entry: its launcher's, with a number from the second one on."""
     names: list[str] = []
-    for one in entries:
-        number = 1 + sum(other.partition("-")[0] == one.launcher for other in names)
-        names.append(one.launcher if number == 1 else f"{one.launcher}-{number}")
+    for entry in entries:
+        number = 1 + sum(other.partition("-")[0] == entry.launcher for other in names)
+        names.append(entry.launcher if number == 1 else f"{entry.launcher}-{number}")
     return names
 
 
@@ -98,7 +98,7 @@ def _host(options: LauncherOptions) -> str:
 
 
 def _port(entries: Entries) -> int | None:
-    ports = {one.broker_port for one in entries} - {None}
+    ports = {entry.broker_port for entry in entries} - {None}
     if len(ports) > 1:
         raise InputError(
             "servers: broker_port: there is one embedded broker, with one port for all launchers"
