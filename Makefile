@@ -72,7 +72,7 @@ GAZEBO_SOURCES := $(shell find wrappers/gazebo -path $(GAZEBO) -prune -o -type f
 ATTACHED_SOURCES := $(shell find wrappers/argos wrappers/stage -name build -prune -o -name '*.[ch]pp' -print)
 ROS1_SOURCES := $(wildcard wrappers/ros1/*/src/*.[ch] wrappers/ros1/*/src/*.cpp python/swarmwright/export/templates/ros*/src/*.[ch]pp)
 MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
-ENGINE := $(shell find engine -name target -prune -o -path 'engine/*/tests' -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
+ENGINE := $(shell find engine -name target -prune -o -path 'engine/*/tests' -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' -o -path '*/arena/src/*.json' \) -print)
 FMI := python/swarmwright/simulations/fmu/libswarmwright_fmi.so
 LICENSES := python/swarmwright/third-party-licenses.txt
 
@@ -490,10 +490,11 @@ clean:
 	rm -f python/swarmwright/_engine*.so
 
 reference: $(VENV)/.engine
+	$(BIN)/python engine/worlds/arena/built_in.py
+	$(MAKE) --no-print-directory $(VENV)/.engine
 	$(BIN)/python -m swarmwright.cli._reference > docs/reference/command-line.md
 	$(BIN)/python -m swarmwright.experiment.reference > docs/reference/experiment.md
 	$(BIN)/python -m swarmwright.conformance._reference > docs/reference/conformance.md
-	$(BIN)/python engine/worlds/arena/built_in.py
 
 docs: reference $(VENV)/.docs build/site-scripts/.fetched
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -25,4 +25,6 @@ def written(folder: Path) -> str:
 
 if __name__ == "__main__":
     for name in ("missions", "robots"):
-        (SOURCES / f"{name}.json").write_text(written(SOURCES / name))
+        file, text = SOURCES / f"{name}.json", written(SOURCES / name)
+        if file.read_text() != text:  # else nothing is to be compiled
+            file.write_text(text)
