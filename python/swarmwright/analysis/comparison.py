@@ -636,9 +636,9 @@ def _counted(
 def _none_counts(without: Sequence[LeftOut]) -> str:
     """Return that no run counts, why, and what helps."""
     first = without[0]
-    if not any(one.evaluations for one in without):
+    if not any(run.evaluations for run in without):
         return f"{first.path}: {first.reason} to compare"
-    most = max(one.evaluations for one in without)
+    most = max(run.evaluations for run in without)
     return (
         f"no run has finished, so none is compared: {first.path} ({first.reason})"
         + (f" and {len(without) - 1:,} more" if len(without) > 1 else "")
@@ -654,7 +654,7 @@ def _renamed(
     from swarmwright.analysis.designs import designs_of
 
     groups = [one.label for task in tasks for one in task.groups]
-    known = [*groups, *(one.label for one in without), *(task.label for task in tasks)]
+    known = [*groups, *(run.label for run in without), *(task.label for task in tasks)]
     known += [design.name for design in designs_of(tasks)]
     unknown = [name for name in labels if name not in known]
     if unknown:

@@ -26,7 +26,7 @@ def fitness_at(run: Run, evaluations: int | None = None) -> tuple[float, int]:
     """
     history = run.history
     if evaluations is not None:
-        history = [one for one in history if one.evaluations <= evaluations]
+        history = [summary for summary in history if summary.evaluations <= evaluations]
     done, best = (history[-1].evaluations, history[-1].best_so_far) if history else (0, math.nan)
     if evaluations is not None and done < min(evaluations, run.evaluations) and not by_generation(run):
         # Within a generation, the record has evaluations in the order in which the method asked for them.
@@ -182,14 +182,14 @@ def left_out(
 def notes(left: Sequence[LeftOut]) -> list[str]:
     """Return which runs are left out, and how they would count."""
     found = []
-    unfinished = [one for one in left if one.kind == "unfinished"]
+    unfinished = [run for run in left if run.kind == "unfinished"]
     if unfinished:
         found.append(
             f"{_runs(unfinished)} left out because {'it has' if len(unfinished) == 1 else 'they have'} not "
             f"finished: {_named(unfinished)}; `swarmwright resume RUN` continues a run, --at N compares all "
             "runs that have N evaluations, and --unfinished counts runs with what they have"
         )
-    others = [one for one in left if one.kind != "unfinished"]
+    others = [run for run in left if run.kind != "unfinished"]
     if others:
         found.append(f"{_runs(others)} left out: {_named(others)}")
     return found
@@ -201,4 +201,4 @@ def _runs(left: Sequence[LeftOut]) -> str:
 
 def _named(left: Sequence[LeftOut]) -> str:
     more = f" and {len(left) - _NAMED:,} more" if len(left) > _NAMED else ""
-    return "; ".join(f"{one.path} ({one.reason})" for one in left[:_NAMED]) + more
+    return "; ".join(f"{run.path} ({run.reason})" for run in left[:_NAMED]) + more

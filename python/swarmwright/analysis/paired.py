@@ -390,10 +390,10 @@ def _lines(found: ControllerComparison) -> Iterator[str]:
     yield f"{counted(count, 'episode')} of {one_line(found.experiment.subject)}, the same for both ({seeds}):"
     failed = bool(found.first.failed or found.second.failed)
     rows = [["", "controller", "mean fitness", "95 % interval", *["failed episodes"] * failed]]
-    for letter, name, one in zip("AB", found.names, (found.first, found.second), strict=True):
-        mean = one.mean
+    for letter, name, evaluation in zip("AB", found.names, (found.first, found.second), strict=True):
+        mean = evaluation.mean
         interval = "" if not mean.standard_error else f"{number(mean.low or 0)} to {number(mean.high or 0)}"
-        rows.append([letter, name, number(mean.mean), interval, *[str(one.failed)] * failed])
+        rows.append([letter, name, number(mean.mean), interval, *[str(evaluation.failed)] * failed])
     yield from columns(rows)
     yield ""
     yield f"Difference A - B: {_estimated(found.difference)}"
@@ -464,16 +464,19 @@ def _contradicts(difference: Estimate, test: SignedRank) -> bool:
 def _failed(found: ControllerComparison) -> Iterator[str]:
     """Yield in which episodes a controller failed, and how these count."""
     value = found.first.ranking.options.failure_fitness
-    for letter, one in zip("AB", (found.first, found.second), strict=True):
-        if not one.failed:
+    for letter, evaluation in zip("AB", (found.first, found.second), strict=True):
+        if not evaluation.failed:
             continue
         seeds = [
-            seed for seed, fitness in zip(one.seeds, one.episodes, strict=True) if not math.isfinite(fitness)
+            seed
+            for seed, fitness in zip(evaluation.seeds, evaluation.episodes, strict=True)
+            if not math.isfinite(fitness)
         ]
         more = f" and {len(seeds) - _NAMED:,} more" if len(seeds) > _NAMED else ""
         which = f"{', '.join(map(str, seeds[:_NAMED]))}{more}"
         counts = "" if value is None else f", and counts as {value:g} there"
-        yield f"{letter} failed in {one.failed:,} of {len(one.seeds):,} episodes (seeds {which}){counts}"
+        of = f"{evaluation.failed:,} of {len(evaluation.seeds):,} episodes"
+        yield f"{letter} failed in {of} (seeds {which}){counts}"
     if not found.is_reportable:
         yield (
             f"pairs with a failed episode are left out ({len(found.left_out):,} of {len(found.seeds):,}), so "

@@ -119,7 +119,7 @@ def _evolve(
     with ExitStack() as stack:
         observer = stack.enter_context(observed(output, observing))
         observer.started(experiment)
-        watchers = [stack.enter_context(one) for one in _watchers(experiment, tensorboard, mlflow)]
+        watchers = [stack.enter_context(callback) for callback in _watchers(experiment, tensorboard, mlflow)]
         shown = stack.enter_context(progress(output, experiment.budget))
 
         def tell(generation: "Generation") -> bool:

@@ -161,12 +161,12 @@ def list_elites(output: Output, elites: "Elites", limit: int, offset: float) -> 
     found = elites.candidates[: limit or None]
     rows = [
         (
-            str(one.generation),
-            str(one.candidate),
-            f"{one.fitness + 0.0:.6g}",
-            *(f"{value + 0.0:.6g}" for value in one.metrics.values()),
+            str(elite.generation),
+            str(elite.candidate),
+            f"{elite.fitness + 0.0:.6g}",
+            *(f"{value + 0.0:.6g}" for value in elite.metrics.values()),
         )
-        for one in found
+        for elite in found
     ]
     if rows:
         _table(output, [heading, *rows])

@@ -51,7 +51,7 @@ class PlainStatus:
 def line(status: "Status") -> str:
     """Return how far a sweep is, in a line."""
     running = list(status.under_way.values())
-    named = "; ".join(_words(one) for one in running[:_NAMED])
+    named = "; ".join(_words(run) for run in running[:_NAMED])
     more = f"; and {len(running) - _NAMED} more" if len(running) > _NAMED else ""
     return f"{_head(status)}; under way: {named}{more}"
 
@@ -89,12 +89,12 @@ class BarStatus:
 
         status = self._status
         running = list(status.under_way.values())
-        whole = status.finished + status.failures + status.elsewhere + sum(one.share for one in running)
+        whole = status.finished + status.failures + status.elsewhere + sum(run.share for run in running)
         yield _bar(Text(_head(status), style="bold"), whole / max(status.total, 1))
-        for one in running[:_SHOWN]:
-            yield _bar(text(f"  {_words(one)}"), one.share)
-            if one.waiting_for and time.monotonic() - max(one.heard, one.begun) >= PATIENCE_S:
-                waiting = text(f"    {one.waiting_for}", "yellow")
+        for run in running[:_SHOWN]:
+            yield _bar(text(f"  {_words(run)}"), run.share)
+            if run.waiting_for and time.monotonic() - max(run.heard, run.begun) >= PATIENCE_S:
+                waiting = text(f"    {run.waiting_for}", "yellow")
                 waiting.no_wrap, waiting.overflow = True, "ellipsis"
                 yield waiting
         if len(running) > _SHOWN:

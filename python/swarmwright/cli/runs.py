@@ -536,8 +536,8 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     found = [Deletion.of(folder) for folder in {run.resolve(): run for run in runs}.values()]
     if not yes and not _is_confirmed(found):
         return 1
-    for one in found:
-        for folder, left in one.delete():
+    for deletion in found:
+        for folder, left in deletion.delete():
             output.json({"deleted": str(folder), "left": left})
             kept = f"; left there, for it is not Swarmwright's: {', '.join(left)}" if left else ""
             output.text(f"Deleted {folder}{kept}")
@@ -546,9 +546,9 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
 
 def _is_confirmed(found: "Sequence[Deletion]") -> bool:
     """Ask whether runs are to be deleted."""
-    for one in found:
-        aside(one.words)
-    runs = sum(len(one.runs) for one in found)
+    for deletion in found:
+        aside(deletion.words)
+    runs = sum(len(deletion.runs) for deletion in found)
     what = "this run" if runs == len(found) == 1 else f"these {counted(runs, 'run')}"
     try:
         confirmed = click.confirm(f"Delete {what} permanently?", err=True)
@@ -613,12 +613,12 @@ def show_differences(output: Output, ones: Sequence[Path], others: Sequence[Path
     """
     there = {run.name: run for run in others}
     same = 0
-    for one in ones:
-        difference = _difference(one, there.pop(one.name, None))
+    for path in ones:
+        difference = _difference(path, there.pop(path.name, None))
         same += difference is None
-        output.json({"run": one.name, "same": difference is None, "difference": difference})
+        output.json({"run": path.name, "same": difference is None, "difference": difference})
         if difference is not None:
-            output.item(f"{one.name}: {difference}")
+            output.item(f"{path.name}: {difference}")
     for name in there:
         output.json({"run": name, "same": False, "difference": "only the second sweep has it"})
         output.item(f"{name}: only the second sweep has it")

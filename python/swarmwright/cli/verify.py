@@ -43,8 +43,8 @@ def command(bundle: Path, require_fitness: bool, require_formats: bool, as_json:
         said.text(f"  {name:<12}{text}")
     if found.ok:
         said.text(f"{found.files} files are as the manifest says")
-    for form, one in found.forms.items():
-        said.text(f"{form}: {one.words}")
+    for form, verification in found.forms.items():
+        said.text(f"{form}: {verification.words}")
     for form, reason in found.unverified.items():
         said.text(f"{form}: not {'checked' if form in found.formats_not_checked else 'verified'}: {reason}")
     if found.not_evaluated:

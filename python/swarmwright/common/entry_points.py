@@ -40,7 +40,9 @@ def only(what: str, points: Sequence[EntryPoint]) -> EntryPoint:
     """
     points = [point for point in points if distribution(point) == OWN] or list(points)
     if len({point.value for point in points}) > 1:
-        origins = " and ".join(sorted(f"{one_line(one.value)} by {distribution(one)}" for one in points))
+        origins = " and ".join(
+            sorted(f"{one_line(entry_point.value)} by {distribution(entry_point)}" for entry_point in points)
+        )
         raise InputError(
             f"{what} {points[0].name!r} is announced twice, as {origins}; uninstall one of the packages"
         )

@@ -147,7 +147,7 @@ class Bodies(Sequence[Body]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Sequence) or len(self) != len(other):
             return NotImplemented
-        return all(one == two for one, two in zip(self, other, strict=True))
+        return all(body == two for body, two in zip(self, other, strict=True))
 
     __hash__ = None  # type: ignore[assignment] # arrays can change
 

@@ -245,9 +245,9 @@ def _check_text(
     ]
     values += [
         (("controller", "parameters", name, "choices"), name, choice)
-        for name, one in evolved.items()
-        if isinstance(one, CategoricalParameter)
-        for choice in one.choices
+        for name, parameter in evolved.items()
+        if isinstance(parameter, CategoricalParameter)
+        for choice in parameter.choices
     ]
     known = catalogue.description(checked["simulation"])["parameters"]
     declared = {name: one["default"] for name, one in known.items()}

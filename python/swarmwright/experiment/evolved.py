@@ -33,7 +33,7 @@ def problems(
     yield from _undeclared_booleans(simulation, evolved)
     everything = catalogue.takes_any(simulation)
     names = catalogue.parameter_names(simulation)
-    known = {name: one for name, one in evolved.items() if everything or name in names}
+    known = {name: parameter for name, parameter in evolved.items() if everything or name in names}
     fixed = {name: value for name, value in parameters.items() if name not in evolved}
     if len(known) < len(evolved) or catalogue.parameter_mistakes(simulation, fixed):
         return
@@ -54,8 +54,8 @@ def problems(
 
 def _undeclared_booleans(simulation: str, evolved: Mapping[str, Parameter]) -> Iterator[tuple[Path_, str]]:
     """Yield booleans of simulations that would get 0 and 1 instead: all but classes that declare them."""
-    for name, one in evolved.items():
-        if not (isinstance(one, CategoricalParameter) and one.are_booleans):
+    for name, parameter in evolved.items():
+        if not (isinstance(parameter, CategoricalParameter) and parameter.are_booleans):
             continue
         if not catalogue.declares_boolean(simulation, name):
             message = (
@@ -107,7 +107,7 @@ def _corners(
 
     Of a real number also with one between them, which is not an integer.
     """
-    extremes = {name: _extremes(one) for name, one in evolved.items()}
+    extremes = {name: _extremes(parameter) for name, parameter in evolved.items()}
     firsts = {name: values[0] for name, values in extremes.items()}
     for name, values in extremes.items():
         for value in values:

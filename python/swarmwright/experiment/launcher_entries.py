@@ -45,7 +45,7 @@ def entries_of(value: Any, folder: Path, report: Report) -> Entries | None:  # n
             (one, (index,) if several else ()) for index, one in enumerate(value if several else [value])
         )
     ]
-    found = tuple(one for one in made if one is not None)
+    found = tuple(launcher for launcher in made if launcher is not None)
     if len(found) < len(made):
         return None
     if not found:
@@ -120,7 +120,7 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
             # Of `slurm:-3` the number is wrong.
             known = part.partition(":")[0].strip() in LAUNCHERS.names()
             hint = "" if known else did_you_mean(part, [*LAUNCHERS.names(), *WORDS])
-            if any(one.launcher == part.strip() for one in given):
+            if any(launcher.launcher == part.strip() for launcher in given):
                 hint = "; leave it out to start those of the experiment"
             words = "" if known or part != text else f"{', '.join(WORDS)}, a number, or "
             raise InputError(
@@ -132,7 +132,7 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
         if match[3] is not None:
             number = {"min": int(match[2]), "max": int(match[3])}
         model = LAUNCHERS.get(kind).options_model
-        base = next((one for one in given if one.launcher == kind), None)
+        base = next((launcher for launcher in given if launcher.launcher == kind), None)
         values: dict[str, Any] = {"launcher": kind} if base is None else base.model_dump(exclude_unset=True)
         try:
             others = {key: value for key, value in values.items() if key not in {"count", "min", "max"}}

@@ -169,7 +169,7 @@ def _ranges(experiment: Experiment) -> list[Range]:
 
 def unfit(name: str, there: Experiment, here: Experiment) -> str | None:
     """Return why controllers of `here` do not fit, None where they do or that is not known."""
-    sizes = [(one.sensors, one.actuators) for one in (here, there)]
+    sizes = [(experiment.sensors, experiment.actuators) for experiment in (here, there)]
     if not steers_agents(here) or None in (*sizes[0], *sizes[1]) or sizes[0] == sizes[1]:
         return None
     own, others = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)

@@ -189,9 +189,9 @@ def not_installed(values: Mapping[str, Any]) -> list[str]:
 
 def copies(folder: Path, sections: Sequence[str]) -> Sequence[tuple[str, Path]]:
     """Return what the last version of a run's copy has of sections that are plug-ins: modules, and places."""
-    versions = sorted(int(one.name) for one in (folder / FOLDER).glob("*") if one.name.isdecimal())
+    versions = sorted(int(path.name) for path in (folder / FOLDER).glob("*") if path.name.isdecimal())
     copy = Copy.of(folder, versions[-1]) if versions else None
     if copy is None:
         return []
     kept = [copy.parts[section] for section in sections if section in copy.parts]
-    return [(one.module or one.main, copy.place(one)) for one in kept]
+    return [(part.module or part.main, copy.place(part)) for part in kept]

@@ -131,7 +131,7 @@ def part_of(subject: Subject, language: str, form: str) -> Any:  # noqa: ANN401 
     """
     address = getattr(kind_of(subject.specification), language)
     if not address:
-        known = (name for name, one in KINDS.items() if getattr(one, language) and not one.swarm)
+        known = (name for name, kind in KINDS.items() if getattr(kind, language) and not kind.swarm)
         raise not_exported(subject, form, known)
     return part(address)
 
@@ -142,7 +142,9 @@ def not_exported(subject: Subject, form: str, known: Iterable[str]) -> InputErro
     reason = f"controller: the kind {subject.kind!r} cannot be exported to {form}, only {kinds}"
     if kind_of(subject.specification).swarm:
         catalogue = grammar.Catalogue.of(subject.specification)
-        own = [one.name for one in (*catalogue.behaviours, *catalogue.conditions) if not one.built_in]
+        own = [
+            module.name for module in (*catalogue.behaviours, *catalogue.conditions) if not module.built_in
+        ]
         reason = (
             f"controller: its modules {', '.join(own)} are code in Python, which {form} does not run; "
             "--to python copies it, --to c, cpp, fmu, ros1 and ros2 take code in C beside it, --to machine "

@@ -452,7 +452,11 @@ def random_sensor(subject: Subject) -> int | None:
     sensor = kind_of(subject.specification).random_sensor
     if sensor is not None:  # where it is not checked, it is something else in its simulation
         return sensor if subject.checks_random else None
-    named = (place for place, one in enumerate(subject.sensors) if one.name == RANDOM and one.range is None)
+    named = (
+        place
+        for place, channel in enumerate(subject.sensors)
+        if channel.name == RANDOM and channel.range is None
+    )
     return next(named, None)
 
 

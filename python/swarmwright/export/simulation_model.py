@@ -260,7 +260,7 @@ def parameters_of(
         for name, about in sorted(description["parameters"].items())
         if name != "seed"
     ]
-    return [_with_limits(one) for one in found] if have_limits else found
+    return [_with_limits(parameter) for parameter in found] if have_limits else found
 
 
 def started(

@@ -103,7 +103,7 @@ class Race:
         left: evaluations left of the whole run.
         """
         while self.alive:
-            missing = [one for one in self.alive if self.instance not in one.scores]
+            missing = [entrant for entrant in self.alive if self.instance not in entrant.scores]
             if missing:
                 over = len(missing) > left or (self._all_seen() and self._is_over(len(missing)))
                 return None if over else missing
@@ -113,8 +113,8 @@ class Race:
     def _all_seen(self) -> bool:
         """Return whether every instance of former races has been seen by any of those left."""
         seen: set[int] = set()
-        for one in self.alive:
-            seen.update(one.scores)
+        for entrant in self.alive:
+            seen.update(entrant.scores)
             if seen.issuperset(self._instances):
                 return True
         return False
@@ -137,7 +137,7 @@ class Race:
             else:
                 failed.add(one)
         self._used += len(missing)
-        self.alive = [one for one in self.alive if one not in failed]
+        self.alive = [entrant for entrant in self.alive if entrant not in failed]
         for one in failed:
             self._protected.pop(one, None)
         self._pass(missing)
@@ -146,10 +146,10 @@ class Race:
     def _pass(self, missing: Sequence[Entrant]) -> None:
         """Go on to the next instance."""
         evaluated = set(missing)
-        for one in [one for one in self._protected if one not in evaluated]:
-            self._protected[one] -= 1
-            if not self._protected[one]:
-                del self._protected[one]
+        for entrant in [entrant for entrant in self._protected if entrant not in evaluated]:
+            self._protected[entrant] -= 1
+            if not self._protected[entrant]:
+                del self._protected[entrant]
         self._place += 1
 
     def _test(self) -> None:
@@ -158,7 +158,7 @@ class Race:
             return
         if before > 1:
             instances = [self._at(place) for place in range(self._place)]
-            scores = np.array([[one.scores[number] for one in self.alive] for number in instances])
+            scores = np.array([[entrant.scores[number] for entrant in self.alive] for number in instances])
             good = survivors(scores, rules.test, rules.level).tolist()
             kept = zip(self.alive, good, strict=True)
             self.alive = [one for one, stays in kept if stays or one in self._protected]
@@ -172,14 +172,14 @@ class Race:
         ranks on their common instances, or with the better mean where a t-test decides.
         """
         found: list[Entrant] = []
-        for count in sorted({len(one.scores) for one in self.alive}, reverse=True):
-            found += self._in_order([one for one in self.alive if len(one.scores) == count])
+        for count in sorted({len(entrant.scores) for entrant in self.alive}, reverse=True):
+            found += self._in_order([entrant for entrant in self.alive if len(entrant.scores) == count])
         return found
 
     def best(self) -> Entrant | None:
         """Return the first of `ranked`; None when none is left."""
-        most = max((len(one.scores) for one in self.alive), default=0)
-        found = self._in_order([one for one in self.alive if len(one.scores) == most])
+        most = max((len(entrant.scores) for entrant in self.alive), default=0)
+        found = self._in_order([entrant for entrant in self.alive if len(entrant.scores) == most])
         return found[0] if found else None
 
     def _in_order(self, entrants: list[Entrant]) -> list[Entrant]:
@@ -345,7 +345,7 @@ class Racing(Method):
     def population_fitness(self) -> Fitness:
         """Mean scores of the candidates that are left in the race; NaN when none is."""
         alive = [] if self._race is None else self._race.alive
-        return np.array([one.mean for one in alive]) if alive else np.full(1, np.nan)
+        return np.array([entrant.mean for entrant in alive]) if alive else np.full(1, np.nan)
 
     @property
     def instance(self) -> int:
@@ -382,16 +382,16 @@ class Racing(Method):
         if self._race is None:
             self._go_on(0)
         assert self._missing is not None, "a race that is asked for has candidates to evaluate"
-        return np.array([one.genome for one in self._missing], dtype=np.float32)
+        return np.array([entrant.genome for entrant in self._missing], dtype=np.float32)
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - the race knows them
         assert self._race is not None
         assert self._missing is not None
         told = self._missing
-        for row, one in enumerate(told):
-            one.evaluation = self.evaluations + row
+        for row, entrant in enumerate(told):
+            entrant.evaluation = self.evaluations + row
         self._race.tell(told, fitness)
-        means = [one.mean for one in told]
+        means = [entrant.mean for entrant in told]
         self._means = np.where(np.isfinite(fitness), means, np.nan)
 
     def passed(self, values: Fitness) -> None:

@@ -100,23 +100,24 @@ def taken_over(run: "Run", asked: Experiment) -> tuple[Experiment, list[str]]:
             "is written anew"
         ) from error
     options = flat(asked.to_mapping())
-    wrong = [one for one in found if one.matters and one.now != options.get(one.key, _NOTHING)]
+    wrong = [change for change in found if change.matters and change.now != options.get(change.key, _NOTHING)]
     if wrong:
-        lines = "".join(f"\n  {one}" for one in wrong)
-        prolonged = all(one.key in _BUDGET for one in wrong)
+        lines = "".join(f"\n  {change}" for change in wrong)
+        prolonged = all(change.key in _BUDGET for change in wrong)
         cure = "To prolong the run, give the option --generations, or --set. " if prolonged else ""
         raise InputError(
             f"{run.path / FILE} was edited, and a run goes on only with the experiment that it was begun "
             f"with:{lines}\n{cure}To go on with this run, restore these values, or delete the file, and it "
             f"is written anew. To use them, start another run: swarmwright optimize {run.path / FILE}"
         )
-    moved = [one for one in found if one.key.partition(".")[0] in ELSEWHERE]
+    moved = [change for change in found if change.key.partition(".")[0] in ELSEWHERE]
     if not moved:
         return run.experiment, []
-    sections = {one.key.partition(".")[0] for one in moved}
+    sections = {change.key.partition(".")[0] for change in moved}
     experiment = dataclasses.replace(run.experiment, **{key: getattr(written, key) for key in sections})
     return experiment, [
-        f"{FILE}: {one.key} {_value_in_words(one.recorded)} -> {_value_in_words(one.now)}" for one in moved
+        f"{FILE}: {change.key} {_value_in_words(change.recorded)} -> {_value_in_words(change.now)}"
+        for change in moved
     ]
 
 

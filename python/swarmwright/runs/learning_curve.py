@@ -178,7 +178,7 @@ def learning_curve(
         raise RunError(nothing(run.path))
     places = np.unique(np.linspace(len(history) - 1, 0, points).round().astype(int)).tolist()
     leaders = {place: run._store.leader(history[place].generation) for place in places}
-    distinct = list({one.number: one for one in leaders.values()}.values())
+    distinct = list({evaluation.number: evaluation for evaluation in leaders.values()}.values())
     experiment = used_for(run, history[-1].generation) if experiment is None else experiment_of(experiment)
     found = {candidate.number: candidate for candidate in of_candidates(run, distinct, experiment, where)}
     return LearningCurve(

@@ -105,7 +105,8 @@ class MetricCurves:
         """Return x of the generations, (generations,): "evaluations" done at the end, or "generations"."""
         history = self._run.history
         return np.array(
-            [one.evaluations if x == "evaluations" else one.generation for one in history], dtype=np.float64
+            [summary.evaluations if x == "evaluations" else summary.generation for summary in history],
+            dtype=np.float64,
         )
 
 

@@ -495,12 +495,14 @@ class Run:
                 interval = f", 95 % confidence interval {held_out.low:.4g} to {held_out.high:.4g}"
             failed = f", {self.unseen.failed_words}" if self.unseen.failed else ""
             rows.append(("on held-out seeds", f"{held_out.mean:.4g} ({count} episodes{failed}{interval})"))
-        for one in self.transferred:
-            there, lost = one.target_fitness[0], one.losses[0]
+        for transfer in self.transferred:
+            there, lost = transfer.target_fitness[0], transfer.losses[0]
             interval = f"{there.mean:.4g}; loses {lost.mean:.4g}"
             if lost.low is not None:
                 interval = f"{interval}, 95 % confidence interval {lost.low:.4g} to {lost.high:.4g}"
-            rows.append((f"in {one.target}", f"{interval} ({one.source_episodes.shape[1]} episodes)"))
+            rows.append(
+                (f"in {transfer.target}", f"{interval} ({transfer.source_episodes.shape[1]} episodes)")
+            )
         from swarmwright.display.figures.run import fitness
 
         return facts(f"Run {self.path}", rows) + picture(

@@ -499,7 +499,7 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
         if count < max(_LEAST, ranking.episodes):
             return None
         most = max(1, min(most, affordable // count))
-    candidates = [_recorded(experiment, one) for one in leading(experiment, reader, most)]
+    candidates = [_recorded(experiment, evaluation) for evaluation in leading(experiment, reader, most)]
     seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count, options.seed)
     # A number that is given is evaluated: what fails in one of twenty seeds may go well in the first ones.
     tried = min(count, _TRIED) if automatic else count

@@ -205,8 +205,8 @@ class Missions(Physics):
             sides = (100 * box.length, 100 * box.thickness, 100 * box.height)
             self._add(enki.RectangularObject(*sides, -1, _GREY), box.x, box.y, box.angle)
         self._objects = [
-            self._add(_pushed_object(one), *pose)
-            for one, pose in zip(world.objects, objects.tolist(), strict=True)
+            self._add(_pushed_object(pushed_object), *pose)
+            for pushed_object, pose in zip(world.objects, objects.tolist(), strict=True)
         ]
         self._robots = [self._add(enki.EPuck(), *pose) for pose in robots.tolist()]
         self._tick, self._bases = world.tick, [model.wheel_base for model in world.models]

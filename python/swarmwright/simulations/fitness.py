@@ -142,8 +142,8 @@ def check(node: ast.expr, text: str, names: set[str], depth: int) -> None:
             inner = _arguments(function, arguments, keywords, text)
         case _:
             _refuse(node, text)
-    for one in inner:
-        check(one, text, names, depth + 1)
+    for expression in inner:
+        check(expression, text, names, depth + 1)
 
 
 def _refuse(node: ast.expr, text: str) -> NoReturn:

@@ -139,9 +139,9 @@ class Gymnasium(Environment):
                 yield
             finally:
                 own = {
-                    name: one
-                    for name, one in gymnasium.registry.items()
-                    if others.get(name) is not one and _is_own(one, self.apart, before)
+                    name: spec
+                    for name, spec in gymnasium.registry.items()
+                    if others.get(name) is not spec and _is_own(spec, self.apart, before)
                 }
                 _registered[self.apart] = own
                 for name in own:

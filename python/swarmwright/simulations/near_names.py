@@ -102,16 +102,16 @@ def _classes(path: Path) -> Iterator[tuple[str, str]]:
     with suppress(OSError, SyntaxError, ValueError):
         if path.stat().st_size > _LARGEST_FILE:
             return
-        for one in ast.parse(path.read_bytes()).body:
-            if isinstance(one, ast.ClassDef) and one.bases:
-                yield one.name, _title(one)
+        for statement in ast.parse(path.read_bytes()).body:
+            if isinstance(statement, ast.ClassDef) and statement.bases:
+                yield statement.name, _title(statement)
 
 
 def _title(kind: ast.ClassDef) -> str:
     """Return what a class assigns to `title`, empty where that is no text."""
-    for one in kind.body:
-        if isinstance(one, ast.Assign) and isinstance(one.value, ast.Constant):
-            named = any(isinstance(target, ast.Name) and target.id == "title" for target in one.targets)
-            if named and isinstance(one.value.value, str):
-                return one.value.value
+    for statement in kind.body:
+        if isinstance(statement, ast.Assign) and isinstance(statement.value, ast.Constant):
+            named = any(isinstance(target, ast.Name) and target.id == "title" for target in statement.targets)
+            if named and isinstance(statement.value.value, str):
+                return statement.value.value
     return ""

@@ -118,7 +118,7 @@ def filled_in(
         }
     for mistake in mistakes_in(known, given):
         raise InputError(str(mistake))
-    defaults = {name: copy.deepcopy(one.default) for name, one in known.items()}
+    defaults = {name: copy.deepcopy(parameter.default) for name, parameter in known.items()}
     taken = {name: known[name].taken(value) if name in known else value for name, value in given.items()}
     return defaults | taken
 

@@ -150,7 +150,7 @@ def check_batch_simulation(
     seeds = np.arange(EPISODES, dtype=np.uint64)
     together, alone = Host(kind), [Host(kind) for _ in seeds]
     seen = together.start(given, seeds)
-    single = [one.start(given, seeds[i : i + 1]) for i, one in enumerate(alone)]
+    single = [host.start(given, seeds[i : i + 1]) for i, host in enumerate(alone)]
     random = np.random.default_rng(seed)
     ended = np.zeros(EPISODES, bool)
     for step in range(MOST_STEPS):

@@ -112,7 +112,9 @@ def _served(experiments: Sequence[Experiment], broker: str) -> int:
     found = _engine.servers(broker, prefix=with_environment(first).prefix, wait=_LISTEN)
     titles = {catalogue.title(experiment.simulation) for experiment in experiments}
     able = [
-        one for one in found if one.get("state") != "lost" and titles <= set(one.get("simulations") or ())
+        presence
+        for presence in found
+        if presence.get("state") != "lost" and titles <= set(presence.get("simulations") or ())
     ]
     return max(1, len(able) // max(_at_a_time(experiment) for experiment in experiments))
 

@@ -140,7 +140,7 @@ class Status(Listener):
             return None
         means = {variant: fmean(seconds) for variant, seconds in known.items()}
         others = fmean(means.values())
-        unknown = [one.task.variant for one in self.under_way.values() if one.left(now) is None]
+        unknown = [run.task.variant for run in self.under_way.values() if run.left(now) is None]
         waiting = list(self._waiting)
         for one in self.under_way.values():
             waiting.remove(one.task.variant)

@@ -338,7 +338,7 @@ class _Shown(Status):
         failed = f", {self.failures} failed" if self.failures else ""
         left = self.seconds_left()
         rest = f", {duration(left)} left" if left is not None and self.under_way else ""
-        running = "; ".join(one.words for one in list(self.under_way.values())[:4])
+        running = "; ".join(run.words for run in list(self.under_way.values())[:4])
         return f"{self.finished} of {self.total} runs done{failed}{rest}" + (
             f"; {running}" if running else ""
         )

@@ -288,7 +288,7 @@ def _folder(variant: Variant, there: Mapping[str, str | None]) -> str:
 def _existing(sweep: Sweep, name: str, identities: Collection[str]) -> str | None:
     """Return which of these variants has runs in the folders of a name; None where none has."""
     folders = (sweep.out / f"{name}-{seed}" for seed in sweep.seeds)
-    folder = next((one for one in folders if (one / FILE).exists()), None)
+    folder = next((path for path in folders if (path / FILE).exists()), None)
     if folder is not None:
         with suppress(InputError):  # of a run that is damaged
             identity = _identity(Run.open(folder).experiment)

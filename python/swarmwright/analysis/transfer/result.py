@@ -98,7 +98,7 @@ class Transfer:
         """The losses of each group of runs, by the best of each run, target by target."""
         found = []
         for target in self.targets:
-            of = {str(one.run.path): one for one in self.runs if one.target == target}
+            of = {str(transfer.run.path): transfer for transfer in self.runs if transfer.target == target}
             for group in self.groups:
                 members = [of[str(run.path)] for run in group.runs]
                 columns = np.array(

@@ -102,7 +102,7 @@ class Catalogue:
     @property
     def in_python(self) -> bool:
         """Whether a module is not one of the engine's."""
-        return not all(one.built_in for one in (*self.behaviours, *self.conditions))
+        return not all(module.built_in for module in (*self.behaviours, *self.conditions))
 
     @cached_property
     def of_state(self) -> int:
@@ -126,11 +126,11 @@ class Catalogue:
 
     def behaviour(self, name: str) -> Module:
         """Return a behaviour by its name."""
-        return next(one for one in self.behaviours if one.name == name)
+        return next(module for module in self.behaviours if module.name == name)
 
     def condition(self, name: str) -> Module:
         """Return a condition by its name."""
-        return next(one for one in self.conditions if one.name == name)
+        return next(module for module in self.conditions if module.name == name)
 
 
 def module_of(entry: Mapping[str, Any]) -> Module:

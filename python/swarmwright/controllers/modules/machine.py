@@ -519,7 +519,9 @@ def _made(kind: type[Made]) -> Made:
 
 def _line(kind: type[Any], error: BaseException) -> str:
     """Return the last line of the user's that led to an error, or where the class is."""
-    frames = [one for one in traceback.extract_tb(error.__traceback__) if not is_installed(one.filename)]
+    frames = [
+        frame for frame in traceback.extract_tb(error.__traceback__) if not is_installed(frame.filename)
+    ]
     if frames:
         return f"{shown(frames[-1].filename)}:{frames[-1].lineno}"
     return place_of(kind)

@@ -167,7 +167,7 @@ def condition(
         case ast.Constant(value=bool() as value):
             return value
         case ast.BoolOp(op=how, values=values):
-            parts = tuple(condition(one, sensor, constants, depth + 1) for one in values)
+            parts = tuple(condition(expression, sensor, constants, depth + 1) for expression in values)
             return Combined("and" if isinstance(how, ast.And) else "or", parts)
         case ast.UnaryOp(op=ast.Not(), operand=inner):
             return Combined("not", (condition(inner, sensor, constants, depth + 1),))

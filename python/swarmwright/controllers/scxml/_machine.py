@@ -291,7 +291,7 @@ class _Resolved:
             for name, value in machine.declared.items()
             if value is not None and name not in self.first
         }
-        self.all = {one.name: one for one in machine.root.all()}
+        self.all = {state.name: state for state in machine.root.all()}
         self.given = self._given()
 
     def specification(self) -> dict[str, Any]:

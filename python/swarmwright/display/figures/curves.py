@@ -24,15 +24,15 @@ def best_so_far(run: "Run", x: str) -> tuple[Values, Values]:
     x: "evaluations" done at its end, or its number ("generations").
     """
     history = run.history
-    places = [one.evaluations if x == "evaluations" else one.generation for one in history]
-    values = [one.best_so_far if math.isfinite(one.best_so_far) else math.nan for one in history]
+    places = [summary.evaluations if x == "evaluations" else summary.generation for summary in history]
+    values = [summary.best_so_far if math.isfinite(summary.best_so_far) else math.nan for summary in history]
     return np.array(places, dtype=np.float64), np.array(values, dtype=np.float64)
 
 
 def indicator_so_far(indicator: "Indicator", run: "Run", x: str) -> tuple[Values, Values]:
     """Return x of some finished generations, and an indicator of fronts or archives there."""
     found = indicator.curve(run)
-    history = {one.generation: one.evaluations for one in run.history}
+    history = {summary.generation: summary.evaluations for summary in run.history}
     places = [history[generation] if x == "evaluations" else generation for generation in found]
     return np.array(places, dtype=np.float64), np.array(list(found.values()), dtype=np.float64)
 

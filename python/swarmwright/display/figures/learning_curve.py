@@ -41,7 +41,8 @@ def draw(curve: "LearningCurve") -> "Figure":
     figure = new_figure(9, 5.2)
     axes = figure.subplots()
     axes.fill_between(
-        places, column([one.low for one in fitness]), column([one.high for one in fitness]),
+        places, column([estimate.low for estimate in fitness]),
+        column([estimate.high for estimate in fitness]),
         color=_HELD_OUT, alpha=0.15, linewidth=0, label="95 % confidence interval",
     )  # fmt: skip
     axes.plot(
@@ -50,8 +51,8 @@ def draw(curve: "LearningCurve") -> "Figure":
         label=f"recorded fitness of the {curve.run.best_words}",
     )  # fmt: skip
     axes.plot(
-        places, column([one.mean for one in fitness]), color=_HELD_OUT, linewidth=points(2.2), marker="D",
-        markersize=points(4), label="its fitness on held-out seeds",
+        places, column([estimate.mean for estimate in fitness]), color=_HELD_OUT, linewidth=points(2.2),
+        marker="D", markersize=points(4), label="its fitness on held-out seeds",
     )  # fmt: skip
     axes.margins(x=0.02, y=0.08)
     dress(axes, x=AXES["evaluations"], y="fitness (more is better)")

@@ -71,7 +71,7 @@ def draw(run: "Run", curves: "MetricCurves", *, x: str = "evaluations") -> "Figu
         dress(axis, y=textwrap.fill(name, _LABEL))
     _finish(axes, len(curves.names), x, places)
     entitle(figure, title_of(run.experiment))
-    failed = sum(one.failed for one in run.history)
+    failed = sum(summary.failed for summary in run.history)
     axes[0].set_title(
         above_axes(
             f"means over shares of each generation, by fitness; seed {run.experiment.seed}"

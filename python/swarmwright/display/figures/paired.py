@@ -35,7 +35,8 @@ def draw(comparison: "ControllerComparison") -> "Figure":
     """Return the figure: fitness of A over that of B, and all differences in ascending order."""
     counts = ~np.isnan(comparison.differences)
     first, second = (
-        drawable(one.ranking.counted(one.episodes)[counts]) for one in (comparison.first, comparison.second)
+        drawable(evaluation.ranking.counted(evaluation.episodes)[counts])
+        for evaluation in (comparison.first, comparison.second)
     )
     figure = new_figure(11, 5.2)
     pairs, ordered = figure.subplots(1, 2)

@@ -55,7 +55,8 @@ def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations"
     """
     history = run.history
     places = np.array(
-        [one.evaluations if x == "evaluations" else one.generation for one in history], dtype=float
+        [summary.evaluations if x == "evaluations" else summary.generation for summary in history],
+        dtype=float,
     )
     figure = new_figure(9, 6.6)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1])
@@ -80,7 +81,7 @@ def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations"
 @styled()
 def fitness(run: "Run") -> "Figure":
     """Return the figure of fitness over generations alone. run: with a finished generation at least."""
-    places = np.array([one.generation for one in run.history], dtype=float)
+    places = np.array([summary.generation for summary in run.history], dtype=float)
     figure = new_figure(9, 5.2)
     axes = figure.subplots()
     _fitness(axes, run, places)
@@ -101,7 +102,7 @@ def title_of(experiment: "Experiment") -> str:
 def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
     """Say above and below what is drawn."""
     experiment = run.experiment
-    failed = sum(one.failed for one in run.history)
+    failed = sum(summary.failed for summary in run.history)
     entitle(figure, title_of(experiment))
     upper.set_title(
         above_axes(
@@ -127,7 +128,7 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
     marker = "o" if len(history) == 1 else None
 
     def column(name: str) -> "NDArray[np.float64]":
-        values = np.array([getattr(one, name) for one in history], dtype=np.float64)
+        values = np.array([getattr(summary, name) for summary in history], dtype=np.float64)
         return drawable(np.where(np.isfinite(values), values, np.nan))
 
     quartiles = column("lower_quartile"), column("upper_quartile")

@@ -207,7 +207,7 @@ def groups_of(model: Model, known: Known, parameters: Mapping[str, Any], kind: s
     if not declared:
         return {member.name: ({"kind": kind, **_counts(member)}, member.place) for member in model.members}
     found = _matched(model, known.simulation, declared)
-    return {one.name: ({"kind": kind}, found[one.name].place) for one in declared}
+    return {group.name: ({"kind": kind}, found[group.name].place) for group in declared}
 
 
 def _counts(member: Member) -> dict[str, int]:

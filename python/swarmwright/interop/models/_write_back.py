@@ -79,11 +79,15 @@ def write_back(
             if part.path.name in files:
                 raise InputError(f"{part.path}: another file has the same name; rename one of them")
             files[part.path.name] = written
-    optimised = [one for part in parts for one in part.optimised]
+    optimised = [parameter for part in parts for parameter in part.optimised]
     found = [
-        {"name": one.name, "meta": one.meta, "value": _value(values, known, one.name, counts)}
-        for one in optimised
-        if _value(values, known, one.name, counts) is not None
+        {
+            "name": parameter.name,
+            "meta": parameter.meta,
+            "value": _value(values, known, parameter.name, counts),
+        }
+        for parameter in optimised
+        if _value(values, known, parameter.name, counts) is not None
     ]
     if found:
         files[CANDIDATE] = json.dumps(found, indent=2) + "\n"
@@ -140,7 +144,7 @@ def _machine(machine: scxml.StateMachine, subject: Subject) -> str | bytes:
 def _optimised(part: Part, value: Callable[[str], Any]) -> str | None:
     """Return OptimisedParameters with a `value` for each, between min and max."""
     document: Any = json_text.read(part.path).values
-    by_name: Mapping[str, Optimised] = {one.name: one for one in part.optimised}
+    by_name: Mapping[str, Optimised] = {parameter.name: parameter for parameter in part.optimised}
     found = False
     for entry in document["parameters"]:
         one = by_name[entry["name"].strip()]

@@ -441,7 +441,7 @@ def with_values(path: Path, value: Callable[[str], Any]) -> str | None:
             words = feature.multiplicity or []
             changes.append((words[0].begin, words[-1].end, written))
         elif feature.value:
-            last = next((i for i, one in enumerate(feature.value) if one.text == "["), len(feature.value))
+            last = next((i for i, word in enumerate(feature.value) if word.text == "["), len(feature.value))
             changes.append((feature.value[0].begin, feature.value[last - 1].end, written))
         else:
             end = feature.statement.words[-1].end
@@ -640,7 +640,7 @@ class _Reader:
             number = self._count(usage, _MOST_AGENTS)
             if number is None:
                 continue
-            agent = next((one for one in around if any(self._interface(one))), None)
+            agent = next((feature for feature in around if any(self._interface(feature))), None)
             if agent is not None:
                 self.problems.add(
                     self.place(usage),

@@ -170,20 +170,22 @@ def _repeat(
     on_progress: Progress | None,
 ) -> None:
     """Repeat all episodes of some evaluations that did not fail, and compare them."""
-    before = reader.evaluators({one.generation for one in chosen})
+    before = reader.evaluators({evaluation.generation for evaluation in chosen})
     representation = experiment.representation(backend.sensors, backend.actuators)
-    controllers = Controllers.of(representation, np.stack([one.genome for one in chosen]))
+    controllers = Controllers.of(representation, np.stack([evaluation.genome for evaluation in chosen]))
     places = [
         (index, episode)
-        for index, one in enumerate(chosen)
-        for episode in np.flatnonzero(np.isfinite(one.episodes)).tolist()
+        for index, evaluation in enumerate(chosen)
+        for episode in np.flatnonzero(np.isfinite(evaluation.episodes)).tolist()
     ]
     # In another order than in the run: what an episode leaves behind is to meet another one.
     places = [places[index] for index in np.random.default_rng(_STREAM).permutation(len(places))]
     wanted = [
-        AuditedEpisode(index, one.seeds[episode], before.of(one.generation, one.candidate, episode))
+        AuditedEpisode(
+            index, evaluation.seeds[episode], before.of(evaluation.generation, evaluation.candidate, episode)
+        )
         for index, episode in places
-        for one in (chosen[index],)
+        for evaluation in (chosen[index],)
     ]
     if not wanted:
         return

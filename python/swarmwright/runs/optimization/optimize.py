@@ -411,7 +411,7 @@ def _replayed(
 
 def _require_same_bounds(run: Run, before: Experiment, now: Experiment) -> None:
     """Raise InputError where plug-ins in files whose changed code was accepted have other parameters."""
-    limits = zip(*(one.representation().bounds for one in (before, now)), strict=True)
+    limits = zip(*(experiment.representation().bounds for experiment in (before, now)), strict=True)
     if not all(np.array_equal(one, other) for one, other in limits):
         raise InputError(
             f"{run.path}: its behaviours and conditions now have other parameters, or other ranges of these, "

@@ -117,7 +117,7 @@ class SteadyState(Strategy):
 
     def _told(self, results: Results) -> GenerationResult:
         """Return the candidates told as a generation, and begin the next one."""
-        genomes: Genomes = np.array([one.genome for one in self._part], dtype=np.float32)
+        genomes: Genomes = np.array([evaluation.genome for evaluation in self._part], dtype=np.float32)
         fitness = self._fitness()
         self._part = []
         counted = self.loop.failed_candidates(results)
@@ -125,11 +125,13 @@ class SteadyState(Strategy):
         return self.loop.told(genomes, self._seeds, results, fitness, failed=failed)
 
     def _results(self) -> Results:
-        episodes, metrics = ([getattr(one, name) for one in self._part] for name in ("episodes", "metrics"))
+        episodes, metrics = (
+            [getattr(evaluation, name) for evaluation in self._part] for name in ("episodes", "metrics")
+        )
         return Results(np.array(episodes), np.array(metrics), self._journal)
 
     def _fitness(self) -> NDArray[np.float64]:
-        return np.array([one.fitness for one in self._part])
+        return np.array([evaluation.fitness for evaluation in self._part])
 
     def _weights(self, genomes: list[Genome]) -> NDArray[np.float32]:
         rows = np.array(genomes, dtype=np.float32).reshape(-1, self.loop.representation.genome_size)

@@ -204,7 +204,7 @@ def open_simulations(
 
 
 def _require_fit(experiment: Experiment, fast: Backend, slow: Backend, target: OtherSimulation) -> None:
-    sizes = [(one.sensors, one.actuators) for one in (fast, slow)]
+    sizes = [(backend.sensors, backend.actuators) for backend in (fast, slow)]
     if steers_agents(experiment) and sizes[0] != sizes[1]:
         here, there = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)
         raise InputError(

@@ -104,7 +104,7 @@ class _Planned:
             "state": "due",
             "seeds": self.seeds,
             "random": self.random,
-            "numbers": [one.number for one in self.best],
+            "numbers": [evaluation.number for evaluation in self.best],
             "candidates": [],
             "source": None,
             "targets": [],

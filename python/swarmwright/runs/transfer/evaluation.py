@@ -57,8 +57,10 @@ class Plan:
 
         Raises InputError when an experiment cannot be changed like this.
         """
-        chosen = [Candidate(one.generation, one.candidate, one.fitness) for one in best]
-        genomes = [np.stack([one.genome for one in best])]
+        chosen = [
+            Candidate(evaluation.generation, evaluation.candidate, evaluation.fitness) for evaluation in best
+        ]
+        genomes = [np.stack([evaluation.genome for evaluation in best])]
         if random:
             streams = Streams(experiment.seed, "transfer", 0, list(range(random)))
             genomes.append(experiment.representation().initials(streams))

@@ -259,9 +259,9 @@ class PythonBackend(InProcessBackend):
             on_results(range(first, end), parts[-1])
             meanwhile = None
         journal = Journal()
-        for one in parts:
-            journal.extend(one.journal)
-        fitness, metrics = ([getattr(one, name) for one in parts] for name in ("fitness", "metrics"))
+        for results in parts:
+            journal.extend(results.journal)
+        fitness, metrics = ([getattr(results, name) for results in parts] for name in ("fitness", "metrics"))
         return Results(np.concatenate(fitness), np.concatenate(metrics), journal)
 
     def tolerance(self, _servers: AbstractSet[int | None], /) -> float | None:

@@ -81,13 +81,15 @@ class Repetition:
         if not left:
             return journal
         seconds = time.time() - started
-        for one in left:
-            self._note(journal, one.last, 1, started, seconds)
+        for opened in left:
+            self._note(journal, opened.last, 1, started, seconds)
         for attempt in range(2, self._attempts + 1):
             certain = self._bitwise and bool(np.isfinite(fitness).any())
-            left = [one for one in left if not (certain and one.same > 1)]
+            left = [opened for opened in left if not (certain and opened.same > 1)]
             left = [
-                one for one in left if not self._succeeds(journal, one, attempt, fitness, metrics, evaluate)
+                opened
+                for opened in left
+                if not self._succeeds(journal, opened, attempt, fitness, metrics, evaluate)
             ]
         return journal
 

@@ -46,9 +46,9 @@ class ServedModules:
         self._report = report
         self._reported: set[str] = set()
         self._offered = {
-            (role, one.name, sha256_of(role, one)): one
+            (role, module.name, sha256_of(role, module)): module
             for (role, _), many in offered(names).items()
-            for one in many
+            for module in many
         }
         self.together = LANES if isinstance(simulation, str) else 1
         """Episodes that are computed in about the time of one."""
@@ -57,8 +57,8 @@ class ServedModules:
     def announced(self) -> list[dict[str, str]]:
         """What the server says of each module, see docs/reference/protocol.md."""
         found = []
-        for (role, name, sha256), one in self._offered.items():
-            values = {"role": role, "name": name, "file": one.file or None, "sha256": sha256}
+        for (role, name, sha256), module in self._offered.items():
+            values = {"role": role, "name": name, "file": module.file or None, "sha256": sha256}
             found.append({key: value for key, value in values.items() if value is not None})
         return found
 
@@ -104,8 +104,8 @@ class ServedModules:
         if wanted.built_in:
             return wanted
         same = (
-            one
-            for (other, name, sha256), one in self._offered.items()
+            module
+            for (other, name, sha256), module in self._offered.items()
             if (other, name) == (role, wanted.name) and wanted.sha256 in ("", sha256)
         )
         found = next(same, None)

@@ -125,19 +125,19 @@ class Cluster:
     def stop(self, servers: Sequence[int]) -> None:
         """End servers by SIGTERM, and drop tasks that have not begun."""
         leaving = {server: self._tasks.pop(server) for server in servers if server in self._tasks}
-        unfinished = [one for one in leaving.values() if not one.future.done()]
+        unfinished = [task for task in leaving.values() if not task.future.done()]
         if not unfinished:
             return
         started = self._started()
-        running = {one.key for server, one in leaving.items() if server in started}
+        running = {task.key for server, task in leaving.items() if server in started}
         for one in unfinished:
             if one.key not in running:
                 one.future.cancel()
         # Those that began in the meantime are ended, too: all workers are told.
-        self._client.run(end, [one.key for one in unfinished], on_error="ignore")
+        self._client.run(end, [task.key for task in unfinished], on_error="ignore")
         if running:
             with suppress(TimeoutError):
-                wait([one.future for one in unfinished if one.key in running], timeout=GRACE_S + _ANSWER_S)
+                wait([task.future for task in unfinished if task.key in running], timeout=GRACE_S + _ANSWER_S)
         for one in leaving.values():
             one.future.cancel()
 

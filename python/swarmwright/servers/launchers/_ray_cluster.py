@@ -97,11 +97,11 @@ class Cluster:
     def stop(self, servers: Sequence[int]) -> None:
         """End servers by SIGTERM, then their actors."""
         leaving = {server: self._actors.pop(server) for server in servers if server in self._actors}
-        running = [one for one in leaving.values() if one.ended is None and self._is_there(one)]
+        running = [actor for actor in leaving.values() if actor.ended is None and self._is_there(actor)]
         for one in running:
             one.handle.stop.remote()
         if running:
-            ends = [one.end for one in running]
+            ends = [actor.end for actor in running]
             ray.wait(ends, num_returns=len(ends), timeout=GRACE_S + _ANSWER_S)
         for one in leaving.values():
             with suppress(RayError, ValueError):

@@ -107,7 +107,7 @@ class Hosts:
         due = [one for one in self._machines if one.problem is not None and one.again_at <= now]
         await asyncio.gather(*(self._connect(machine) for machine in due))
         self._assign()
-        return {server: one.health for server, one in self._servers.items()}
+        return {server: remote.health for server, remote in self._servers.items()}
 
     async def logs(self, server: int) -> list[str]:
         """Return what a server printed last."""
@@ -225,8 +225,8 @@ class Hosts:
     def _assign(self) -> None:
         """Give waiting servers to free slots."""
         down = [f"{one.name}: {one.problem}" for one in self._machines if one.problem is not None]
-        for server, one in self._servers.items():
-            if one.task is not None:
+        for server, remote in self._servers.items():
+            if remote.task is not None:
                 continue
             able = [
                 machine
@@ -235,12 +235,12 @@ class Hosts:
             ]
             if not able:
                 slots = sum(machine.slots for machine in self._machines if machine.problem is None)
-                one.health = Health("waiting", "; ".join([f"for one of {slots} slots", *down]))
+                remote.health = Health("waiting", "; ".join([f"for one of {slots} slots", *down]))
                 continue
             machine = min(able, key=lambda machine: len(machine.used) / machine.slots)
             machine.used.add(server)
-            one.health = Health("running")
-            one.task = asyncio.get_running_loop().create_task(self._serve(machine, server, one))
+            remote.health = Health("running")
+            remote.task = asyncio.get_running_loop().create_task(self._serve(machine, server, remote))
 
     async def _serve(self, machine: _Machine, server: int, one: _Remote) -> None:
         """Run a server to its end."""

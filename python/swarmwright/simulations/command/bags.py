@@ -42,7 +42,7 @@ def check(name: str, log: Path) -> None:
 
     name: of the log, for messages.
     """
-    files = [log] if not log.is_dir() else sorted(one for one in log.rglob("*") if one.is_file())
+    files = [log] if not log.is_dir() else sorted(path for path in log.rglob("*") if path.is_file())
     for file in files:
         with file.open("rb") as stream:
             _check(name, stream, file)

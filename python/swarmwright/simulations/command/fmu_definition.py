@@ -216,7 +216,7 @@ def _unsettable(file: str, known: Description, name: str) -> str | None:
     causality = known.variables[name.replace(AGENT, "1")].causality
     if causality == "input":
         return None
-    inputs = ", ".join(one.name for one in known.of_causality("input")) or "none"
+    inputs = ", ".join(variable.name for variable in known.of_causality("input")) or "none"
     return f"{name} of {file} is not an input, but has the causality {causality}; inputs: {inputs}"
 
 

@@ -200,8 +200,8 @@ class Keeper:
 
 def main() -> None:
     """Serve until the other end is closed."""
-    for one in _IGNORED:
-        signal.signal(one, signal.SIG_IGN)
+    for signals in _IGNORED:
+        signal.signal(signals, signal.SIG_IGN)
     _control(_SUBREAPER, 1)
     with socket.socket(fileno=int(sys.argv[1])) as channel:
         channel.set_inheritable(False)

@@ -135,11 +135,11 @@ def find(folder: Path, logs: Sequence[str]) -> list[Path]:
 
 def _require_regular(file: Path, folder: Path) -> None:
     """Raise CommandFailure for what is neither a file nor a folder, of a folder for anything in it."""
-    for one in (file, *file.rglob("*")) if file.is_dir() else (file,):
+    for path in (file, *file.rglob("*")) if file.is_dir() else (file,):
         with suppress(OSError):  # a link to nothing, which is reported when it is read
-            kind = stat.S_IFMT(one.stat().st_mode)
+            kind = stat.S_IFMT(path.stat().st_mode)
             if kind not in {stat.S_IFREG, stat.S_IFDIR}:
-                name = one.relative_to(folder).as_posix()
+                name = path.relative_to(folder).as_posix()
                 raise CommandFailure(f"{name}: is {_KINDS.get(kind, 'a device')}, expected a file")
 
 

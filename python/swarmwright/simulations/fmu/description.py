@@ -51,7 +51,8 @@ class Layout:
 def layout(description: "Description") -> Layout | None:
     """Return the layout of an FMU; None where its outputs have no names of agents."""
     outputs, inputs = (
-        [one.name for one in description.of_causality(causality)] for causality in ("output", "input")
+        [variable.name for variable in description.of_causality(causality)]
+        for causality in ("output", "input")
     )
     numbers = {int(found[1]) for found in map(_OF_AGENT.fullmatch, outputs) if found is not None}
     agents = next(number for number in range(1, len(numbers) + 2) if number not in numbers) - 1
@@ -324,7 +325,9 @@ def _add_limits(variables: Any, text: bytes) -> None:  # noqa: ANN401 - FMPy has
     """Give unsigned integers of FMI 3.0 their min and max, which FMPy reads for the other types only."""
     root = ET.fromstring(text)  # noqa: S314 - expat limits entities
     unsigned = {
-        one.get("name"): one for one in root.iterfind("ModelVariables/*") if one.tag.startswith("UInt")
+        element.get("name"): element
+        for element in root.iterfind("ModelVariables/*")
+        if element.tag.startswith("UInt")
     }
     for variable in variables:
         if variable.name in unsigned:
@@ -342,8 +345,12 @@ def _ranges(text: bytes) -> dict[str, Range]:
         for variable in root.iterfind("ModelVariables/*")
         for annotation in variable.iterfind("Annotations/*")
         if RANGE in (annotation.get("name"), annotation.get("type"))
-        for one in annotation.iterfind("Range")
-        if (found := Range.of((float(one.get("low", "")), float(one.get("high", "")), one.get("unit", ""))))
+        for element in annotation.iterfind("Range")
+        if (
+            found := Range.of(
+                (float(element.get("low", "")), float(element.get("high", "")), element.get("unit", ""))
+            )
+        )
     }
 
 
@@ -473,19 +480,19 @@ def terminals_of(text: bytes) -> Mapping[str, tuple[str, ...]]:
     root = ET.fromstring(text)  # noqa: S314 - expat limits entities
     return {
         name: tuple(members)
-        for one in root.findall("Terminals/Terminal")
-        for name, members in _terminals_in(one, "")
+        for element in root.findall("Terminals/Terminal")
+        for name, members in _terminals_in(element, "")
     }
 
 
 def _terminals_in(terminal: ET.Element, above: str) -> Iterator[tuple[str, list[str]]]:
     name = f"{above}{terminal.get('name', '')}"
     members = []
-    for one in terminal:
-        if one.tag == "TerminalMemberVariable":
-            members.append(one.get("variableName", ""))
-        elif one.tag == "Terminal":
-            for inner, variables in _terminals_in(one, f"{name}."):
+    for element in terminal:
+        if element.tag == "TerminalMemberVariable":
+            members.append(element.get("variableName", ""))
+        elif element.tag == "Terminal":
+            for inner, variables in _terminals_in(element, f"{name}."):
                 if "." not in inner[len(name) + 1 :]:
                     members += variables
                 yield inner, variables

@@ -176,7 +176,14 @@ class Instance:
             return "#"
         kinds, reference = _REFERRED[found[1]], int(found[2])
         known = self._description.variables.values()
-        return next((one.name for one in known if one.reference == reference and one.type in kinds), found[0])
+        return next(
+            (
+                variable.name
+                for variable in known
+                if variable.reference == reference and variable.type in kinds
+            ),
+            found[0],
+        )
 
     def _explained(self, what: str, error: Exception) -> str:
         self.is_corrupted |= isinstance(error, FMICallException) and error.status == _FATAL

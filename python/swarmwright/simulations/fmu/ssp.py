@@ -74,7 +74,7 @@ def bindings(element: ET.Element, read: Read) -> Iterator[tuple[str, Parameter, 
         found = {f"{prefix}{name}": one for name, one in _parameters(binding, read)}
         mapping = binding.find(f"{SSD}ParameterMapping")
         if mapping is None:
-            yield from ((name, one, None) for name, one in found.items())
+            yield from ((name, parameter, None) for name, parameter in found.items())
             continue
         root = _source_of(mapping, read, f"{_SSM}ParameterMapping", "SystemStructureParameterMapping.xsd")
         for entry in () if root is None else root.iterfind(f"{_SSM}MappingEntry"):
@@ -87,13 +87,14 @@ def _parameters(binding: ET.Element, read: Read) -> Iterator[tuple[str, Paramete
     if root is None:
         return
     units = {
-        one.get("name", ""): Unit.of(one.find(f"{SSC}BaseUnit"))
-        for one in root.iterfind(f"{_SSV}Units/{SSC}Unit")
+        element.get("name", ""): Unit.of(element.find(f"{SSC}BaseUnit"))
+        for element in root.iterfind(f"{_SSV}Units/{SSC}Unit")
     }
-    for one in root.iterfind(f"{_SSV}Parameters/{_SSV}Parameter"):
-        name = one.get("name", "")
+    for element in root.iterfind(f"{_SSV}Parameters/{_SSV}Parameter"):
+        name = element.get("name", "")
         kind, value = next(
-            ((kind, found) for kind in _KINDS if (found := one.find(f"{_SSV}{kind}")) is not None), ("", None)
+            ((kind, found) for kind in _KINDS if (found := element.find(f"{_SSV}{kind}")) is not None),
+            ("", None),
         )
         if value is None:
             raise InputError(f"parameter {name}: is not of the type {', '.join(_KINDS)}")
@@ -437,30 +438,30 @@ def checked(system: System, start: str, end: str) -> tuple[Variable, Variable]:
     one is text or an array.
     """
     found = variable_of(system, start), variable_of(system, end)
-    for one, name, causality in zip(found, (start, end), ("output", "input"), strict=True):
-        if one.causality != causality:
+    for variable, name, causality in zip(found, (start, end), ("output", "input"), strict=True):
+        if variable.causality != causality:
             raise InputError(
-                f"{name} has the causality {one.causality}, expected {causality}; write {causality}s as "
+                f"{name} has the causality {variable.causality}, expected {causality}; write {causality}s as "
                 f"{'the start' if causality == 'output' else 'the end'} of a connection"
             )
-        if not one.is_number:
-            kind = "an array" if one.is_array else f"of the type {one.type}"
+        if not variable.is_number:
+            kind = "an array" if variable.is_array else f"of the type {variable.type}"
             raise InputError(f"{name} is {kind}; only numbers and booleans can be connected")
     return found
 
 
 def _connections(system: System, root: ET.Element) -> Iterator[Connection]:
     units = {
-        one.get("name", ""): Unit.of(one.find(f"{SSC}BaseUnit"))
-        for one in root.iterfind(f"{SSD}Units/{SSC}Unit")
+        element.get("name", ""): Unit.of(element.find(f"{SSC}BaseUnit"))
+        for element in root.iterfind(f"{SSD}Units/{SSC}Unit")
     }
     taken: dict[str, str] = {}
-    for one in root.iterfind(f"{SSD}System/{SSD}Connections/{SSD}Connection"):
-        names = [one.get(f"{side}Element") for side in ("start", "end")]
+    for element in root.iterfind(f"{SSD}System/{SSD}Connections/{SSD}Connection"):
+        names = [element.get(f"{side}Element") for side in ("start", "end")]
         if None in names:
             continue  # from or to the outside, where nothing is connected
         start, end = (
-            f"{one.get(f'{side}Element')}.{one.get(f'{side}Connector')}" for side in ("start", "end")
+            f"{element.get(f'{side}Element')}.{element.get(f'{side}Connector')}" for side in ("start", "end")
         )
         if [variable_of(system, name).causality for name in (start, end)] == ["input", "output"]:
             start, end = end, start  # start and end do not say where data flows, the variables do
@@ -469,7 +470,7 @@ def _connections(system: System, root: ET.Element) -> Iterator[Connection]:
             raise InputError(f"{end} is connected twice, to {taken[end]} and to {start}")
         taken[end] = start
         ends = _parts(start), _parts(end)
-        yield Connection(*ends, _transformation(system, one, ends, units))
+        yield Connection(*ends, _transformation(system, element, ends, units))
 
 
 def _transformation(
@@ -578,8 +579,8 @@ def _flat(file: Path, system: System) -> Description:
                 variable, name=full, causality=causality, start=start, elements=elements
             )
     every = list(system.components.values())
-    missing = [one for one in every if not runs_here(one)]
-    sizes = {one.step_size for one in every if one.step_size is not None}
+    missing = [description for description in every if not runs_here(description)]
+    sizes = {description.step_size for description in every if description.step_size is not None}
     stops = [time for time in map(stop_time, every) if time is not None]
     return Description(
         version=VERSION,
@@ -590,7 +591,7 @@ def _flat(file: Path, system: System) -> Description:
         stop_time=min(stops, default=None) if system.stop_time is None else system.stop_time,
         step_size=max(sizes, default=None),
         tolerance=None,
-        only_once=any(one.only_once for one in every),
+        only_once=any(description.only_once for description in every),
         platforms=missing[0].platforms if missing else place(),
         units={},
     )

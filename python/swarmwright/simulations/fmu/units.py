@@ -97,4 +97,8 @@ def _composed(by: tuple[float, float], shown: Any) -> tuple[float, float]:  # no
 def inverse_units(description: bytes) -> set[str]:
     """Return the names of display units of FMI 3.0 that are reciprocals, which FMPy does not tell apart."""
     root = ET.fromstring(description)  # noqa: S314 - expat limits entities
-    return {one.get("name", "") for one in root.iter("DisplayUnit") if one.get("inverse") in ("true", "1")}
+    return {
+        element.get("name", "")
+        for element in root.iter("DisplayUnit")
+        if element.get("inverse") in ("true", "1")
+    }

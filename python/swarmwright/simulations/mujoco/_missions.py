@@ -40,7 +40,10 @@ class Missions(Physics):
             self._model = mujoco.MjModel.from_xml_string(_xml(world))
             self._data = mujoco.MjData(self._model)
             self._parts = round(world.tick / _STEP)
-            self._robots, self._heights = len(robots), [one.height / 2 for one in world.objects]
+            self._robots, self._heights = (
+                len(robots),
+                [pushed_object.height / 2 for pushed_object in world.objects],
+            )
         mujoco.mj_resetData(self._model, self._data)
         at = 3 * self._robots
         self._data.qpos[:at] = robots.ravel()
@@ -67,7 +70,7 @@ class Missions(Physics):
 def _xml(world: World) -> str:
     bodies = [_robot(index, world.model(index)) for index in range(len(world.robots))]
     drives = [_drive(index, world.model(index)) for index in range(len(world.robots))]
-    objects = [_object(index, one) for index, one in enumerate(world.objects)]
+    objects = [_object(index, pushed_object) for index, pushed_object in enumerate(world.objects)]
     walls = [
         f'<geom type="box" pos="{box.x} {box.y} {box.height / 2}" euler="0 0 {box.angle}" '
         f'size="{box.length / 2} {box.thickness / 2} {box.height / 2}"/>'

@@ -187,7 +187,7 @@ def _library() -> Any:  # noqa: ANN401 - a namespace of C++
     folders = (
         [Path(location) for location in (spec.submodule_search_locations or ())] if spec is not None else []
     )
-    folder = next((one for one in folders if (one / "lib64").is_dir()), None)
+    folder = next((path for path in folders if (path / "lib64").is_dir()), None)
     if folder is None:
         raise InputError("ns3 is not installed; pip install 'swarmwright[ns3]'")
     cppyy.add_include_path(str(folder / "include"))

@@ -74,8 +74,8 @@ class Expression:
     def _connected(self, node: ast.BoolOp, values: Mapping[str, float]) -> float:
         """Return the value that decides, as Python does."""
         value = 0.0
-        for one in node.values:
-            value = self._value(one, values)
+        for expression in node.values:
+            value = self._value(expression, values)
             if bool(value) != isinstance(node.op, ast.And):
                 break
         return value

@@ -79,7 +79,8 @@ def checked(config: str) -> Configuration:
         )
     path = Path(config).absolute()
     given = {
-        _SHORT.get(one.tag, one.tag): one.get("value") or one.get("v") or "" for one in _parse(path).iter()
+        _SHORT.get(element.tag, element.tag): element.get("value") or element.get("v") or ""
+        for element in _parse(path).iter()
     }
     if "net-file" not in given:
         raise InputError(f"config: {path}: it names no net-file")
@@ -111,10 +112,10 @@ def _names_a_file(name: str) -> bool:
 
 def _detectors(root: ET.Element) -> Iterator[str]:
     """Yield the elements of additional files that write files of their own."""
-    for one in root.iter():
-        written = one.get("file") if one.tag not in _READ else None
-        if (written or one.get("dest")) not in {None, "", _NOWHERE, "/dev/null"}:
-            yield f"{one.tag} {one.get('id', '')}".strip()
+    for element in root.iter():
+        written = element.get("file") if element.tag not in _READ else None
+        if (written or element.get("dest")) not in {None, "", _NOWHERE, "/dev/null"}:
+            yield f"{element.tag} {element.get('id', '')}".strip()
 
 
 _READ = frozenset({"variableSpeedSign", "calibrator", "include", "rerouter", "poi", "poly"})

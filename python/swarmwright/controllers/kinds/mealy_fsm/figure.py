@@ -78,7 +78,7 @@ def reachable(found: list[Transition]) -> set[int]:
     """Return the states that an episode, which begins in state 0, can come to."""
     seen, new = {0}, {0}
     while new:
-        new = {one.target for one in found if one.source in new} - seen
+        new = {transition.target for transition in found if transition.source in new} - seen
         seen |= new
     return seen
 
@@ -176,7 +176,7 @@ def draw(drawing: Drawing) -> "Figure":
     reached = reachable(found)
     diagram = Diagram(
         [Node(faint=index not in reached) for index in range(states)],
-        [_arrow(one, alive=one.source in reached) for one in found],
+        [_arrow(transition, alive=transition.source in reached) for transition in found],
         drawing.first_color,
     )
     figure, axes = figure_with_list(
@@ -216,8 +216,8 @@ def _list(found: list[Transition], states: int, names: Names) -> list[list[str]]
     reached = reachable(found)
     for state in range(states):
         lines = [f"state {state}" + ("" if state in reached else " (never reached)")]
-        for one in (one for one in found if one.source == state):
-            lines += _words(one, names)
+        for transition in (transition for transition in found if transition.source == state):
+            lines += _words(transition, names)
         blocks.append(lines)
     return blocks
 

@@ -237,7 +237,9 @@ def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
     first, each = known.of_state, known.of_transition
     width = first + most * each
     of_states, of_transitions = (
-        "".join(f", {one.name} {name}" for one in many if not one.built_in for name in one.parameters)
+        "".join(
+            f", {module.name} {name}" for module in many if not module.built_in for name in module.parameters
+        )
         for many in (known.behaviours, known.conditions)
     )
     lines = [f"    /* number of {name}s */", wrapped(texts[:1])]
