@@ -329,11 +329,11 @@ def _limited(groups: Sequence["Group"], at: int | None, at_episodes: int | None)
         )
 
 
-def _has_unfinished_evaluations(one: "Group", at: int | None, at_episodes: int | None) -> bool:
+def _has_unfinished_evaluations(group: "Group", at: int | None, at_episodes: int | None) -> bool:
     """Return whether evaluations of a generation that was not finished do not count."""
     return any(
         count < min(limit(run, at, at_episodes) or 0, run.evaluations)
-        for run, count in zip(one.runs, one.counts, strict=True)
+        for run, count in zip(group.runs, group.counts, strict=True)
     )
 
 

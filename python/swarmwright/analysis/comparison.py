@@ -676,14 +676,14 @@ def _renamed(
     return tuple(renamed)
 
 
-def _task(one: TaskGroups, groups: Sequence[Group]) -> Task:
+def _task(groups_of_task: TaskGroups, groups: Sequence[Group]) -> Task:
     """Return the groups of a task with their tests."""
     pairs = list(combinations(groups, 2))
     differences = [difference(first.final, second.final) for first, second in pairs]
     corrected = holm([found.p for found in differences])
     return Task(
-        one.label,
-        one.differs,
+        groups_of_task.label,
+        groups_of_task.differs,
         tuple(groups),
         tuple(
             Pair(first, second, found, p)

@@ -162,7 +162,7 @@ def names_of(groups: Sequence[tuple[Mapping[str, Any], Run]]) -> list[str]:
         names.append(", ".join([*heads, *wording.words(others, others)]))
         details.append({key: differs[key] for key in differs if key in hidden and differs[key] is not None})
     for name in set(names):
-        alike = [index for index, one in enumerate(names) if one == name]
+        alike = [index for index, other in enumerate(names) if other == name]
         if len(alike) == 1:
             continue
         told = distinguishing([details[index] for index in alike])
@@ -310,7 +310,7 @@ def _code_parts(run: Run) -> dict[str, str] | None:
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any value of a file
     """Return a value in which 1.0 is 1: files may hold either, as may defaults."""
     if isinstance(value, list):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 

@@ -80,7 +80,7 @@ def telling(
         {key: value for key, value in group.items() if (key, kind_of(key, known)) not in constant}
         for group, known in zip(groups, kinds, strict=True)
     ]
-    distinct = {_identity(one) for one in told}
+    distinct = {_identity(label) for label in told}
     return told if all(told) and len(distinct) == len({_identity(group) for group in groups}) else groups
 
 

@@ -77,7 +77,7 @@ class ControllerComparison(ComparedByValue):
     @cached_property
     def differences(self) -> Values:
         """(episodes,) fitness of the first minus the second; NaN where a failed episode does not count."""
-        values = [one.ranking.counted(one.episodes) for one in (self.first, self.second)]
+        values = [contender.ranking.counted(contender.episodes) for contender in (self.first, self.second)]
         with np.errstate(invalid="ignore"):  # NaN and infinities where an episode failed
             found = values[0] - values[1]
         return np.where(np.isfinite(values[0]) & np.isfinite(values[1]), found, np.nan)
@@ -106,7 +106,9 @@ class ControllerComparison(ComparedByValue):
         """Whether the fitness of either controller differs between episodes; None of one episode."""
         if len(self.seeds) < 2:
             return None
-        found = (np.unique(one.episodes) for one in (self.first, self.second))  # NaN equals NaN there
+        found = (
+            np.unique(contender.episodes) for contender in (self.first, self.second)
+        )  # NaN equals NaN there
         return any(len(values) > 1 for values in found)
 
     @cached_property
@@ -136,7 +138,7 @@ class ControllerComparison(ComparedByValue):
 
         None where that is the mean of the episodes, and where a failed episode does not count.
         """
-        if all(one.fitness == one.mean for one in (self.first, self.second)):
+        if all(contender.fitness == contender.mean for contender in (self.first, self.second)):
             return None
         return gain_of(self.first, self.second)
 
@@ -262,7 +264,7 @@ class Match(NamedTuple):
         both = Contender.of("A", first), Contender.of("B", second)
         if experiment is not None:
             return cls(*both, experiment_of(experiment))
-        runs = [(one.run, one.generation) for one in both if one.run is not None]
+        runs = [(contender.run, contender.generation) for contender in both if contender.run is not None]
         if not runs:
             raise InputError(
                 "neither A nor B is a run whose experiment they can be compared in; name one: --experiment "
@@ -274,7 +276,8 @@ class Match(NamedTuple):
     def evaluated(self, where: Where) -> ControllerComparison:
         """Evaluate both controllers; raises as `compare_controllers`."""
         used = [
-            set() if one.run is None else one.run._store.used_seeds() for one in (self.first, self.second)
+            set() if contender.run is None else contender.run._store.used_seeds()
+            for contender in (self.first, self.second)
         ]
         names = self.first.name, self.second.name
         shown_names = [

@@ -133,15 +133,15 @@ def runs_of_all(
         runs = [runs]
     listed("runs", runs, "run folders")
     given = [run if isinstance(run, Run) else path_of("runs", run, "a run folder") for run in runs]
-    files = [one for one in given if isinstance(one, Path) and one.is_file()]
+    files = [source for source in given if isinstance(source, Path) and source.is_file()]
     found: list[Run] = []
     missing: list[Path] = []
     unreadable: list[LeftOut] = []
-    for one in given:
-        if isinstance(one, Run):
-            found.append(one)
-        elif one not in files:
-            _open(one, found, missing, unreadable)
+    for source in given:
+        if isinstance(source, Run):
+            found.append(source)
+        elif source not in files:
+            _open(source, found, missing, unreadable)
     if files and not found:
         raise InputError(f"{files[0]}: is not a folder; name a run folder such as runs/minisim-1")
     if missing and not found:
@@ -151,7 +151,7 @@ def runs_of_all(
     for words in (
         *(f"{path}: is a file, not a run folder" for path in files if not is_of_sweep(path)),
         *([missing_words(missing)] if missing else []),
-        *(f"{one.path}: {one.reason}" for one in unreadable),
+        *(f"{left_out_run.path}: {left_out_run.reason}" for left_out_run in unreadable),
     ):
         logging.getLogger("swarmwright").warning("left out: %s", words)
     return found, [*as_missing(missing), *unreadable]

@@ -102,8 +102,10 @@ def _tables(runs: Sequence[Run]) -> Iterator["pa.Table"]:
     for schema in schemas:
         # Runs may have other numbers of genes or episodes, and a column has one type.
         fields |= {
-            one.name: pa.list_(one.type.value_type) if pa.types.is_fixed_size_list(one.type) else one.type
-            for one in schema
+            column.name: pa.list_(column.type.value_type)
+            if pa.types.is_fixed_size_list(column.type)
+            else column.type
+            for column in schema
         }
     _check(leading[0], fields)
     keys = {name: _array([values[name] for values in leading]) for name in leading[0]}

@@ -71,11 +71,11 @@ def by_task(groups: Sequence[RunGroup], *, by: str, held_out: bool) -> list[Task
         {key: value for key, value in _of_task(group).items() if _makes_task(key, by, held_out=held_out)}
         for group in groups
     ]
-    every = dict.fromkeys(key for one in values for key in one)
-    keys = [key for key in every if len({identity(one.get(key)) for one in values}) > 1]
+    every = dict.fromkeys(key for mapping in values for key in mapping)
+    keys = [key for key in every if len({identity(mapping.get(key)) for mapping in values}) > 1]
     tasks: dict[str, tuple[dict[str, Any], list[int]]] = {}
-    for index, one in enumerate(values):
-        differs = {key: one.get(key) for key in keys}
+    for index, mapping in enumerate(values):
+        differs = {key: mapping.get(key) for key in keys}
         tasks.setdefault(identity(differs), (differs, []))[1].append(index)
     found = list(tasks.values())
     if len(found) == 1 or (len(found) == len(groups) and _only_parameters(groups, keys)):
@@ -103,7 +103,7 @@ def _telling(tasks: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         of_simulation.setdefault(identity(one.get(_SIMULATION)), []).append(one)
 
     def apart(some: Sequence[Mapping[str, Any]], keys: Collection[str]) -> int:
-        return len({identity([one.get(key) for key in keys]) for one in some})
+        return len({identity([task.get(key) for key in keys]) for task in some})
 
     found = []
     for one in tasks:
@@ -191,10 +191,10 @@ def _other_quantity(key: str) -> bool:
     return key == _MISSION or any(f"{key}.".startswith(f"{_MISSION}.{part}.") for part in _SCORE)
 
 
-def _of_task(one: Distinguished) -> dict[str, Any]:
+def _of_task(distinguished: Distinguished) -> dict[str, Any]:
     """Return what differs of a group, with the robot in place of its reference model."""
-    experiment = one.runs[0].experiment
-    differs = one.differs
+    experiment = distinguished.runs[0].experiment
+    differs = distinguished.differs
     if isinstance(differs.get(_FAILED), str):  # last and stop do not change what fitness is
         differs = {**differs, _FAILED: "last"}
     if built_in(experiment.simulation) != ARENA or not differs.keys() & _ROBOTS:

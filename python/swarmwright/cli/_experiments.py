@@ -69,4 +69,4 @@ def importers() -> "Iterator[Importer]":
             found.append(IMPORTERS.get(name)())
         except InputError as error:
             complain(str(error))
-    yield from sorted(found, key=lambda one: one.last)
+    yield from sorted(found, key=lambda run: run.last)

@@ -284,7 +284,7 @@ def _required(package: str) -> dict[str, str]:
     found = [
         match for line in lines if (match := _REQUIREMENT.match(line)) and "extra" not in match["marker"]
     ]
-    return {_normalized(one["package"]): one["versions"].strip() for one in found}
+    return {_normalized(requirement["package"]): requirement["versions"].strip() for requirement in found}
 
 
 def _normalized(package: str) -> str:

@@ -149,8 +149,8 @@ class BarProgress:
         if last is None:
             whole = self._budget.generations
             return 0.0 if whole is None else self._part / whole
-        one = last.share / (last.generation + 1) if last.budget != "seconds" else 0.0
-        return min(last.share + self._part * one, 1.0)
+        share = last.share / (last.generation + 1) if last.budget != "seconds" else 0.0
+        return min(last.share + self._part * share, 1.0)
 
     def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
         """Two lines that fit any width, and a third when something is waited for."""

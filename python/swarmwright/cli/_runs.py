@@ -187,7 +187,7 @@ def elites_facts(elites: "Elites", offset: float = 0.0) -> dict[str, Any]:
         "qd_score": elites.qd_score(offset),
         "evaluated": elites.evaluated,
         "missing": elites.missing,
-        "outside": {name: one._asdict() for name, one in elites.outside.items()},
+        "outside": {name: outside._asdict() for name, outside in elites.outside.items()},
         "partial": elites.partial,
     }
 

@@ -64,12 +64,12 @@ def _head(status: "Status") -> str:
     return f"{status.finished} of {status.total} runs done{failed}{elsewhere}{time_left}"
 
 
-def _words(one: "UnderWay") -> str:
-    if one.generation is None:
-        return one.words
-    failed = one.generation.failed_so_far
+def _words(run: "UnderWay") -> str:
+    if run.generation is None:
+        return run.words
+    failed = run.generation.failed_so_far
     lost = f", {counted(failed, 'evaluation')} failed" if failed else ""
-    return f"{one.words}, best {one.generation.best_so_far:.6g}{lost}"
+    return f"{run.words}, best {run.generation.best_so_far:.6g}{lost}"
 
 
 class BarStatus:

@@ -90,10 +90,10 @@ def command(
     what = Compared.of(options)
     page = Page.of(style, width, title)
     output = Output(as_json=as_json)
-    one = single_run(runs) if what == Compared() else None
-    if one is not None:
+    run = single_run(runs) if what == Compared() else None
+    if run is not None:
         with on(page):
-            _draw_one(output, one, file or one / "plot.png", x, _asked(metrics))
+            _draw_one(output, run, file or run / "plot.png", x, _asked(metrics))
         return 0
     return _draw_several(output, runs, file or Path("comparison.png"), x, what, page, _asked(metrics))
 

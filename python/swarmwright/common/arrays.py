@@ -23,7 +23,7 @@ def float32_of(name: str, given: ArrayLike) -> NDArray[np.float32]:
         if values.dtype == np.float32:
             return values
         if values.dtype.kind == "O":
-            wrong = [one for one in values.flat if not _is_number(one)]
+            wrong = [number for number in values.flat if not _is_number(number)]
             if wrong:
                 raise TypeError(f"it holds an object of the class {type(wrong[0]).__name__}")
             values = values.astype(np.float64)
@@ -51,7 +51,7 @@ def shortest(genome: NDArray[np.float32]) -> list[float]:
 
 def _is_masked(given: object) -> bool:
     return isinstance(given, np.ma.MaskedArray) or (
-        isinstance(given, list | tuple) and any(isinstance(one, np.ma.MaskedArray) for one in given)
+        isinstance(given, list | tuple) and any(isinstance(array, np.ma.MaskedArray) for array in given)
     )
 
 

@@ -31,11 +31,13 @@ _KINDS = (
 def near_file(path: Path) -> str:
     """Return "; did you mean 'x.yaml'?" for a file of the same kind beside one that is not there, or ""."""
     try:
-        beside = sorted(one for one in path.parent.iterdir() if one.suffix.lower() in _alike(path))
+        beside = sorted(
+            neighbour for neighbour in path.parent.iterdir() if neighbour.suffix.lower() in _alike(path)
+        )
     except (OSError, ValueError):  # no such folder, or one that may not be read; no path
         return ""
     # Without suffixes, which make names of the same kind alike.
-    names = {one.stem: one.name for one in beside}
+    names = {neighbour.stem: neighbour.name for neighbour in beside}
     near = nearest(path.stem, names)
     return "" if near is None else f"; did you mean '{names[near]}'?"
 

@@ -54,10 +54,10 @@ def problem_of(channels: Any) -> str | None:  # noqa: ANN401 - whatever a file s
                 found = where.get(f"{which}_{about}", [])
                 if not isinstance(found, list):
                     return f"{which}_{about}: a list was expected"
-                if about != "ranges" and not all(isinstance(one, str) for one in found):
+                if about != "ranges" and not all(isinstance(name, str) for name in found):
                     return f"{which}_{about}: texts were expected"
             try:
-                _ = [Range.of(one) for one in where.get(f"{which}_ranges", [])]
+                _ = [Range.of(ends) for ends in where.get(f"{which}_ranges", [])]
             except ValueError as error:
                 return f"{which}_ranges: {error}"
     seconds = channels.get("step_seconds")

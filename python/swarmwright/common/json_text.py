@@ -35,7 +35,7 @@ def loads(text: str | bytes) -> Any:  # noqa: ANN401 - any JSON value
 def _check_depth(value: Any) -> None:  # noqa: ANN401 - any JSON value
     level = [value]
     for _ in range(_DEEPEST_NESTING):
-        level = [inner for one in level for inner in _inside(one) if isinstance(inner, dict | list)]
+        level = [inner for item in level for inner in _inside(item) if isinstance(inner, dict | list)]
         if not level:
             return
     raise _too_deep()

@@ -162,7 +162,7 @@ def _no_list(value: Any, section: type[BaseModel] | None, key: str) -> str:  # n
     if section is None or field is None:  # an item of a list, or a section that is not known
         return f"must be a list, not {shown(value)}"
     names = ("min_length", "max_length")
-    lengths = [getattr(one, name) for one in field.metadata for name in names if hasattr(one, name)]
+    lengths = [getattr(limit, name) for limit in field.metadata for name in names if hasattr(limit, name)]
     count = f" of {lengths[0]} items" if len(lengths) == len(names) and len(set(lengths)) == 1 else ""
     forms = (items for items in _lists_of(value) if _is_valid(section, key, items))
     form = next((f"; write [{', '.join(map(shown, items))}]" for items in forms), "")
@@ -208,7 +208,9 @@ def model_at(model: type[BaseModel], path: tuple[str | int, ...]) -> type[BaseMo
     while rest:
         key = str(rest.pop(0))
         fields = model.model_fields
-        field = fields.get(key) or next((one for one in fields.values() if one.alias == key), None)
+        field = fields.get(key) or next(
+            (alias_field for alias_field in fields.values() if alias_field.alias == key), None
+        )
         inner = None if field is None else _inner(field.annotation)
         if inner is None:
             return None

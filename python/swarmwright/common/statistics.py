@@ -138,7 +138,7 @@ def estimate(values: Sequence[float], *, of: int = 1) -> Estimate:
     except OverflowError:  # the squares are too large, the deviation may not be
         scale = max(map(abs, values))
         apart = [value / scale - middle / scale for value in values]
-        deviation = scale * math.sqrt(math.fsum(one**2 for one in apart) / (count - 1))
+        deviation = scale * math.sqrt(math.fsum(distance**2 for distance in apart) / (count - 1))
         if not math.isfinite(deviation):
             return Estimate(middle, None, None, None, None)
     error = deviation / math.sqrt(count)

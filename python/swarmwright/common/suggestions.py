@@ -93,7 +93,9 @@ def folded(name: str) -> str:
 
     Letters and digits of all scripts count, others do not; it is empty for a name without any.
     """
-    return "".join(one for one in unicodedata.normalize("NFKC", name).casefold() if one.isalnum())
+    return "".join(
+        character for character in unicodedata.normalize("NFKC", name).casefold() if character.isalnum()
+    )
 
 
 def alike(name: str, names: Sequence[str]) -> list[int]:
@@ -101,8 +103,8 @@ def alike(name: str, names: Sequence[str]) -> list[int]:
 
     More than one: the name is ambiguous. A name without letters and digits is like no other one.
     """
-    same = [index for index, one in enumerate(names) if one == name]
+    same = [index for index, other in enumerate(names) if other == name]
     if same:
         return same
     key = folded(name)
-    return [index for index, one in enumerate(names) if folded(one) == key] if key else []
+    return [index for index, other in enumerate(names) if folded(other) == key] if key else []

@@ -48,11 +48,11 @@ def paths_elsewhere(value: Any) -> Iterator[str]:  # noqa: ANN401 - any JSON val
         if leads_elsewhere(value):
             yield value
     elif isinstance(value, Mapping):
-        for one in value.values():
-            yield from paths_elsewhere(one)
+        for item in value.values():
+            yield from paths_elsewhere(item)
     elif isinstance(value, list | tuple):
-        for one in value:
-            yield from paths_elsewhere(one)
+        for item in value:
+            yield from paths_elsewhere(item)
 
 
 def _escape(character: str) -> str:

@@ -274,23 +274,23 @@ class ControlledEpisodes:
             return self._controller(sensors)
         assert self._whole is not None
         with engine_errors("controller: "):
-            for one in who:
-                if one not in self._agents:
-                    self._agents[one] = self._whole.of_agent(one[1])
-        return _stepped([self._agents[one] for one in who], sensors, self._controller.actuators)
+            for agent in who:
+                if agent not in self._agents:
+                    self._agents[agent] = self._whole.of_agent(agent[1])
+        return _stepped([self._agents[agent] for agent in who], sensors, self._controller.actuators)
 
     def _placed(self, swarm: Swarm, who: list[tuple[int, int]]) -> NDArray[np.int64]:
         """Return the places of agents in the swarm, which grows for those that have not acted before."""
         before = len(self._places)
-        for one in who:
-            self._places.setdefault(one, len(self._places))
+        for agent in who:
+            self._places.setdefault(agent, len(self._places))
         if (after := len(self._places)) > before:
             owners = np.zeros(after, dtype=np.int64)
             if before:
                 swarm.extend(owners, before, after)
             else:
                 swarm.restart(owners)
-        return np.array([self._places[one] for one in who], dtype=np.int64)
+        return np.array([self._places[agent] for agent in who], dtype=np.int64)
 
 
 def _stepped(

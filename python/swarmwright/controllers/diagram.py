@@ -215,8 +215,8 @@ class Diagram:
 
     def _candidates(self, index: int) -> NDArray[np.float64]:
         """Return the middles of places for a label, the best ones first."""
-        one, way = self._arrows[index], self.ways[index]
-        if one.source == one.target:
+        arrow, way = self._arrows[index], self.ways[index]
+        if arrow.source == arrow.target:
             middle = _POINTS // 2
             return way.along[[middle, middle - 3, middle + 3, middle - 6, middle + 6]]
         length = float(np.hypot(*np.diff(way.along, axis=0).T).sum())

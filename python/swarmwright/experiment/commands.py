@@ -253,7 +253,9 @@ def _check_text(
     declared = {name: one["default"] for name, one in known.items()}
     given = {name for _, name, _ in values} | set(evolved)
     defaults = [
-        (("simulation", "parameters"), name, one) for name, one in declared.items() if name not in given
+        (("simulation", "parameters"), name, problem)
+        for name, problem in declared.items()
+        if name not in given
     ]
     for path, name, value in [*values, *defaults]:
         if name in choices and not is_choice(value, choices[name]):

@@ -36,7 +36,7 @@ def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
         raise ValueError(f"must be at least 1 and at most {MOST_SERVERS}, not {value}")
     if isinstance(value, str) and value in _SERVERS:
         return value
-    if isinstance(value, tuple) and all(isinstance(one, LauncherOptions) for one in value):
+    if isinstance(value, tuple) and all(isinstance(entry, LauncherOptions) for entry in value):
         return value  # checked by `launcher_entries`
     hint = did_you_mean(value, _SERVERS) if isinstance(value, str) else ""
     raise ValueError(
@@ -187,7 +187,7 @@ _ENDS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems"
 def _targets(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, str | Mapping):
         value = [value]
-    if isinstance(value, list | tuple) and all(isinstance(one, str | Mapping) and one for one in value):
+    if isinstance(value, list | tuple) and all(isinstance(entry, str | Mapping) and entry for entry in value):
         return list(value)
     raise ValueError(f"must be simulations or files, such as [arena-gazebo, harder.yaml], not {shown(value)}")
 

@@ -91,9 +91,11 @@ def _refusals(
         # One that is wrong by itself is so beside each value of the others.
         found.setdefault((wrong, repr(values[wrong])), (values[wrong], reason))
     for (wrong, _), (refused, reason) in found.items():
-        hint, one = "", evolved[wrong]
+        hint, parameter = "", evolved[wrong]
         # Where a limit is refused as well, that the number between them has a fraction is not what is wrong.
-        if isinstance(one, RealParameter) and all((wrong, repr(end)) not in found for end in _limits(one)):
+        if isinstance(parameter, RealParameter) and all(
+            (wrong, repr(end)) not in found for end in _limits(parameter)
+        ):
             hint = "; for a parameter of integers write type: integer"
         if type(refused) is int and catalogue.declares_boolean(simulation, wrong):
             hint = "; for a boolean write {type: categorical, choices: [true, false]}"

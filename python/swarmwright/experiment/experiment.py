@@ -68,7 +68,7 @@ def check_fits(experiment: "Experiment", source: Source) -> None:
     found = announced_sizes(simulation, dict(parameters))
     if found is None or found == sizes:
         return
-    has, needs = (_words(one) for one in (found, sizes))
+    has, needs = (_words(counts) for counts in (found, sizes))
     robot = parameters.get(_ROBOT)
     whose = f"the robot {robot}" if isinstance(robot, str) else f"{simulation} with these parameters"
     fitting = [
@@ -147,7 +147,7 @@ class Experiment:
 
     def __init__(self, *given: Never, path: Path | None = None, **values: Any) -> None:  # noqa: ANN401 - fields
         """Take checked values, those of all fields; dictionaries and lists in them become read-only."""
-        names = {one.name for one in fields(self)} - {"path"}
+        names = {item.name for item in fields(self)} - {"path"}
         if given or values.keys() != names:
             raise InputError(
                 "an experiment is made by Experiment.load(path), or by Experiment.from_mapping({..}) with "
@@ -158,7 +158,7 @@ class Experiment:
 
     def __hash__(self) -> int:
         """Return the same for equal experiments: what the file is called does not count."""
-        return hash(tuple(hashable(getattr(self, one.name)) for one in fields(self) if one.compare))
+        return hash(tuple(hashable(getattr(self, item.name)) for item in fields(self) if item.compare))
 
     @classmethod
     def load(cls, path: str | PathLike[str], settings: Iterable[str] = ()) -> Self:
@@ -261,23 +261,23 @@ class Experiment:
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, every default written out; keys without a value are left out."""
         result: dict[str, Any] = {}
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if one.name == "path" or value is None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.name == "path" or value is None:
                 continue
-            if one.name == "simulation" and is_command(value):
+            if item.name == "simulation" and is_command(value):
                 value = SimulationName.parse(value).definition
                 if value.get("fitness", "") == self.fitness:  # it was taken from the experiment
                     del value["fitness"]
-            if one.name == "servers" and isinstance(value, tuple):
+            if item.name == "servers" and isinstance(value, tuple):
                 value = written(value)
-            if one.name in _SECTIONS:
+            if item.name in _SECTIONS:
                 value = value.model_dump(exclude_none=True)
-                if one.name == "method" and self.method.generation_limit is None:
+                if item.name == "method" and self.method.generation_limit is None:
                     del value["generations"]  # as it is without a limit
                 if "kind" in value:  # first: it says what the others mean
                     value = {"kind": value.pop("kind"), **value}
-            result[one.name] = plain_values(value)
+            result[item.name] = plain_values(value)
         return result
 
     def _repr_html_(self) -> str:

@@ -40,9 +40,9 @@ def entries_of(value: Any, folder: Path, report: Report) -> Entries | None:  # n
             return None
     several = isinstance(value, list | tuple)
     made = [
-        _entry(one, folder, (lambda path, message, at=at: report((*at, *path), message)))  # type: ignore[misc] # the default binds it
-        for one, at in (
-            (one, (index,) if several else ()) for index, one in enumerate(value if several else [value])
+        _entry(entry, folder, (lambda path, message, at=at: report((*at, *path), message)))  # type: ignore[misc] # the default binds it
+        for entry, at in (
+            (entry, (index,) if several else ()) for index, entry in enumerate(value if several else [value])
         )
     ]
     found = tuple(launcher for launcher in made if launcher is not None)

@@ -103,7 +103,7 @@ def _with_robots(
     """
     if isinstance(value, list):
         found = [_with_robots((*place, index), kind, folder, files) for index, kind in enumerate(value)]
-        return [kind for kind, _ in found], [one for _, wrong in found for one in wrong]
+        return [kind for kind, _ in found], [name for _, wrong in found for name in wrong]
     if not isinstance(value, Mapping):
         return value, []
     result, wrong = dict(value), []

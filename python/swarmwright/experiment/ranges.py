@@ -60,7 +60,7 @@ class Range:
         """Return it; raises InputError when it is none."""
         if self.path[0] != "parameters":
             meant = dotted_path(("parameters", *self.path))
-            is_key = self.path[0] in {one.name for one in fields(Experiment)}
+            is_key = self.path[0] in {item.name for item in fields(Experiment)}
             hint = "" if is_key else f"; did you mean {meant}?"
             raise InputError(f"only parameters of the simulation can be varied{hint}")
         if self.path == ("parameters", "seed"):
@@ -89,7 +89,7 @@ def _ends(text: str) -> tuple[float, float]:
         first, last = _number(low), _number(high)
         if first is not None and last is not None:
             return first, last
-    wrong = next(one for one in pairs[0] if _number(one) is None)
+    wrong = next(end for end in pairs[0] if _number(end) is None)
     raise InputError(f"{wrong!r} is not a number; {_HINT}")
 
 
@@ -131,9 +131,9 @@ def ranges_of(vary: Mapping[str, Sequence[float]] | Iterable[Range], prefix: str
     prefix: what precedes the keys in messages.
     """
     given: Any = vary
-    if isinstance(given, list | tuple) and all(isinstance(one, Range) for one in given):
-        paths = [one.path for one in given]
-        twice = next((one for index, one in enumerate(given) if one.path in paths[:index]), None)
+    if isinstance(given, list | tuple) and all(isinstance(item, Range) for item in given):
+        paths = [item.path for item in given]
+        twice = next((item for index, item in enumerate(given) if item.path in paths[:index]), None)
         if twice is not None:
             raise InputError(f"{twice}: this parameter has a range already; give it once")
         return list(given)

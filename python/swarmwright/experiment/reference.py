@@ -85,7 +85,9 @@ def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
         if name == "controller" and kind in _MORE:
             yield from ("", _MORE[kind])
         options = {
-            key: one for key, one in variant["properties"].items() if key != "kind" and one != shared.get(key)
+            key: schema_of_key
+            for key, schema_of_key in variant["properties"].items()
+            if key != "kind" and schema_of_key != shared.get(key)
         }
         if options:
             yield ""
@@ -125,7 +127,9 @@ def _launchers(schema: dict[str, Any]) -> Iterator[str]:
     for kind in sorted(LAUNCHERS.built_in):
         definition = schema["$defs"][f"Launcher{kind}"]
         options = {
-            key: one for key, one in definition["properties"].items() if key not in shared["properties"]
+            key: schema_of_key
+            for key, schema_of_key in definition["properties"].items()
+            if key not in shared["properties"]
         }
         yield from ("", f"### servers: {{launcher: {kind}}}", "", definition["description"], "")
         if options:
@@ -181,7 +185,7 @@ def _type(key: dict[str, Any], schema: dict[str, Any]) -> str:
     if "enum" in key:
         return ", ".join(f"`{value}`" for value in key["enum"])
     if "anyOf" in key:
-        types = (_type(one, schema) for one in key["anyOf"] if one.get("type") != "null")
+        types = (_type(option, schema) for option in key["anyOf"] if option.get("type") != "null")
         return " or ".join(dict.fromkeys(types))
     if key.get("type") == "array":
         items = _type(key["items"], schema)
@@ -189,7 +193,7 @@ def _type(key: dict[str, Any], schema: dict[str, Any]) -> str:
     words: dict[str, str] = {"object": "mapping", "string": "text"}
     kind: str | list[str] = key["type"]
     if isinstance(kind, list):
-        return " or ".join(words.get(one, one) for one in kind)
+        return " or ".join(words.get(word, word) for word in kind)
     return words.get(kind, kind) + _limits(key)
 
 

@@ -132,7 +132,7 @@ def _is_other(path: tuple[str, ...]) -> bool:
         ("parameters", "mission", "robot"),
         ("parameters", "mission", "robots"),
     }
-    return path in whole or any(path[: len(one)] == one for one in below)
+    return path in whole or any(path[: len(prefix)] == prefix for prefix in below)
 
 
 def kinds(simulation: str, parameters: dict[str, Any]) -> list[Kind]:

@@ -51,7 +51,7 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
     _describe_launchers(schema["properties"]["servers"], definitions, only_built_in=only_built_in)
     for title, model in (("Command", CommandOptions), ("Fmu", FmuOptions), ("Ros", RosOptions)):
         mapping = _tidy(described(model).model_json_schema())
-        inner = {f"{title}{name}": one for name, one in mapping.pop("$defs", {}).items()}
+        inner = {f"{title}{name}": definition for name, definition in mapping.pop("$defs", {}).items()}
         definitions |= _moved({**inner, title: mapping}, title)
     schema["properties"]["simulation"] = {
         "description": schema["properties"]["simulation"]["description"],
@@ -96,7 +96,7 @@ def _moved(node: Any, title: str) -> Any:  # noqa: ANN401 - any JSON value
             key: value.replace("#/$defs/", f"#/$defs/{title}") if key == "$ref" else _moved(value, title)
             for key, value in node.items()
         }
-    return [_moved(one, title) for one in node] if isinstance(node, list) else node
+    return [_moved(item, title) for item in node] if isinstance(node, list) else node
 
 
 def _tidy(node: Any) -> Any:  # noqa: ANN401 - any JSON value

@@ -54,8 +54,8 @@ def parse_settings(texts: Iterable[str]) -> list[Setting]:
     """
     listed("settings", texts, "settings such as method.generations=50")
     settings, problems = [], []
-    for one in texts:
-        text = argument("settings", one, "a list of texts such as method.generations=50")
+    for given_text in texts:
+        text = argument("settings", given_text, "a list of texts such as method.generations=50")
         try:
             settings.append(_setting(text))
         except InputError as error:
@@ -333,5 +333,5 @@ def _complain(source: Source, setting: Setting, path: Path_, message: str) -> No
 def _forget(source: Source, path: Path_, *, but: Collection[Path_] = ()) -> None:
     """Forget where the values at and below a path came from."""
     for places in (source.lines, source.options):
-        for place in [one for one in places if one[: len(path)] == path and one not in but]:
+        for place in [part for part in places if part[: len(path)] == path and part not in but]:
             del places[place]

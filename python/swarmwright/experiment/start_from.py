@@ -42,7 +42,7 @@ def entries(value: Any, folder: Path) -> list[Entry]:  # noqa: ANN401 - whatever
     if isinstance(value, Mapping):
         return [_of_mapping(value, folder)]
     if isinstance(value, Sequence) and value:
-        return [entry for one in value for entry in entries(one, folder)]
+        return [entry for item in value for entry in entries(item, folder)]
     raise InputError(f"must be the path of a run or of a controller, or a list of these, not {shown(value)}")
 
 
@@ -174,6 +174,6 @@ def _comparable(value: Any) -> Any:  # noqa: ANN401 - any value of a specificati
     if not isinstance(value, list):
         return value
     return [
-        {key: inner for key, inner in one.items() if key != "agents"} if isinstance(one, dict) else one
-        for one in value
+        {key: inner for key, inner in group.items() if key != "agents"} if isinstance(group, dict) else group
+        for group in value
     ]

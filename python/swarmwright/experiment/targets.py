@@ -117,15 +117,15 @@ class PseudoReality:
         stream = Stream(0, "pseudo-reality", 0, model)
         shares = stream.unit(len(self.ranges)).tolist()
         settings = [
-            f"{dotted_path(one.path)}={one.at(share)!r}"
-            for one, share in zip(self.ranges, shares, strict=True)
+            f"{dotted_path(interval.path)}={interval.at(share)!r}"
+            for interval, share in zip(self.ranges, shares, strict=True)
         ]
         try:
             return experiment.with_settings(settings)
         except InputError as error:
             words = str(error)
-            for one, setting in zip(self.ranges, settings, strict=True):
-                words = words.replace(f"--set {setting}", str(one))
+            for interval, setting in zip(self.ranges, settings, strict=True):
+                words = words.replace(f"--set {setting}", str(interval))
             raise InputError(words.replace("--set ", f"{self.name}, model {model}: ")) from error
 
 
@@ -135,7 +135,7 @@ Target = OtherSimulation | PseudoReality
 def targets_of(to: Iterable[Entry], ranges: Sequence[Range]) -> list[Target]:
     """Return what candidates are transferred to. Raises InputError for nothing, or the same one twice."""
     found: list[Target] = [OtherSimulation.of(entry) for entry in to]
-    names = [one.name for one in found]
+    names = [target.name for target in found]
     doubled = next((name for name in names if names.count(name) > 1), None)
     if doubled is not None:
         raise InputError(f"to: {doubled} is named twice")

@@ -197,17 +197,17 @@ def _add(files: Files, form: str, prefix: str, bundle: Bundle) -> None:
 
 def _evaluation(run: "Run", generation: int | None, candidate: int | None) -> dict[str, Any]:
     """Return how a candidate was evaluated, as plain values."""
-    one = run.evaluation(candidate, generation)
+    evaluation = run.evaluation(candidate, generation)
     best, unseen = run.best, run.unseen
-    is_best = (best.generation, best.candidate) == (one.generation, one.candidate)
-    earlier = instances(run, one)[:-1]
+    is_best = (best.generation, best.candidate) == (evaluation.generation, evaluation.candidate)
+    earlier = instances(run, evaluation)[:-1]
     return {
         "experiment": _anywhere(run.experiment.to_mapping(), run.path),
-        "fitness": one.fitness + 0.0,
+        "fitness": evaluation.fitness + 0.0,
         "earlier": [{"seeds": part.seeds, "episodes": _finite(part.episodes + 0.0)} for part in earlier],
-        "seeds": one.seeds,
-        "episodes": _finite(one.episodes + 0.0),
-        "metrics": {name: _finite(one.metrics[:, index]) for index, name in enumerate(run.metrics)},
+        "seeds": evaluation.seeds,
+        "episodes": _finite(evaluation.episodes + 0.0),
+        "metrics": {name: _finite(evaluation.metrics[:, index]) for index, name in enumerate(run.metrics)},
         "held_out": kept_values(unseen) if unseen is not None and is_best else None,
     }
 

@@ -250,7 +250,7 @@ def check_episodes(evaluation: Mapping[str, Any], subject: Subject, report: Bund
     if simulation not in catalogue.titles():
         report.not_evaluated = f"the simulation {one_line(str(simulation))} is not a built-in one"
         return
-    earlier = [(one["seeds"], one["episodes"]) for one in evaluation.get("earlier", [])]
+    earlier = [(part["seeds"], part["episodes"]) for part in evaluation.get("earlier", [])]
     stated = [*earlier, (evaluation["seeds"], evaluation["episodes"])]
     if evaluation["held_out"] is not None:
         stated.append((evaluation["held_out"]["seeds"], evaluation["held_out"]["episodes"]))
@@ -425,7 +425,7 @@ def _subject(
 
 def _wheels(value: Any) -> tuple[float, float]:  # noqa: ANN401 - whatever the manifest says
     """Return speed and distance of wheels, 0 where not known. Raises ValueError for what are none."""
-    speed, base = (float(one) for one in value)
+    speed, base = (float(number) for number in value)
     if not (math.isfinite(speed) and math.isfinite(base) and speed >= 0 and base >= 0):
         raise ValueError(f"wheels: must be two finite numbers from 0 on, not {value}")
     return speed, base

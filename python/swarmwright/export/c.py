@@ -100,7 +100,7 @@ def loaded_weights(subject: Subject) -> str:
     numbers, or integers.
     """
     evolved = [table.evolved for table in code(subject, _values(subject, "controller")).tables]
-    bits = [one.view(np.uint32) for one in evolved if one is not None]
+    bits = [array.view(np.uint32) for array in evolved if array is not None]
     numbers = np.concatenate(bits).tolist()
     return "".join(f"{number:08x}\n" for number in [len(numbers), *numbers])
 
@@ -167,19 +167,19 @@ def _source(subject: Subject, values: dict[str, str], *, loaded: bool = False) -
 def _load(tables: tuple[Table, ...], values: dict[str, str]) -> str:
     evolved = [table for table in tables if table.evolved is not None]
     reads = []
-    for one in evolved:
-        name = f"{values['p']}_{one.name}"
+    for parameter in evolved:
+        name = f"{values['p']}_{parameter.name}"
         reads += [
-            f"    for (i = 0; i < {one.length}; i++) {{",
+            f"    for (i = 0; i < {parameter.length}; i++) {{",
             f"        if (!{values['p']}_number(file, &number)) {{",
             "            return false;",
             "        }",
             f"        memcpy(&{name}[i], &number, sizeof number);"
-            if one.type == "float"
-            else f"        {name}[i] = ({one.type})number;",
+            if parameter.type == "float"
+            else f"        {name}[i] = ({parameter.type})number;",
             "    }",
         ]
-    count = str(sum(one.length for one in evolved))
+    count = str(sum(parameter.length for parameter in evolved))
     return render("c_load.txt", {**values, "count": count, "reads": "\n".join(reads)})
 
 

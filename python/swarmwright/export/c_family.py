@@ -322,7 +322,13 @@ def enumeration(channels: list[Channel], begin: str, what: str) -> str:
 def _words(channels: list[Channel], what: str) -> list[str]:
     """Return a different word for each; COUNT would be taken for how many there are."""
     found = identifiers((channel.name for channel in channels), what)
-    return identifiers([f"{one}_{index}" if one == "COUNT" else one for index, one in enumerate(found)], what)
+    return identifiers(
+        [
+            f"{identifier}_{index}" if identifier == "COUNT" else identifier
+            for index, identifier in enumerate(found)
+        ],
+        what,
+    )
 
 
 def common(made: Code, values: Mapping[str, str]) -> dict[str, str]:

@@ -53,7 +53,7 @@ class Driver:
 
         Raises RunError where it does a step with a sensor that is NaN or infinite, or does not do another.
         """
-        sensors, actuators = (self._description.of_causality(one) for one in ("input", "output"))
+        sensors, actuators = (self._description.of_causality(causality) for causality in ("input", "output"))
         period = self._description.step_size or 1.0
         found = np.zeros_like(sequences.actuators)
         time, overflowed = 0.0, False

@@ -46,9 +46,9 @@ def add_units(root: ET.Element, names: Iterable[str]) -> None:
     """Add the definitions of units, in SI base units where these are known."""
     units = ET.SubElement(root, "UnitDefinitions")
     for name in names:
-        one = ET.SubElement(units, "Unit", name=name)
+        unit = ET.SubElement(units, "Unit", name=name)
         if base := _base_unit(name):
-            ET.SubElement(one, "BaseUnit", base)
+            ET.SubElement(unit, "BaseUnit", base)
 
 
 def _base_unit(name: str) -> dict[str, str]:

@@ -42,7 +42,9 @@ class Machine(Exporter):
         states = grammar.states_of(specification)
         text = "\n".join(f"# {line}" for line in machine_texts.controller_text(specification).splitlines())
         content = _tree_yaml(states) if grammar.is_tree(specification) else _yaml(states)
-        dot, mermaid = (machine_texts.controller_diagram(specification, one) for one in ("dot", "mermaid"))
+        dot, mermaid = (
+            machine_texts.controller_diagram(specification, language) for language in ("dot", "mermaid")
+        )
         command = text_of(states, tree=grammar.is_tree(specification))
         return {
             **({f"{prefix}.automode": f"{command}\n"} if command else {}),
@@ -86,12 +88,12 @@ class Machine(Exporter):
 def _catalogue(machine: dict[str, Any]) -> grammar.Catalogue:
     """Return the engine's modules, and those in Python that a machine names."""
     entries = machine.get("subtrees") or machine["states"]
-    transitions = [one for entry in entries for one in entry.get("transitions", [])]
+    transitions = [transition for entry in entries for transition in entry.get("transitions", [])]
     behaviours = [entry["behaviour"] for entry in entries]
-    conditions = [one["condition"] for one in (*entries, *transitions) if "condition" in one]
+    conditions = [part["condition"] for part in (*entries, *transitions) if "condition" in part]
     return grammar.Catalogue(
-        tuple(module("behaviour", one) for one in dict.fromkeys([*grammar.BEHAVIOURS, *behaviours])),
-        tuple(module("condition", one) for one in dict.fromkeys([*grammar.CONDITIONS, *conditions])),
+        tuple(module("behaviour", name) for name in dict.fromkeys([*grammar.BEHAVIOURS, *behaviours])),
+        tuple(module("condition", name) for name in dict.fromkeys([*grammar.CONDITIONS, *conditions])),
     )
 
 

@@ -49,7 +49,7 @@ class Onnx(Exporter):
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
         """Step the model with onnxruntime, many sequences at once."""
         session = _session(folder / f"{prefix}.onnx")
-        states = {one.name: one for one in session.get_inputs() if one.name == "state"}
+        states = {node.name: node for node in session.get_inputs() if node.name == "state"}
         starts = np.flatnonzero(sequences.first)
         lengths = np.diff([*starts.tolist(), len(sequences)])
         together = max(1, _MOST_ELEMENTS // _elements(session))

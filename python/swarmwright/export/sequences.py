@@ -220,7 +220,7 @@ def random_sequences(
 
 
 def _special(specification: Mapping[str, Any]) -> NDArray[np.float32]:
-    thresholds = [one for of_one in specification.get("thresholds", ()) for one in of_one]
+    thresholds = [sequence for of_one in specification.get("thresholds", ()) for sequence in of_one]
     edges = np.array(thresholds, np.float32)
     near = [np.nextafter(edges, np.float32(way), dtype=np.float32) for way in (-np.inf, np.inf)]
     found: NDArray[np.float32] = np.concatenate([np.array(_BITS, np.uint32).view(np.float32), edges, *near])

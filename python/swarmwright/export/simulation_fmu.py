@@ -203,17 +203,21 @@ def _about_model(model: Model) -> str:
     return f"The simulation {model.title} on a simulation server, which an MQTT broker leads to"
 
 
-def _about(one: Variable) -> dict[str, str]:
-    about = {"name": one.name, "valueReference": str(one.reference), "causality": one.causality}
-    about |= {"variability": "fixed" if one.causality == "parameter" else "discrete"}
-    if one.causality == "output":
+def _about(variable: Variable) -> dict[str, str]:
+    about = {
+        "name": variable.name,
+        "valueReference": str(variable.reference),
+        "causality": variable.causality,
+    }
+    about |= {"variability": "fixed" if variable.causality == "parameter" else "discrete"}
+    if variable.causality == "output":
         about["initial"] = "calculated"
-    return {**about, "description": one.description}
+    return {**about, "description": variable.description}
 
 
-def _limits(one: Variable) -> dict[str, str]:
-    found = {"unit": one.unit} if one.unit else {}
-    limits = zip(("min", "max"), one.range, strict=True)
+def _limits(variable: Variable) -> dict[str, str]:
+    found = {"unit": variable.unit} if variable.unit else {}
+    limits = zip(("min", "max"), variable.range, strict=True)
     return found | {name: repr(value) for name, value in limits if value is not None}
 
 
@@ -221,24 +225,24 @@ def _start(value: float | bool | str) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _add_two(listed: ET.Element, one: Variable) -> None:
-    element = ET.SubElement(listed, "ScalarVariable", _about(one))
-    start = {} if one.start is None else {"start": _start(one.start)}
-    ET.SubElement(element, _TWO[one.kind], {**_limits(one), **start})
-    if one.stands_for is not None:
-        add_range(element, one.stands_for, "2.0")
+def _add_two(listed: ET.Element, variable: Variable) -> None:
+    element = ET.SubElement(listed, "ScalarVariable", _about(variable))
+    start = {} if variable.start is None else {"start": _start(variable.start)}
+    ET.SubElement(element, _TWO[variable.kind], {**_limits(variable), **start})
+    if variable.stands_for is not None:
+        add_range(element, variable.stands_for, "2.0")
 
 
-def _add_three(listed: ET.Element, one: Variable) -> None:
-    kind = _THREE[one.kind]
+def _add_three(listed: ET.Element, variable: Variable) -> None:
+    kind = _THREE[variable.kind]
     if kind == "String":
-        element = ET.SubElement(listed, kind, _about(one))
-        ET.SubElement(element, "Start", value=str(one.start))
+        element = ET.SubElement(listed, kind, _about(variable))
+        ET.SubElement(element, "Start", value=str(variable.start))
         return
-    start = {} if one.start is None else {"start": _start(one.start)}
-    element = ET.SubElement(listed, kind, {**_about(one), **_limits(one), **start})
-    if one.stands_for is not None:
-        add_range(element, one.stands_for, "3.0")
+    start = {} if variable.start is None else {"start": _start(variable.start)}
+    element = ET.SubElement(listed, kind, {**_about(variable), **_limits(variable), **start})
+    if variable.stands_for is not None:
+        add_range(element, variable.stands_for, "3.0")
 
 
 def _add_structure(structure: ET.Element, variables: list[Variable], *, three: bool) -> None:

@@ -220,8 +220,8 @@ class Model:
         given = self.ranges.get(None if group is None else group.name, {}).get(f"{which}_ranges", ())
         ranges = ranges_of(given, count) or (None,) * count
         about = [
-            (unit, None) if one is None else ("", one._replace(unit=one.unit or unit))
-            for one, unit in zip(ranges, known, strict=True)
+            (unit, None) if limits is None else ("", limits._replace(unit=limits.unit or unit))
+            for limits, unit in zip(ranges, known, strict=True)
         ]
         return [
             (name, text, *rest)
@@ -311,17 +311,17 @@ def _mission_seconds(mission: Any) -> float | None:  # noqa: ANN401 - a name or 
     return known.get(mission)
 
 
-def _with_limits(one: Parameter) -> Parameter:
+def _with_limits(parameter: Parameter) -> Parameter:
     """Return a number with the unit and the range that its description says."""
-    if one.kind not in ("integer", "number"):
-        return one
-    kind = int if one.kind == "integer" else float
-    found = _LIMITS.search(one.description) or _AT_LEAST.search(one.description)
+    if parameter.kind not in ("integer", "number"):
+        return parameter
+    kind = int if parameter.kind == "integer" else float
+    found = _LIMITS.search(parameter.description) or _AT_LEAST.search(parameter.description)
     numbers = [kind(number.replace(",", "")) for number in found.groups()] if found else []
     low, high = [*numbers, None, None][:2]
     # Of FMI's types only the real ones have a unit.
-    unit = _UNIT.search(one.description) if one.kind == "number" else None
-    return replace(one, unit=_UNITS[unit[1]] if unit else "", range=(low, high))
+    unit = _UNIT.search(parameter.description) if parameter.kind == "number" else None
+    return replace(parameter, unit=_UNITS[unit[1]] if unit else "", range=(low, high))
 
 
 def _with_agents(parameters: Sequence[Parameter], agents: int) -> list[Parameter]:

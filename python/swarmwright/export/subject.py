@@ -158,7 +158,7 @@ class Subject(Evolved):
             limits = "any finite number" if self.description else "range and scale not known"
             if seen is not None:
                 low, high = (
-                    shortest_decimal(float(one)) for one in (seen[:, index].min(), seen[:, index].max())
+                    shortest_decimal(float(end)) for end in (seen[:, index].min(), seen[:, index].max())
                 )
                 limits = f"{low} to {high} in the recorded episodes"
             if name == RANDOM and stands_for is None:
@@ -195,7 +195,11 @@ class Subject(Evolved):
     @property
     def conversion(self) -> tuple[str, ...]:
         """Lines that say how values become numbers of the controller; none where none is scaled."""
-        return CONVERSION if any(one.range is not None for one in [*self.sensors, *self.actuators]) else ()
+        return (
+            CONVERSION
+            if any(channel.range is not None for channel in [*self.sensors, *self.actuators])
+            else ()
+        )
 
     def _channels(self, what: str) -> list[tuple[str, str, Range | None]]:
         """Return name, unit and range of each. Raises ValueError for ranges of a bundle that are none."""

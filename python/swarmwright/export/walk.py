@@ -63,7 +63,7 @@ def walk_of(subject: Subject) -> Walk:
         if visits
         else [np.array([*_VALUES_WITHIN_0_1, *_NEGATIVE_VALUES], np.float32)]
     )
-    counts = [len(one) for one in tried] if visits else _counts(subject, len(tried[0]))
+    counts = [len(values) for values in tried] if visits else _counts(subject, len(tried[0]))
     begins = np.cumsum([0, *map(len, tried)])[:-1].tolist() if visits else [0] * sensors
     probes = np.concatenate(tried)
     restart = max(_RESTART, 8 * int(specification.get("states", 1)))

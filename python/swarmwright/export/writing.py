@@ -182,7 +182,7 @@ def check_case(files: Mapping[str, str | bytes], folder: Path, prefix: str) -> N
 
 def _swapped(there: bytes, content: str | bytes) -> bool:
     """Return whether a module for Python would replace one for MicroPython, or the other way round."""
-    new, old = (_first_line(one) for one in (file_bytes(content), there))
+    new, old = (_first_line(text) for text in (file_bytes(content), there))
     begin = b'"""An evolved controller'
     return new.startswith(begin) and old.startswith(begin) and new != old
 

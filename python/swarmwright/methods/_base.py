@@ -204,7 +204,7 @@ class MethodOptions(Options):
     def _other_budget(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file says
         if isinstance(values, Mapping) and "generations" not in values:
             others = (values.get("evaluations"), values.get("seconds"))
-            if any(one is not None for one in others):
+            if any(option is not None for option in others):
                 return {**values, "generations": NO_LIMIT}
         return values
 

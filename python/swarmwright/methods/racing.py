@@ -500,10 +500,10 @@ class Racing(Method):
         drawn = streams.integers(int(bounds[-1]), 1)[:, 0]
         parents = [elites[index] for index in np.searchsorted(bounds, drawn, side="right").tolist()]
         genomes = self.representation.perturbations(
-            np.array([one.genome for one in parents], dtype=np.float32),
+            np.array([entrant.genome for entrant in parents], dtype=np.float32),
             streams,
-            spread=np.array([one.spread for one in parents]),
-            fresh=np.array([one.fresh for one in parents]),
+            spread=np.array([entrant.spread for entrant in parents]),
+            fresh=np.array([entrant.fresh for entrant in parents]),
         )
         pairs = zip(genomes, parents, strict=True)
         return [Entrant(genome, parent.spread, parent.fresh, parent=parent) for genome, parent in pairs]

@@ -43,7 +43,7 @@ class SearchMethod(Method):
     def ahead(self) -> bool:
         """Whether the engine may ask and tell the search by itself: no subclass does it in another way."""
         kind, names = type(self), ("ask", "tell", "_ask", "_tell")
-        own = next(one for one in kind.__mro__ if one.__module__.startswith("swarmwright.methods."))
+        own = next(base for base in kind.__mro__ if base.__module__.startswith("swarmwright.methods."))
         return all(getattr(kind, name) is getattr(own, name) for name in names)
 
     @property

@@ -35,14 +35,16 @@ def choose(run: "Run", generation: int | None = None, candidate: int | None = No
     """Return a candidate of the run; arguments and errors as in `Run.evaluation`."""
     from swarmwright.runs.code import of_generation  # noqa: PLC0415 - what is shown of a run needs no code
 
-    one = run.evaluation(candidate, generation)
-    specification = of_generation(run, one.generation).representation().specification(one.genome)
-    parts = instances(run, one)
+    evaluation = run.evaluation(candidate, generation)
+    specification = (
+        of_generation(run, evaluation.generation).representation().specification(evaluation.genome)
+    )
+    parts = instances(run, evaluation)
     return Choice(
-        one.generation,
-        one.candidate,
-        one.number,
-        one.fitness,
+        evaluation.generation,
+        evaluation.candidate,
+        evaluation.number,
+        evaluation.fitness,
         [result for part in parts for result in part.episodes.tolist()],
         [seed for part in parts for seed in part.seeds],
         meaning(run.experiment, len(parts)),

@@ -100,14 +100,14 @@ class Elites:
             "they have: in the others it has no value (nan)."
             for name, count in self.partial.items()
         ]
-        for name, one in self.outside.items():
-            parts = [(one.below, "below", "first"), (one.above, "above", "last")]
+        for name, outside in self.outside.items():
+            parts = [(outside.below, "below", "first"), (outside.above, "above", "last")]
             where = " and ".join(f"{count:,} {side}" for count, side, _ in parts if count)
             bins = " and ".join(which for count, _, which in parts if count)
-            limits = f"{one.low:g} to {one.high:g}"
+            limits = f"{outside.low:g} to {outside.high:g}"
             found.append(
                 f"Of {self.evaluated:,} candidates, {where} the range of {name}, {limits}, count "
-                f"for its {bins} bin; values are {one.lowest:.6g} to {one.highest:.6g}."
+                f"for its {bins} bin; values are {outside.lowest:.6g} to {outside.highest:.6g}."
             )
         return found
 

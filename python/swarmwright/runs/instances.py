@@ -20,18 +20,18 @@ def by_instance(experiment: Experiment) -> bool:
     return method_of(experiment.method).by_instance
 
 
-def instances(run: "Run", one: Evaluation) -> list[Evaluation]:
+def instances(run: "Run", evaluation: Evaluation) -> list[Evaluation]:
     """Return the evaluations that the fitness of `one` is made of, in their order; it is the last one.
 
     With racing those of the same candidate on all instances so far, with `reevaluate` those in the
     generations without a gap before this one; otherwise it alone.
     """
     if by_instance(run.experiment):
-        return run._store.evaluations_of(one)
+        return run._store.evaluations_of(evaluation)
     if not run.experiment.ranking.reevaluate:
-        return [one]
-    found = [one]
-    for earlier in reversed(run._store.evaluations_of(one)[:-1]):
+        return [evaluation]
+    found = [evaluation]
+    for earlier in reversed(run._store.evaluations_of(evaluation)[:-1]):
         if earlier.generation == found[0].generation - 1:
             found.insert(0, earlier)
     return found

@@ -211,10 +211,11 @@ class PostEvaluation(ControllerEvaluation):
         }
 
 
-def kept_values(one: PostEvaluation) -> dict[str, Any]:
+def kept_values(evaluation: PostEvaluation) -> dict[str, Any]:
     """Return the values of a post-evaluation that exported packages keep."""
     return {
-        **one._identity, "seeds": one.seeds, "seen": one.seen, "episodes": finite(one.episodes)
+        **evaluation._identity, "seeds": evaluation.seeds, "seen": evaluation.seen,
+        "episodes": finite(evaluation.episodes),
     }  # fmt: skip
 
 
@@ -571,7 +572,7 @@ def _finite_of(values: NDArray[np.float64]) -> list[float]:
 def finite(values: NDArray[np.float64]) -> list[Any]:
     """Return numbers as nested lists, None in the place of those that are not finite."""
     if values.ndim > 1:
-        return [finite(one) for one in values]
+        return [finite(number) for number in values]
     return [value if math.isfinite(value) else None for value in values.tolist()]
 
 

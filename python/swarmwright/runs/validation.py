@@ -525,9 +525,13 @@ def _budgeted(experiment: Experiment, reader: StoreReader) -> int:
     return most if most < 2 * used else used
 
 
-def _recorded(experiment: Experiment, one: Evaluation) -> Evaluation:
+def _recorded(experiment: Experiment, evaluation: Evaluation) -> Evaluation:
     """Return an evaluation with the episodes of the simulation that it is validated in."""
-    return dataclasses.replace(one, episodes=one.metrics[:, -1]) if reports_slow(experiment) else one
+    return (
+        dataclasses.replace(evaluation, episodes=evaluation.metrics[:, -1])
+        if reports_slow(experiment)
+        else evaluation
+    )
 
 
 def leading(experiment: Experiment, reader: StoreReader, count: int) -> list[Evaluation]:

@@ -40,6 +40,6 @@ def written(uses: ServerUses) -> str:
 def read(text: str) -> dict[str, ServerUse]:
     """Return what `written` wrote; raises ValueError, KeyError or TypeError for something else."""
     return {
-        str(name): ServerUse(float(one["seconds"]), float(one["cost"]))
-        for name, one in dict(loads(text)).items()
+        str(name): ServerUse(float(use["seconds"]), float(use["cost"]))
+        for name, use in dict(loads(text)).items()
     }

@@ -152,7 +152,7 @@ class Calls(Generic[Made]):
 
     def _signature(self, method: str) -> str:
         """How a method has to be defined: as in the base class that declares it."""
-        declared = [vars(one)[method] for one in self._kind.__mro__[:-1] if method in vars(one)]
+        declared = [vars(base)[method] for base in self._kind.__mro__[:-1] if method in vars(base)]
         if method == "__init__" or not declared:
             return f"{method}(self)"
         return f"{method}({', '.join(inspect.signature(declared[-1]).parameters)})"
@@ -215,7 +215,7 @@ def short(value: Any) -> str:  # noqa: ANN401 - any object
     """
     with contextlib.suppress(Exception):
         if isinstance(value, tuple) and len(repr(value)) > 60 and len(value) > 1:
-            return f"a tuple of {len(value)} ({', '.join(type(one).__name__ for one in value)})"
+            return f"a tuple of {len(value)} ({', '.join(type(item).__name__ for item in value)})"
         text = " ".join(repr(value).split())
         if len(text) > 60 and isinstance(value, np.ndarray):
             return f"an array of {value.dtype} of the shape {value.shape}"

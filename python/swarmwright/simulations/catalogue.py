@@ -264,7 +264,7 @@ def _ranges(of: Any) -> dict[str, list[list[Any] | None]]:  # noqa: ANN401 - a D
     for which in ("sensor", "actuator"):
         named = ranges_of(getattr(of, f"{which}_ranges"), getattr(of, f"{which}s"))
         if any(named):
-            made[f"{which}_ranges"] = [None if one is None else list(one) for one in named]
+            made[f"{which}_ranges"] = [None if ends is None else list(ends) for ends in named]
     return made
 
 
@@ -331,16 +331,16 @@ def groups(simulation: str, parameters: dict[str, Any]) -> list[DeclaredGroup]:
         announced = _engine.describe(known, parameters)["groups"]
     return [
         DeclaredGroup(
-            one["name"],
-            one["agents"],
-            one["sensors"],
-            one["actuators"],
-            tuple(one["sensor_names"]),
-            tuple(one["actuator_names"]),
-            tuple(one["own_sensor_names"]),
-            tuple(one["own_actuator_names"]),
+            group["name"],
+            group["agents"],
+            group["sensors"],
+            group["actuators"],
+            tuple(group["sensor_names"]),
+            tuple(group["actuator_names"]),
+            tuple(group["own_sensor_names"]),
+            tuple(group["own_actuator_names"]),
         )
-        for one in announced
+        for group in announced
     ]
 
 

@@ -248,13 +248,15 @@ _PARTS = 10
 _GREY = enki.Color(0.4, 0.4, 0.4)
 
 
-def _pushed_object(one: PushedObject) -> Any:  # noqa: ANN401 - Enki's
+def _pushed_object(pushed: PushedObject) -> Any:  # noqa: ANN401 - Enki's
     """Return an object that robots push."""
-    if one.radius:
-        made = enki.CircularObject(100 * one.radius, 100 * one.height, one.mass, _GREY)
+    if pushed.radius:
+        made = enki.CircularObject(100 * pushed.radius, 100 * pushed.height, pushed.mass, _GREY)
     else:
-        made = enki.RectangularObject(100 * one.width, 100 * one.depth, 100 * one.height, one.mass, _GREY)
-    made.dryFrictionCoefficient = one.friction
+        made = enki.RectangularObject(
+            100 * pushed.width, 100 * pushed.depth, 100 * pushed.height, pushed.mass, _GREY
+        )
+    made.dryFrictionCoefficient = pushed.friction
     return made
 
 

@@ -215,7 +215,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         self.has_groups = bool(description.groups)
         self.steers_itself = description.steers_itself
         self.has_scenes = defines(kind, "scene")
-        is_declared = any("most_steps" in vars(one) for one in kind.__mro__ if one is not Described)
+        is_declared = any("most_steps" in vars(base) for base in kind.__mro__ if base is not Described)
         self._declares_most_steps = is_declared or description.most_steps != Described.most_steps
         self._agents = 0
         self._steps = 0  # of the episode

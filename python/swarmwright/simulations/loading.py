@@ -229,7 +229,7 @@ def module_named(name: str) -> ModuleType:
             require_copy(*held, choose(*held))
     if not inside:
         return _from_file(path)
-    names = {one.stem for one in path.iterdir() if one.suffix in {"", ".py"}}
+    names = {neighbour.stem for neighbour in path.iterdir() if neighbour.suffix in {"", ".py"}}
     with _explained(str(file)), _apart(path, names).entered():
         importlib.import_module(inside)
     return sys.modules[name]

@@ -66,7 +66,7 @@ def no_experiment(path: Path) -> str | None:
         return f"{path}: {of_a_simulator}"
     if path.suffix != ".py":
         return None
-    found = next((f"{path.name}:{one}" for one, _ in _classes(path)), f"{path.name}:CLASS")
+    found = next((f"{path.name}:{name}" for name, _ in _classes(path)), f"{path.name}:CLASS")
     return (
         f"{path}: is a program in Python, not an experiment; write an experiment file with the line "
         f"'simulation: {found}'"

@@ -345,7 +345,7 @@ def _world(plain: Mapping[str, Any]) -> World:
             for model in plain["models"]
         ],
         robots=plain["robots"],
-        objects=[PushedObject(**one) for one in plain["objects"]],
+        objects=[PushedObject(**pushed) for pushed in plain["objects"]],
     )
 
 

@@ -71,7 +71,11 @@ def without_options(registry: Registry[Any]) -> list[str]:
     """Return the kinds without required options, and the built-in ones."""
     names = registry.names()
     fields = {name: registry.get(name).options_model.model_fields.values() for name in names}
-    return [name for name in names if name in EXAMPLES or not any(one.is_required() for one in fields[name])]
+    return [
+        name
+        for name in names
+        if name in EXAMPLES or not any(field_of_model.is_required() for field_of_model in fields[name])
+    ]
 
 
 def representation(

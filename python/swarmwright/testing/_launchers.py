@@ -90,7 +90,7 @@ def _check_life(launcher: Launcher, broker: str, timeout: float) -> None:
         lambda: _ready(broker) == {11, 12}, timeout, "the servers 11 and 12 must be on the broker", launcher
     )
     _until(
-        lambda: {one.state for one in launcher.health().values()} == {"running"},
+        lambda: {state.state for state in launcher.health().values()} == {"running"},
         timeout,
         "servers that are on the broker must be running",
         launcher,
@@ -120,6 +120,6 @@ def _state(launcher: Launcher | None) -> str:
     if launcher is None:
         return ""
     states = launcher.health()
-    lines = [f"{server}: {one.state} {one.reason}".rstrip() for server, one in sorted(states.items())]
+    lines = [f"{server}: {state.state} {state.reason}".rstrip() for server, state in sorted(states.items())]
     logs = [line for server in states for line in launcher.logs(server)]
     return ": " + "\n".join([*lines, *logs])

@@ -323,12 +323,12 @@ def check_method(kind: str) -> None:
     """
     check_options(METHODS, kind)
     made = [representation(name) for name in without_options(REPRESENTATIONS)]
-    suitable = [one for one in (*made, BoundedGenes()) if _accepts(kind, one)]
+    suitable = [subject for subject in (*made, BoundedGenes()) if _accepts(kind, subject)]
     assert suitable, f"{kind} refuses every representation"
-    for one in suitable:
-        _check_determinism(kind, one)
-        if np.isfinite(one.bounds).any():
-            _check_bounds(kind, one)
+    for subject in suitable:
+        _check_determinism(kind, subject)
+        if np.isfinite(subject.bounds).any():
+            _check_bounds(kind, subject)
     _check_choices(kind)
     first = suitable[0]
     _check_budget(kind, first)

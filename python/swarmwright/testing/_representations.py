@@ -219,10 +219,10 @@ def _check_perturbations(subject: Representation) -> None:
 
     wide = around(1.0, 1.0)
     assert wide.shape == parents.shape, f"perturbations returns the shape {wide.shape}"
-    for one in wide:
-        _is_genome(subject, one, "perturbations")
+    for genome in wide:
+        _is_genome(subject, genome, "perturbations")
     assert (parents == parent).all(), "perturbations must not change its argument"
-    assert {one.tobytes() for one in wide} - {parent.tobytes()}, "perturbations must change something"
+    assert {genome.tobytes() for genome in wide} - {parent.tobytes()}, "perturbations must change something"
     assert around(1.0, 1.0, 20).tobytes() == wide[20:].tobytes(), "each must depend on its stream alone"
     narrow = around(0.01, 0.01)
     apart, near = (subject.distances(parent, rows).sum() for rows in (wide, narrow))

@@ -222,10 +222,10 @@ class Outcome:
                 except InputError as error:
                     unreadable.append(as_unreadable(task.folder, error))
         return found, [
-            replace(one, label=task.variant.label, seed=task.seed)
-            for one in unreadable
+            replace(left_out_run, label=task.variant.label, seed=task.seed)
+            for left_out_run in unreadable
             for task in self.tasks
-            if task.folder == one.path
+            if task.folder == left_out_run.path
         ]
 
 

@@ -45,7 +45,7 @@ def require_effect(
         variants: of it.
     """
     grids = [one for one in (grid if isinstance(grid, list) else [grid]) if isinstance(one, Mapping)]
-    named = [{_path(str(key)): key for key in one} for one in grids]
+    named = [{_path(str(key)): key for key in grid_of_list} for grid_of_list in grids]
     for setting in parse_settings(settings):
         path = setting.path
         # A section of the grid, such as `method`, keeps the options that it does not name.

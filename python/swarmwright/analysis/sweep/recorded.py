@@ -127,7 +127,7 @@ def with_names(values: Mapping[str, Any], names: Mapping[str, str]) -> dict[str,
         lists = {key: controller[key] for key in _MODULES if isinstance(controller.get(key), list)}
         changed["controller"] = {
             **controller,
-            **{key: [_named(one, names) for one in found] for key, found in lists.items()},
+            **{key: [_named(module, names) for module in found] for key, found in lists.items()},
         }
     return changed
 

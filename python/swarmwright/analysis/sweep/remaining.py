@@ -92,13 +92,13 @@ class Status(Listener):
 
     def generation(self, task: Task, generation: Generation) -> None:
         """Note how far it is."""
-        one = self.under_way[task]
-        one.generation, one.heard, one.part, one.waiting_for = generation, self._clock(), 0.0, ""
+        run = self.under_way[task]
+        run.generation, run.heard, run.part, run.waiting_for = generation, self._clock(), 0.0, ""
 
     def evaluating(self, task: Task, done: int, total: int, waiting_for: str) -> None:
         """Note how far the generation is."""
-        one = self.under_way[task]
-        one.part, one.waiting_for = (done / total if total else 0.0), waiting_for
+        run = self.under_way[task]
+        run.part, run.waiting_for = (done / total if total else 0.0), waiting_for
 
     def ended(self, task: Task, run: Run) -> None:
         """Note how long it took."""

@@ -216,8 +216,8 @@ def _with_longer_runs(sweep: Sweep, folders: Sequence[str]) -> list[str]:
     found = _shorter_runs(sweep, set(folders)) if any(new) else []
     chosen = list(folders)
     for place, variant in enumerate(sweep.variants):
-        for one in found if new[place] else ():
-            name, experiment = one
+        for earlier in found if new[place] else ():
+            name, experiment = earlier
             if comparable(experiment) == {**comparable(variant.experiment), "seed": experiment.seed} and all(
                 limit is None or (before is not None and limit >= before)
                 for limit, before in zip(
@@ -225,7 +225,7 @@ def _with_longer_runs(sweep: Sweep, folders: Sequence[str]) -> list[str]:
                 )
             ):
                 chosen[place] = name
-                found.remove(one)
+                found.remove(earlier)
                 break
     return chosen
 

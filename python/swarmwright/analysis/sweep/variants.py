@@ -105,7 +105,9 @@ def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[s
             raise InputError(
                 f"{source.place((*at, key))}the grid names the whole of '{section}', too; name one of the two"
             )
-        whole = next((one for one in map(str, grid) if "." in one and str(key).startswith(f"{one}.")), None)
+        whole = next(
+            (prefix for prefix in map(str, grid) if "." in prefix and str(key).startswith(f"{prefix}.")), None
+        )
         if whole is not None:
             raise InputError(
                 f"{source.place((*at, key))}the grid names the whole of '{whole}', too; name one of the two"

@@ -63,10 +63,14 @@ def _runs(transfer: "Transfer") -> Iterator[str]:
         yield from columns(rows)
 
 
-def _of_run(one: "Transferred") -> list[str]:
-    numbers = (one.source_fitness[0].mean, one.target_fitness[0].mean, one.losses[0].mean)
-    order = "" if one.correlation is None else _correlation(one.correlation)
-    return [str(one.run.path), *map(number, numbers), _interval(one.losses[0]), order]
+def _of_run(transferred: "Transferred") -> list[str]:
+    numbers = (
+        transferred.source_fitness[0].mean,
+        transferred.target_fitness[0].mean,
+        transferred.losses[0].mean,
+    )
+    order = "" if transferred.correlation is None else _correlation(transferred.correlation)
+    return [str(transferred.run.path), *map(number, numbers), _interval(transferred.losses[0]), order]
 
 
 def _groups(transfer: "Transfer") -> Iterator[str]:

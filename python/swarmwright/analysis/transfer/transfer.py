@@ -101,7 +101,11 @@ def transfer(
         plan.check(broker)
     total = sum(plan.episodes(seeds) for plan in plans)
     work = Work(episodes, broker, servers, on_progress, total, prefix=prefix)
-    found = [one for run, plan in zip(kept, plans, strict=True) for one in _transferred(run, plan, work)]
+    found = [
+        transferred
+        for run, plan in zip(kept, plans, strict=True)
+        for transferred in _transferred(run, plan, work)
+    ]
     names = tuple(target.name for target in targets)
     said = (*notes, *_same(plans), *_cautions(groups, found))
     result = Transfer(tuple(episodes), names, tuple(found), tuple(groups), said)
@@ -141,10 +145,10 @@ def _failed(found: Sequence[Transferred]) -> Iterator[str]:
     """Yield how many episodes failed in each simulation, and how they count."""
     there: dict[str, int] = {}
     here: dict[str, int] = {}  # those of a run are the same for all of its targets
-    for one in found:
-        there[one.target] = there.get(one.target, 0) + one.failed
-        here[str(one.run.path)] = one.source_failed
-    left_out = any(one.ranking.options.failure_fitness is None for one in found)
+    for transferred in found:
+        there[transferred.target] = there.get(transferred.target, 0) + transferred.failed
+        here[str(transferred.run.path)] = transferred.source_failed
+    left_out = any(transferred.ranking.options.failure_fitness is None for transferred in found)
     how = (
         "are left out, so the means are those of the episodes that worked and not to be reported; "
         "ranking.failed: NUMBER gives failures a fitness"
@@ -169,7 +173,7 @@ def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Itera
         yield alone
     yield from pooled(groups, tasks)
     yield from budgets(groups)
-    if any(not math.isfinite(one.losses[0].mean) for one in found):
+    if any(not math.isfinite(transferred.losses[0].mean) for transferred in found):
         yield "the best of a run failed in every episode"
 
 
@@ -179,5 +183,5 @@ def of_run(run: Run) -> Transfer | None:
     if not found:
         return None
     groups, _ = group([run])
-    names = tuple(one.target for one in found)
+    names = tuple(transferred.target for transferred in found)
     return Transfer(tuple(seeds_of(run)), names, found, tuple(groups), tuple(_cautions(groups, found)))

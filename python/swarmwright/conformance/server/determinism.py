@@ -56,14 +56,14 @@ def deterministic(server: Server) -> str | None:
     """An episode twice, each after the same other one."""
     said = declared(server)
     another(server)
-    one = server.play(parameters=seeded(server, 1))
+    trajectory = server.play(parameters=seeded(server, 1))
     another(server)
     two = server.play(parameters=seeded(server, 1))
-    difference = one.difference(two)
+    difference = trajectory.difference(two)
     if said in {"none", "statistical"}:
         server.deterministic = False
         if said == "statistical":
-            _within_tolerance(server, one, two)
+            _within_tolerance(server, trajectory, two)
         raise Skip(f'declared "{said}"; twice the same episode: {difference or "the same bits"}')
     if difference:
         server.deterministic = False

@@ -271,16 +271,16 @@ class Swarm:
         )
         _limit(table, 0, (0, len(self._behaviours) - 1, True))
         _limit(table, 3, (0, self._most, True))
-        for one in catalogue.behaviours:
-            for name, place in catalogue.behaviour_places[one.name].items():
-                _limit(table, place, one.parameters[name])
+        for module in catalogue.behaviours:
+            for name, place in catalogue.behaviour_places[module.name].items():
+                _limit(table, place, module.parameters[name])
         for k in range(self._most):
             at = self._first + k * self._each
             table[..., at] = np.trunc(np.clip(table[..., at], 0, counts[:, np.newaxis] - 1))
             _limit(table, at + 1, (0, len(self._conditions) - 1, True))
-            for one in catalogue.conditions:
-                for name, place in catalogue.condition_places[one.name].items():
-                    _limit(table, at + place, one.parameters[name])
+            for module in catalogue.conditions:
+                for name, place in catalogue.condition_places[module.name].items():
+                    _limit(table, at + place, module.parameters[name])
         return counts, table
 
     def restart(self, owners: Rows) -> None:

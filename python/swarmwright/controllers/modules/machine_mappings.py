@@ -52,11 +52,11 @@ def tree_mapping_of(subtrees: Sequence[State]) -> dict[str, Any]:
     """Return a tree as files hold it."""
     entries = []
     for subtree in subtrees:
-        (one,) = subtree.transitions
+        (transition,) = subtree.transitions
         entries.append(
             {
-                "condition": one.condition,
-                **one.parameters,
+                "condition": transition.condition,
+                **transition.parameters,
                 "behaviour": subtree.behaviour,
                 **subtree.parameters,
             }

@@ -61,8 +61,8 @@ def as_diagram(states: Sequence[State], language: Literal["dot", "mermaid"]) -> 
 
 def condition_words(subtree: State) -> str:
     """Return the condition of a subtree in words, with its parameters."""
-    (one,) = subtree.transitions
-    return _condition_words(one)
+    (transition,) = subtree.transitions
+    return _condition_words(transition)
 
 
 def tree_text(subtrees: Sequence[State]) -> str:

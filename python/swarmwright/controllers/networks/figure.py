@@ -226,9 +226,9 @@ def _legend(figure: "Figure", unit: float, bias_unit: float, recurrent: bool) ->
 
 def _draw_matrices(network: Network, names: Names, title: str) -> "Figure":
     sizes, found = network.columns, network.matrices or network.layers
-    unit = _largest(np.concatenate([np.column_stack([one.bias, one.weights]).ravel() for one in found]))
-    figure = new_figure(10, 2.2 + sum(_height(one) for one in found))
-    grid = figure.subplots(len(found), 1, height_ratios=[_height(one) for one in found], squeeze=False)
+    unit = _largest(np.concatenate([np.column_stack([node.bias, node.weights]).ravel() for node in found]))
+    figure = new_figure(10, 2.2 + sum(_height(node) for node in found))
+    grid = figure.subplots(len(found), 1, height_ratios=[_height(node) for node in found], squeeze=False)
     image = None
     for axes, layer in zip(grid[:, 0], found, strict=True):
         image = axes.imshow(

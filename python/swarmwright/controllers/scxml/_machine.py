@@ -169,7 +169,7 @@ def _keeping_actuators(effects: list[_Effect], actuators: int) -> tuple[int, ...
     return tuple(
         actuator
         for actuator in range(actuators)
-        if any(all(actuator != one for one, _ in values) for _, values in effects)
+        if any(all(actuator != other for other, _ in values) for _, values in effects)
     )
 
 
@@ -182,16 +182,16 @@ def _explore(
     """Add a state with what it keeps, and all that can follow."""
     waiting = [begin]
     while waiting:
-        one = waiting.pop()
-        if one in found:
+        waiting_state = waiting.pop()
+        if waiting_state in found:
             continue
-        found[one] = None
+        found[waiting_state] = None
         if len(found) > _MOST_STATES:
             raise ValueError(
                 f"what actuators keep makes more than {_MOST_STATES} states; assign every actuator in each "
                 "state"
             )
-        state, held = one
+        state, held = waiting_state
         for target, values in dict.fromkeys(effects[state]):
             outputs = list(held)
             for actuator, value in values:
@@ -214,7 +214,7 @@ def _variants(
         # States that no transition leads to stay, too.
         if not any(reached == state for reached, _ in found):
             _explore(first if state == 0 else (state, tuple(0.0 for _ in start)), effects, kept, found)
-    order = sorted(found, key=lambda one: (one != first, one[0]))
+    order = sorted(found, key=lambda key: (key != first, key[0]))
     return {one: index for index, one in enumerate(order)}
 
 
@@ -236,7 +236,7 @@ class StateMachine:
     @property
     def states(self) -> dict[str, State]:
         """All states, without histories, by name."""
-        return {one.name: one for one in self.root.all() if one.kind not in {"scxml", "history"}}
+        return {state.name: state for state in self.root.all() if state.kind not in {"scxml", "history"}}
 
     @property
     def assigned(self) -> list[str]:
@@ -376,19 +376,21 @@ class _Resolved:
         number = self._number(actuator, self.actuators, "actuator")
         return -1 if number is None else number
 
-    def _edge(self, source: State, one: Transition) -> Edge:
-        edge = Edge(source, one, [self.all[target] for target in one.targets])
-        if one.condition is not None:
+    def _edge(self, source: State, transition: Transition) -> Edge:
+        edge = Edge(source, transition, [self.all[target] for target in transition.targets])
+        if transition.condition is not None:
             try:
-                edge.condition = condition(one.condition, partial(self._sensor, one.line), self.constants)
+                edge.condition = condition(
+                    transition.condition, partial(self._sensor, transition.line), self.constants
+                )
             except ConditionError as error:
-                self.problems.add(f"{self.machine.path}:{one.line}: <transition>: cond: {error}")
+                self.problems.add(f"{self.machine.path}:{transition.line}: <transition>: cond: {error}")
             for name in sorted(named(edge.condition) - self.machine.states.keys()):
                 self.problems.add(
-                    f"{self.machine.path}:{one.line}: <transition>: cond: In({name!r}): "
+                    f"{self.machine.path}:{transition.line}: <transition>: cond: In({name!r}): "
                     f"{unknown('state', name, list(self.machine.states))}"
                 )
-        trigger = self._trigger(one)
+        trigger = self._trigger(transition)
         if trigger is not None:
             parts = tuple(part for part in (trigger, edge.condition) if part is not True)
             edge.on_step = True if not parts else parts[0] if len(parts) == 1 else Combined("and", parts)
@@ -397,17 +399,17 @@ class _Resolved:
         edge.compares = bool(compared)
         return edge
 
-    def _trigger(self, one: Transition) -> Condition | None:
+    def _trigger(self, transition: Transition) -> Condition | None:
         """Return when the event of a control step triggers a transition; None for never."""
         found: list[Condition] = []
-        for event in one.events:
+        for event in transition.events:
             if event in EVENTS:
                 return True
             if any(matches(event, given) for given in self.given):
                 continue
-            number = self._number(event, self.sensors, "sensor", one.line)
+            number = self._number(event, self.sensors, "sensor", transition.line)
             if number is None:
-                self._unknown(one.line, "event", event, ["step", *sorted(self.given), *self.sensors])
+                self._unknown(transition.line, "event", event, ["step", *sorted(self.given), *self.sensors])
             else:
                 found.append(Above(number, 0.0))
         return None if not found else found[0] if len(found) == 1 else Combined("or", tuple(found))

@@ -334,7 +334,7 @@ class _Reader:
         awaited = Descriptors(waited)
         for state in self.states.values():
             for block in (state.entry, state.exit, *(t.actions for t in state.all_transitions)):
-                for one in [one for one in block if isinstance(one, Event)]:
+                for one in [item for item in block if isinstance(item, Event)]:
                     if awaited.match(one.name):
                         continue
                     block.remove(one)
@@ -356,16 +356,17 @@ class _Reader:
             for transition in state.transitions:
                 self._check(state, transition, "target")
 
-    def _check(self, state: State, one: Transition, what: str) -> None:
+    def _check(self, state: State, transition: Transition, what: str) -> None:
         """Check that targets are there, in the state where they have to be, and can be active together."""
-        place = f"{self.root.file}:{one.line}: <{'transition' if what == 'target' else state.kind}>: {what}:"
+        element = "transition" if what == "target" else state.kind
+        place = f"{self.root.file}:{transition.line}: <{element}>: {what}:"
         found = []
-        for name in one.targets:
+        for name in transition.targets:
             if name in self.states:
                 found.append(self.states[name])
             else:
                 self.problems.add(f"{place} there is no state {name!r}{did_you_mean(name, self.states)}")
-        if one is state.initial:
+        if transition is state.initial:
             parent = state.parent if state.kind == "history" else state
             for target in found:
                 shallow = state.kind == "history" and not state.deep

@@ -124,22 +124,22 @@ class Steps:
             branch = waiting.pop()
             key = (branch.active, branch.snapshot.remembered, branch.internal, branch.external)
             if key in branch.seen or branch.microsteps > _MOST_MICROSTEPS:
-                atomic = min(one for one in branch.active if self._states[one].is_atomic)
+                atomic = min(state for state in branch.active if self._states[state].is_atomic)
                 raise EndlessError(repr(self._states[atomic].name))
             _check_size(branch)
             branch = replace(branch, seen=branch.seen | {key})
             for rows, chosen in self._select(branch, lambda e: None if e.of.events else e.condition, started):
-                one = replace(branch, rows=rows)
+                part = replace(branch, rows=rows)
                 if chosen:
-                    waiting.append(self._microstep(one, chosen))
+                    waiting.append(self._microstep(part, chosen))
                 elif branch.internal:
                     event, rest = branch.internal[0], branch.internal[1:]
-                    waiting += self._on(replace(one, internal=rest), event, started)
+                    waiting += self._on(replace(part, internal=rest), event, started)
                 elif branch.external:
                     event, rest = branch.external[0], branch.external[1:]
-                    waiting += self._on(replace(one, external=rest), event, started)
+                    waiting += self._on(replace(part, external=rest), event, started)
                 else:
-                    ends.append(one)
+                    ends.append(part)
         return ends
 
     def _on(self, branch: _Branch, event: str, started: bool) -> list[_Branch]:
@@ -153,8 +153,8 @@ class Steps:
     ) -> list[_Branch]:
         found = []
         for rows, chosen in self._select(branch, condition, started):
-            one = replace(branch, rows=rows)
-            found.append(self._microstep(one, chosen) if chosen else one)
+            part = replace(branch, rows=rows)
+            found.append(self._microstep(part, chosen) if chosen else part)
         return found
 
     def _select(
@@ -201,7 +201,7 @@ class Steps:
         return self._truth(test, self._names(branch.active))[:1]
 
     def _names(self, active: frozenset[int]) -> frozenset[str]:
-        return frozenset(self._states[one].name for one in active)
+        return frozenset(self._states[state].name for state in active)
 
     def _holds(self, edge: Edge, test: Condition, active: frozenset[int]) -> Bits:
         asked = named(test)
@@ -214,11 +214,11 @@ class Steps:
     def _without_conflicts(self, branch: _Branch, chosen: list[Edge]) -> list[Edge]:
         """Leave out transitions that would leave a state which another one leaves: inner sources win."""
         kept: list[tuple[Edge, frozenset[int]]] = []
-        for one in chosen:
-            leaves = self._exits(branch, [one])
+        for state in chosen:
+            leaves = self._exits(branch, [state])
             rivals = [other for other in kept if leaves & other[1]]
-            if all(one.source.inside(other.source) for other, _ in rivals):
-                kept = [other for other in kept if other not in rivals] + [(one, leaves)]
+            if all(state.source.inside(other.source) for other, _ in rivals):
+                kept = [other for other in kept if other not in rivals] + [(state, leaves)]
         return [edge for edge, _ in kept]
 
     def _microstep(self, branch: _Branch, chosen: list[Edge]) -> _Branch:
@@ -249,13 +249,13 @@ class Steps:
     def _memory(self, history: State, active: frozenset[int]) -> tuple[int, ...]:
         parent = history.parent
         assert parent is not None
-        inside = [one for one in sorted(active) if self._states[one].inside(parent)]
+        inside = [state for state in sorted(active) if self._states[state].inside(parent)]
         if history.deep:
-            return tuple(one for one in inside if self._states[one].is_atomic)
-        return tuple(one for one in inside if self._states[one].parent is parent)
+            return tuple(state for state in inside if self._states[state].is_atomic)
+        return tuple(state for state in inside if self._states[state].parent is parent)
 
     def _outputs_of(self, block: Sequence[Any]) -> tuple[Output, ...]:
-        return tuple(self._outputs[id(one)] for one in block if id(one) in self._outputs)
+        return tuple(self._outputs[id(item)] for item in block if id(item) in self._outputs)
 
     def _targets(self, branch: _Branch, targets: Sequence[State]) -> list[State]:
         """Return targets with what histories stand for."""
@@ -264,7 +264,7 @@ class Steps:
             if target.kind != "history":
                 found.append(target)
             elif target.order in branch.remembered:
-                found += [self._states[one] for one in branch.remembered[target.order]]
+                found += [self._states[state] for state in branch.remembered[target.order]]
             else:
                 assert target.initial is not None
                 found += self._targets(branch, self._edges[id(target.initial)].targets)
@@ -288,7 +288,7 @@ class Steps:
         for edge in edges:
             if edge.targets:
                 domain = self._domain(branch, edge)
-                found |= {one for one in branch.active if self._states[one].inside(domain)}
+                found |= {state for state in branch.active if self._states[state].inside(domain)}
         return frozenset(found)
 
     def _enter(self, branch: _Branch, chosen: Sequence[Edge]) -> _Branch:
@@ -385,7 +385,7 @@ def _queued(
     block: Sequence[Any], internal: tuple[str, ...], external: tuple[str, ...]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return both queues with the events of a block of actions."""
-    events = [one for one in block if isinstance(one, Event)]
+    events = [item for item in block if isinstance(item, Event)]
     return (
         internal + tuple(event.name for event in events if event.internal),
         external + tuple(event.name for event in events if not event.internal),

@@ -179,7 +179,7 @@ def plain(text: object) -> str:
     shown = re.sub(rf"(?<=\w){_DEGREE}", f" {_DEGREE}", _spelled(str(text)))
     shown = re.sub(rf"{_DEGREE}(?=\w)", f"{_DEGREE} ", shown).replace(_DEGREE, "degrees")
     shown = shown.replace("\\", "/").replace('"', "'").replace("*/", "* /").replace("/*", "/ *")
-    shown = "".join(one if 32 <= ord(one) < 127 else "?" for one in shown)
+    shown = "".join(character if 32 <= ord(character) < 127 else "?" for character in shown)
     return _TRIGRAPH.sub("? ?", shown)
 
 
@@ -188,7 +188,11 @@ def _spelled(text: str) -> str:
     if text.isascii():
         return text
     raised = _RAISED.sub(lambda found: f"^{found[0].translate(_SUPERSCRIPTS)}", text)
-    letters = (one for one in unicodedata.normalize("NFKD", raised) if not unicodedata.combining(one))
+    letters = (
+        character
+        for character in unicodedata.normalize("NFKD", raised)
+        if not unicodedata.combining(character)
+    )
     return "".join(
         letter if letter.isascii() else _LATIN.get(letter) or _greek(letter) or letter for letter in letters
     )

@@ -284,12 +284,12 @@ def _legend(figure: "Figure", designs: "Sequence[Design]", entries: Sequence[str
         text.set_parse_math(False)
 
 
-def _curve(axes: "Axes", one: "Group", design: "Design", x: str, curve: Curve, *, extremes: bool) -> Drawn:
+def _curve(axes: "Axes", group: "Group", design: "Design", x: str, curve: Curve, *, extremes: bool) -> Drawn:
     """Draw a group's curve; return x, and the least and the greatest that is drawn there."""
     color, dashes = look(design.number)
-    places, values, shortest = together(one.runs, x, curve)
+    places, values, shortest = together(group.runs, x, curve)
     low, lower, middle, upper, high = map(drawable, bands(values))
-    if len(one.runs) > 1:
+    if len(group.runs) > 1:
         steps: dict[str, Any] = {"step": "post", "color": color, "linewidth": 0}
         if extremes:
             axes.fill_between(places, low, high, alpha=0.10, **steps)
@@ -307,10 +307,10 @@ def _curve(axes: "Axes", one: "Group", design: "Design", x: str, curve: Curve, *
     return (places, low, high) if extremes else (places, lower, upper)
 
 
-def _final(axes: "Axes", one: "Group", place: int, number: int) -> None:
+def _final(axes: "Axes", group: "Group", place: int, number: int) -> None:
     """Draw what is compared of a group's runs; number: of its colour."""
     color, _ = look(number)
-    values = drawable(one.final[~np.isnan(one.final)])
+    values = drawable(group.final[~np.isnan(group.final)])
     if not len(values):
         axes.text(place, 0.5, "all failed", transform=axes.get_xaxis_transform(), ha="center", rotation=90)
         return

@@ -28,7 +28,9 @@ def draw(transfer: "Transfer") -> "Figure":
     keys = {key for group in transfer.groups for key in group.differs}
     groups = sorted(transfer.groups, key=lambda group: sort_key(group.differs, keys))
     labels = [textwrap.wrap(f"{group.label} ({counted(len(group.runs), 'run')})", _LABEL) for group in groups]
-    if any(candidate.generation is None for one in transfer.runs for candidate in one.candidates):
+    if any(
+        candidate.generation is None for transferred in transfer.runs for candidate in transferred.candidates
+    ):
         labels.append(["random controllers"])
     signs = _signs(transfer)
     labels += [[name] for name, _ in signs]
@@ -38,11 +40,11 @@ def draw(transfer: "Transfer") -> "Figure":
     figure = new_figure(1.0 + 4.6 * count, 5.5 + 0.2 * lines)
     fields = figure.subplots(1, count, squeeze=False)[0]
     group_of = {str(run.path): index for index, group in enumerate(groups) for run in group.runs}
-    own = sorted({one.run.experiment.subject for one in transfer.runs})
+    own = sorted({transferred.run.experiment.subject for transferred in transfer.runs})
     for axes, target in zip(fields, transfer.targets, strict=True):
-        for one in transfer.runs:
-            if one.target == target:
-                _points(axes, one, group_of[str(one.run.path)])
+        for transferred in transfer.runs:
+            if transferred.target == target:
+                _points(axes, transferred, group_of[str(transferred.run.path)])
         low, high = (
             min(axes.get_xlim()[0], axes.get_ylim()[0]), max(axes.get_xlim()[1], axes.get_ylim()[1])
         )  # fmt: skip
@@ -66,7 +68,7 @@ def draw(transfer: "Transfer") -> "Figure":
     )
     for text in legend.get_texts():
         text.set_parse_math(False)
-    count = len({str(one.run.path) for one in transfer.runs})
+    count = len({str(transferred.run.path) for transferred in transfer.runs})
     entitle(figure, f"{counted(count, 'run')}: transfer from {', '.join(own)}")
     return figure
 
@@ -87,10 +89,10 @@ def _signs(transfer: "Transfer") -> list[tuple[str, dict[str, Any]]]:
     return found
 
 
-def _points(axes: "Axes", one: "Transferred", group: int) -> None:
+def _points(axes: "Axes", transferred: "Transferred", group: int) -> None:
     color, _ = look(group)
     for index, (candidate, here, there) in enumerate(
-        zip(one.candidates, one.source_fitness, one.target_fitness, strict=True)
+        zip(transferred.candidates, transferred.source_fitness, transferred.target_fitness, strict=True)
     ):
         random = candidate.generation is None
         across, up = (0.0 if of.low is None else of.mean - of.low for of in (here, there))

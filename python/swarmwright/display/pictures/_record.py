@@ -118,7 +118,7 @@ class Pictures:
         self._kept[step] = _png(self._draw())
         if len(self._kept) > MOST_PICTURES and not ended:
             self._every *= 2
-            self._kept = {step: one for step, one in self._kept.items() if step % self._every == 0}
+            self._kept = {step: picture for step, picture in self._kept.items() if step % self._every == 0}
 
     def recording(self, step_size: float) -> PictureRecording:
         """Return what has been kept; step_size: seconds between two steps when shown."""

@@ -65,27 +65,29 @@ class Parameters:
         if evolved:
             found._take_optimised(model, known)
         elif model.optimised:
-            names = ", ".join(one.name for one in model.optimised)
+            names = ", ".join(parameter.name for parameter in model.optimised)
             found.notes.append(f"the optimised parameters {names} are not evolved, but the controller is")
         return found
 
     def _take_properties(self, model: Model, known: Known) -> None:
         problems = Problems()
-        named = [(one.name, one.place) for one in model.properties]
+        named = [(property_.name, property_.place) for property_ in model.properties]
         if known.agents is None:
             named += [(member.name, member.place) for member in model.members]
         for name, place in named:
             if known.is_ambiguous(name):
                 problems.add(place, known.missing(name))
         problems.stop()
-        for one in model.properties:
-            own = known.name(one.name)
+        for property_ in model.properties:
+            own = known.name(property_.name)
             if own is None:
-                self.left_out.append(
-                    f"{one_line(one.name)} = {one_line(str(one.value))}: {known.missing(one.name)}"
-                )
+                given = f"{one_line(property_.name)} = {one_line(str(property_.value))}"
+                self.left_out.append(f"{given}: {known.missing(property_.name)}")
             else:
-                self.fixed[own] = one.value, f"{one.name}, {one.place.file.name}:{one.place.line}"
+                self.fixed[own] = (
+                    property_.value,
+                    f"{property_.name}, {property_.place.file.name}:{property_.place.line}",
+                )
 
     def _take_members(self, model: Model, known: Known) -> None:
         if not model.members:
@@ -141,38 +143,44 @@ class Parameters:
     def _take_optimised(self, model: Model, known: Known) -> None:
         problems = Problems()
         names = [member.name for member in model.members]
-        for one in model.optimised:
-            found = alike(one.name, names)
+        for parameter in model.optimised:
+            found = alike(parameter.name, names)
             if len(found) > 1:
                 which = " or ".join(repr(names[index]) for index in found)
-                problems.add(one.place, f"{one.name!r} may be the agents {which}; write one of these names")
+                problems.add(
+                    parameter.place, f"{parameter.name!r} may be the agents {which}; write one of these names"
+                )
                 continue
             member = model.members[found[0]] if found else None
-            name = known.name(one.name)
+            name = known.name(parameter.name)
             if member is not None and len(model.members) == 1:
                 name = known.agents or name  # the number of agents is what is optimised
             elif member is not None and model.differ:
                 name = known.number_of(member.name)
             if name is None:
-                problems.add(one.place, known.missing(one.name))
+                problems.add(parameter.place, known.missing(parameter.name))
                 continue
             if name in self.evolved:
-                problems.add(one.place, f"{one.name} is the same parameter as another one, {name}")
+                problems.add(
+                    parameter.place, f"{parameter.name} is the same parameter as another one, {name}"
+                )
                 continue
             if member is not None and self.agents:
-                self.agents += max(0, int(one.range[1]) - member.number)
+                self.agents += max(0, int(parameter.range[1]) - member.number)
             self.fixed.pop(name, None)
-            self.evolved[name] = _options(one), _where(one)
+            self.evolved[name] = _options(parameter), _where(parameter)
         problems.stop()
 
 
-def _options(one: Optimised) -> dict[str, Any]:
-    return {"type": "integer" if one.whole else "real", "range": one.range}
+def _options(parameter: Optimised) -> dict[str, Any]:
+    return {"type": "integer" if parameter.whole else "real", "range": parameter.range}
 
 
-def _where(one: Optimised) -> str:
-    scaled = "" if one.scale == 1 else f", {one.low} to {one.high} times {one.scale:g}"
-    return f"{one.meta}{scaled}, {one.place.file.name}:{one.place.line}"
+def _where(parameter: Optimised) -> str:
+    scaled = (
+        "" if parameter.scale == 1 else f", {parameter.low} to {parameter.high} times {parameter.scale:g}"
+    )
+    return f"{parameter.meta}{scaled}, {parameter.place.file.name}:{parameter.place.line}"
 
 
 Groups = dict[str, tuple[dict[str, Any], Place]]

@@ -58,7 +58,7 @@ def files_of(paths: Iterable[Path]) -> list[Path]:
         if not path.is_dir():
             found.append(path)
             continue
-        inside = sorted(one for one in path.iterdir() if _is_model(one))
+        inside = sorted(neighbour for neighbour in path.iterdir() if _is_model(neighbour))
         if not inside:
             raise InputError(f"{path}: no file with the ending {', '.join(sorted(_SUFFIXES))} is in it")
         found += inside

@@ -47,7 +47,7 @@ class Model:
         return problems
 
     def _all(self, name: str) -> list[Any]:
-        return [one for part in self.parts for one in getattr(part, name)]
+        return [item for part in self.parts for item in getattr(part, name)]
 
     def _only(self, name: str) -> Any:  # noqa: ANN401 - of the field's type
         return next((value for part in self.parts if (value := getattr(part, name)) is not None), None)

@@ -58,7 +58,9 @@ class Known:
     def agents(self) -> str | None:
         """The parameter with the number of agents; None where there is none, or where any may exist."""
         return (
-            None if self.parameters is None else next((one for one in AGENTS if one in self.parameters), None)
+            None
+            if self.parameters is None
+            else next((name for name in AGENTS if name in self.parameters), None)
         )
 
     def number_of(self, kind: str) -> str | None:

@@ -198,7 +198,7 @@ class _Statements(Transformer[Token, Any]):
     """What becomes of each rule of the grammar."""
 
     def start(self, found: list[Any]) -> list[Statement]:
-        return [one for one in found if isinstance(one, Statement)]
+        return [word for word in found if isinstance(word, Statement)]
 
     def words(self, tokens: list[Token]) -> list[Token]:
         return tokens
@@ -215,7 +215,7 @@ class _Statements(Transformer[Token, Any]):
     def with_body(self, found: list[Any]) -> Statement:
         tokens: list[Token] = found[0] if len(found) > 1 else []
         brace, *inside, _ = found[-1]
-        body = [one for one in inside if isinstance(one, Statement)]
+        body = [word for word in inside if isinstance(word, Statement)]
         if inside and isinstance(inside[-1], list):  # the words of a result
             result = inside[-1]
             _check_result(tokens, result)
@@ -245,7 +245,7 @@ def _check_result(owner: list[Token], result: list[Token]) -> None:
     for token in result:
         depth += (token.type in _OPENING) - (token.type in _CLOSED)
         declares = declares or (not depth and str(token) in _DECLARING)
-    kind = next((str(one) for one in owner if str(one) not in PREFIXES | DIRECTIONS), "")
+    kind = next((str(part) for part in owner if str(part) not in PREFIXES | DIRECTIONS), "")
     if declares or kind in _NO_RESULT:
         raise _TokenError(result[-1], f"';' is missing after {_short(result[-1])}")
 

@@ -130,7 +130,7 @@ def _written(
         return sysml.with_values(part.path, value)
     if part.optimised:
         return _optimised(part, value)
-    names = [*(member.name for member in part.members), *(one.name for one in part.properties)]
+    names = [*(member.name for member in part.members), *(property_.name for property_ in part.properties)]
     if any(value(name) is not None for name in names):
         return _tags(part.path, value)
     return None

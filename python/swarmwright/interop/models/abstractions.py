@@ -25,8 +25,8 @@ _NUMBERS = frozenset(
 )
 _NO_NUMBERS = frozenset({"string", "time", "duration", "Header"})
 _XYZ, _XYZW = ("x", "y", "z"), ("x", "y", "z", "w")
-_POSE = (*(f"position.{one}" for one in _XYZ), *(f"orientation.{one}" for one in _XYZW))
-_TWIST = tuple(f"{part}.{one}" for part in ("linear", "angular") for one in _XYZ)
+_POSE = (*(f"position.{axis}" for axis in _XYZ), *(f"orientation.{axis}" for axis in _XYZW))
+_TWIST = tuple(f"{part}.{axis}" for part in ("linear", "angular") for axis in _XYZ)
 _MESSAGES = {
     "Point": _XYZ,
     "Point32": _XYZ,

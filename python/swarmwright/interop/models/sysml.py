@@ -91,7 +91,7 @@ class Feature:
     @cached_property
     def inside(self) -> list["Feature"]:
         """What is in its body."""
-        return [feature_of(one, self.path) for one in self.statement.body or []]
+        return [feature_of(statement, self.path) for statement in self.statement.body or []]
 
 
 def feature_of(statement: Statement, scope: tuple[str, ...] = ()) -> Feature:
@@ -361,7 +361,7 @@ class Names:
     def _anywhere_in(self, package: Scope, name: str) -> Feature | None:
         named = self._by_name.get(name, [])
         self._step(len(named))
-        return next((one for path, one in named if path[: len(package)] == package), None)
+        return next((feature for path, feature in named if path[: len(package)] == package), None)
 
     def _step(self, number: int = 1) -> None:
         """Count what is looked at. Raises TooManyNamesError when it is more than any sensible model needs."""
@@ -370,7 +370,9 @@ class Names:
             raise TooManyNamesError
 
     def _missing(self, names: Sequence[str]) -> str:
-        known = {name for name, ones in self._by_name.items() if any(one.is_definition for _, one in ones)}
+        known = {
+            name for name, ones in self._by_name.items() if any(feature.is_definition for _, feature in ones)
+        }
         hint = did_you_mean(names[-1], sorted(known)) or "; add its definition"
         shown = "::".join(names if len(names) <= 10 else [*names[:10], ".."])
         return f"{shown} is not defined in this file{hint}"
@@ -496,8 +498,10 @@ class _Reader:
                 f"{self.path}: has no agents; expected a part with a multiplicity, such as part agents : "
                 "Agent[3]; whose definition has ports or directed features (in, out)"
             )
-        named = [one for one in self.result.properties if one.name == SIMULATION]
-        self.result.properties = [one for one in self.result.properties if one.name != SIMULATION]
+        named = [property_ for property_ in self.result.properties if property_.name == SIMULATION]
+        self.result.properties = [
+            property_ for property_ in self.result.properties if property_.name != SIMULATION
+        ]
         self.result.titles = tuple(filter(None, [*(str(one.value) for one in named), self.result.name]))
         self.result.sensors = len(self.result.sensor_names) or None
         self.result.actuators = len(self.result.actuator_names) or None

@@ -166,9 +166,9 @@ def _t_tests(scores: Scores) -> Scores:
     differences = scores[:, [best]] - scores
     mean = (differences / rows).sum(axis=0)
     squares = ((differences - mean) ** 2).sum(axis=0)
-    for one in np.flatnonzero(np.isfinite(mean) & np.isfinite(squares) & (mean > 0)).tolist():
-        error = math.sqrt(float(squares[one]) / (rows - 1) / rows)
-        p[one] = student_tails(float(mean[one]) / error, rows - 1) if error > 0 else 0.0
+    for row in np.flatnonzero(np.isfinite(mean) & np.isfinite(squares) & (mean > 0)).tolist():
+        error = math.sqrt(float(squares[row]) / (rows - 1) / rows)
+        p[row] = student_tails(float(mean[row]) / error, rows - 1) if error > 0 else 0.0
     return p
 
 

@@ -108,8 +108,8 @@ class Transferability(SlowRanking):
             who = np.sort(self._choice(known, approximate, places, left, wanted))
             slow[who] = row_means((yield who))
             measured[who] = True
-        for one in np.flatnonzero(np.isfinite(slow)).tolist():
-            known = self._with_candidate(known, places[one], float(approximate[one]), float(slow[one]))
+        for row in np.flatnonzero(np.isfinite(slow)).tolist():
+            known = self._with_candidate(known, places[row], float(approximate[row]), float(slow[row]))
         fitness = self._fitness(known, approximate, places, measured, slow)
         return Ranked(fitness, known._replace(generations=known.generations + 1))
 

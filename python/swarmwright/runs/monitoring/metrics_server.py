@@ -55,7 +55,7 @@ class MetricsServer(socketserver.ThreadingMixIn, HTTPServer):
         """End connections that last too long; called twice a second."""
         with self._lock:
             oldest = time.monotonic() - LONGEST_S
-            for request in [one for one, began in self._began.items() if began < oldest]:
+            for request in [phase for phase, began in self._began.items() if began < oldest]:
                 self._end(request)
 
     def _end(self, request: socket.socket) -> None:

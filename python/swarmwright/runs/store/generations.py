@@ -56,11 +56,18 @@ class Row:
 
     def digest_after(self, previous: str) -> str:
         """Return the digest that it ought to have after this one."""
-        one = self.summary
+        summary = self.summary
         return digests.of_generation(
             previous,
-            (self.generation, self.first, one.evaluations, one.failed, self.leader),
-            (one.best, one.mean, one.best_so_far, one.lower_quartile, one.median, one.upper_quartile),
+            (self.generation, self.first, summary.evaluations, summary.failed, self.leader),
+            (
+                summary.best,
+                summary.mean,
+                summary.best_so_far,
+                summary.lower_quartile,
+                summary.median,
+                summary.upper_quartile,
+            ),
             self.seeds,
             self.evaluations_digest,
         )

@@ -120,7 +120,9 @@ def failures(connection: sqlite3.Connection, last: int) -> list[FailureReason]:
     """Return why attempts up to the row `last` failed, the most frequent reason first."""
     found: dict[str, FailureReason] = {}
     for reason, server, count, lost in connection.execute(_FAILURES, (last,)):
-        one = found.get(kind_of(reason)) or FailureReason(reason, 0, {}, 0)
-        servers = {**one.servers, server: one.servers.get(server, 0) + count}
-        found[kind_of(reason)] = FailureReason(one.reason, one.attempts + count, servers, one.lost + lost)
-    return sorted(found.values(), key=lambda one: -one.attempts)
+        failure = found.get(kind_of(reason)) or FailureReason(reason, 0, {}, 0)
+        servers = {**failure.servers, server: failure.servers.get(server, 0) + count}
+        found[kind_of(reason)] = FailureReason(
+            failure.reason, failure.attempts + count, servers, failure.lost + lost
+        )
+    return sorted(found.values(), key=lambda failure: -failure.attempts)

@@ -133,17 +133,17 @@ class Lookup:
         number = row.leader if equals is None else equals.number(self._generations, row)
         return self.evaluation(number, None)
 
-    def evaluations_of(self, one: Evaluation) -> list[Evaluation]:
+    def evaluations_of(self, evaluation: Evaluation) -> list[Evaluation]:
         """Return the evaluations of the same genome up to `one`, which is the last of them."""
-        numbers = self._generations.of_genome(one.genome.astype("<f4").tobytes(), one.number)
-        return [self.evaluation(number, None) for number in numbers[:-1]] + [one]
+        numbers = self._generations.of_genome(evaluation.genome.astype("<f4").tobytes(), evaluation.number)
+        return [self.evaluation(number, None) for number in numbers[:-1]] + [evaluation]
 
     def best(self) -> Best | None:
         """Return the best evaluation; None when there is none."""
         if self._generations.last() is None:
             return None
-        one = self.evaluation(None, None)
-        return Best(one.fitness, one.generation, one.candidate, one.genome)
+        evaluation = self.evaluation(None, None)
+        return Best(evaluation.fitness, evaluation.generation, evaluation.candidate, evaluation.genome)
 
     def row(self, generation: int) -> Row:
         """Return a generation. Raises InputError without that one."""

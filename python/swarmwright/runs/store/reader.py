@@ -178,9 +178,9 @@ class StoreReader:
                 rows = self._opened(connection).rows()
             for row in rows:
                 with begin() as connection:
-                    one = self._evaluated(self._opened(connection), row)
-                yield one
-                del one  # before the next one is read
+                    evaluation = self._evaluated(self._opened(connection), row)
+                yield evaluation
+                del evaluation  # before the next one is read
 
     def _evaluated(self, generations: Generations, row: Row) -> GenerationResult:
         sample = generations.sample(row)
@@ -200,9 +200,9 @@ class StoreReader:
         """Yield a generation, if it is there."""
         with self._generations() as generations:
             row = generations.row(generation)
-            one = None if row is None else self._evaluated(generations, row)
-        if one is not None:
-            yield one
+            evaluation = None if row is None else self._evaluated(generations, row)
+        if evaluation is not None:
+            yield evaluation
 
     def used_seeds(self) -> set[int]:
         """Return every simulation seed of the finished generations, compared with nothing."""
@@ -328,7 +328,7 @@ class StoreReader:
 
     def evaluation(self, candidate: SupportsIndex | None, generation: SupportsIndex | None) -> Evaluation:
         """Return one evaluation; None as in `Run.evaluation`."""
-        which, of = (None if one is None else operator.index(one) for one in (candidate, generation))
+        which, of = (None if number is None else operator.index(number) for number in (candidate, generation))
         with self._lookup() as lookup:
             return lookup.evaluation(which, of)
 
@@ -337,10 +337,10 @@ class StoreReader:
         with self._lookup() as lookup:
             return lookup.leader(generation)
 
-    def evaluations_of(self, one: Evaluation) -> list[Evaluation]:
+    def evaluations_of(self, evaluation: Evaluation) -> list[Evaluation]:
         """Return the evaluations of the same genome up to `one`, which is the last of them."""
         with self._lookup() as lookup:
-            return lookup.evaluations_of(one)
+            return lookup.evaluations_of(evaluation)
 
     def best(self) -> Best | None:
         """Return the best evaluation; None when there is none."""

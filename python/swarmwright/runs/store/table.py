@@ -80,7 +80,9 @@ class RecordTable(Record, dict[str, Column]):  # noqa: PLW1641 - arrays have no 
     def __missing__(self, name: str) -> Column:
         """Raise KeyError, and say which columns there are: a metric has one for each episode."""
         episodes, genes = self.episodes.shape[1], self.genomes.shape[1]
-        names = [_numbered(f"{one}_", episodes) for one in ("episode", *map(column_of, self.metric_names))]
+        names = [
+            _numbered(f"{column}_", episodes) for column in ("episode", *map(column_of, self.metric_names))
+        ]
         others = [key for key in dict.keys(self) if not (key.startswith("g") and key[1:].isdecimal())]
         known = ", ".join(["generation", "candidate", "fitness", *names, _numbered("g", genes)])
         raise KeyError(f"no column {name!r}{did_you_mean(str(name), others) or ';'} available: {known}")

@@ -279,7 +279,9 @@ class StoreWriter:
             return
         # After an interrupt some of them may have been committed.
         (last,) = self._store.connection.execute("SELECT max(generation) FROM generation").fetchone()
-        left = [one for one in self._finished if last is None or one[0].generation > last]
+        left = [
+            generation for generation in self._finished if last is None or generation[0].generation > last
+        ]
         digest = digest_before(self._store.connection, left[0][0].generation) if left else ""
         for result, seconds in left:
             digest = insert_generation(

@@ -212,7 +212,9 @@ class _Session:
 def _target_as_json(target: Target) -> Any:  # noqa: ANN401 - plain values
     """Return what a target is, as JSON has it."""
     if isinstance(target, PseudoReality):
-        values: Any = {"ranges": [[list(one.path), one.low, one.high] for one in target.ranges]}
+        values: Any = {
+            "ranges": [[list(interval.path), interval.low, interval.high] for interval in target.ranges]
+        }
     else:
         values = {"name": target.name, "changes": None if target.changes is None else dict(target.changes)}
     return json.loads(json.dumps(values))

@@ -289,9 +289,11 @@ class PythonBackend(InProcessBackend):
         total = fitness.size
 
         def again(candidate: int, episode: int) -> Value | Failed:
-            one = Controllers(controllers.architecture, controllers.weights[candidate : candidate + 1])
+            candidate_controllers = Controllers(
+                controllers.architecture, controllers.weights[candidate : candidate + 1]
+            )
             value, measured, failed = self._once(
-                one, seeds[episode : episode + 1], lambda *_: on_progress(total, total, "")
+                candidate_controllers, seeds[episode : episode + 1], lambda *_: on_progress(total, total, "")
             )
             return failed[0] if failed else Value(float(value[0, 0]), measured[0, 0])
 

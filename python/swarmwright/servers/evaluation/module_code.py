@@ -64,7 +64,7 @@ def names_of(architectures: Iterable[Mapping[str, Any]]) -> list[str]:
 
     Raises InputError for modules that are not here.
     """
-    found = [name_of(*one) for architecture in architectures for one in in_python(architecture)]
+    found = [name_of(*key) for architecture in architectures for key in in_python(architecture)]
     return list(dict.fromkeys(found))
 
 
@@ -93,10 +93,10 @@ def offered(names: Sequence[str]) -> dict[tuple[str, str], list[Module]]:
                     f"modules: {name!r} is unknown; {there}; one in a file is named like file.py:Class"
                 )
         for role in roles:
-            one = module(role, name)
-            if one.built_in:
+            module_of_role = module(role, name)
+            if module_of_role.built_in:
                 raise InputError(f"modules: {name!r} is one of the engine's, which every server has")
-            found.setdefault((role, one.name), []).append(one)
+            found.setdefault((role, module_of_role.name), []).append(module_of_role)
     return found
 
 

@@ -70,16 +70,16 @@ class ModulesBackend(InProcessBackend):
 
         def again(candidate: int, episode: int) -> Value | Failed:
             report(work.done)
-            one = self._work(
+            part = self._work(
                 Controllers(controllers.architecture, controllers.weights[candidate : candidate + 1]),
                 seeds[episode : episode + 1],
             )
             try:
-                while one.step():
+                while part.step():
                     report(work.done)
             except RunError as error:
-                return self._failure_of(one, error)
-            return Value(float(one.fitness()[0, 0]), one.metrics()[0, 0])
+                return self._failure_of(part, error)
+            return Value(float(part.fitness()[0, 0]), part.metrics()[0, 0])
 
         journal = self._repetition(failures, fitness, metrics, again, started)
         self._code_failures.note(journal)

@@ -96,13 +96,13 @@ class Repetition:
     def _succeeds(
         self,
         journal: Journal,
-        one: _Open,
+        attempt_open: _Open,
         attempt: int,
         fitness: NDArray[np.float64],
         metrics: NDArray[np.float64],
         evaluate: Callable[[int, int], Value | Failed],
     ) -> bool:
-        candidate, episode = one.last.candidate, one.last.episode
+        candidate, episode = attempt_open.last.candidate, attempt_open.last.episode
         self.retries += 1
         started = time.time()
         found = evaluate(candidate, episode)
@@ -112,9 +112,9 @@ class Repetition:
             metrics[candidate, episode] = found.metrics
             journal.attempts.append(_entry(candidate, episode, attempt, started, seconds))
             return True
-        one.same = one.same + 1 if found.reason == one.last.reason else 1
-        one.last = found._replace(candidate=candidate, episode=episode)
-        self._note(journal, one.last, attempt, started, seconds)
+        attempt_open.same = attempt_open.same + 1 if found.reason == attempt_open.last.reason else 1
+        attempt_open.last = found._replace(candidate=candidate, episode=episode)
+        self._note(journal, attempt_open.last, attempt, started, seconds)
         return False
 
     def _note(self, journal: Journal, failed: Failed, attempt: int, started: float, seconds: float) -> None:

@@ -96,7 +96,8 @@ class ServedModules:
         found = dict(architecture)
         for role, key in ROLES.items():
             found[key] = [
-                self._module(role, grammar.module_of(one)).as_mapping() for one in architecture[key]
+                self._module(role, grammar.module_of(module_name)).as_mapping()
+                for module_name in architecture[key]
             ]
         return found
 

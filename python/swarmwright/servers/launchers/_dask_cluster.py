@@ -143,11 +143,11 @@ class Cluster:
 
     def logs(self, server: int, lines: int) -> Sequence[str]:
         """Return the last lines of a server."""
-        one = self._tasks.get(server)
+        task = self._tasks.get(server)
         worker = self._started().get(server)
-        if one is None or one.ended is not None or worker is None:
+        if task is None or task.ended is not None or worker is None:
             return list(self._printed.get(server, ()))[-lines:]
-        found = self._client.run(tail, one.key, lines, workers=[worker], on_error="ignore")
+        found = self._client.run(tail, task.key, lines, workers=[worker], on_error="ignore")
         return list(found.get(worker, ()))
 
     def close(self) -> None:
@@ -169,8 +169,8 @@ class Cluster:
     def _compare_versions(self) -> None:
         own = platform.python_version()
         found = self._client.get_versions()["workers"]
-        others = {str(one["host"]["python"]).split(".final")[0] for one in found.values() if one}
-        wrong = sorted(one for one in others if one.split(".")[:2] != own.split(".")[:2])
+        others = {str(client["host"]["python"]).split(".final")[0] for client in found.values() if client}
+        wrong = sorted(other for other in others if other.split(".")[:2] != own.split(".")[:2])
         if wrong:
             raise LauncherError(
                 f"workers have Python {', '.join(wrong)}, this machine {own}; Dask needs the same on both"

@@ -52,7 +52,7 @@ class Api:
         settings.retries = False  # the pool tries again
         inside = "KUBERNETES_SERVICE_HOST" in os.environ
         given = kubeconfig or os.environ.get("KUBECONFIG") or str(Path("~/.kube/config").expanduser())
-        files = [one for one in given.split(os.pathsep) if Path(one).exists()]
+        files = [path for path in given.split(os.pathsep) if Path(path).exists()]
         where = f"servers: kubeconfig: {given}"
         try:
             if not files and kubeconfig is None and context is None and inside:
@@ -157,7 +157,7 @@ class Api:
     def left(self, selector: str) -> list[str]:
         """Return the names of jobs and pods that are there."""
         found = {"job": self.jobs(selector), "pod": self.pods(selector)}
-        return [f"{kind} {one['metadata']['name']}" for kind, some in found.items() for one in some]
+        return [f"{kind} {item['metadata']['name']}" for kind, some in found.items() for item in some]
 
     def _create(self, method: Callable[..., Any], manifest: Mapping[str, Any]) -> dict[str, Any]:
         from pydantic import ValidationError  # noqa: PLC0415 - the client's, too

@@ -132,7 +132,7 @@ def _can_never_be(refusal: str) -> bool:
     if match is None:
         return False
     asked, most = (
-        dict(one.split("=", 1) for one in text.split(",") if "=" in one) for text in match.groups()
+        dict(pair.split("=", 1) for pair in text.split(",") if "=" in pair) for text in match.groups()
     )
     return any(key in most and _number(value) > _number(most[key]) for key, value in asked.items())
 

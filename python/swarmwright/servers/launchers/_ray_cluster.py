@@ -109,11 +109,11 @@ class Cluster:
 
     def logs(self, server: int, lines: int) -> Sequence[str]:
         """Return the last lines of a server."""
-        one = self._actors.get(server)
-        if one is None or one.ended is not None or not self._is_there(one):
+        actor = self._actors.get(server)
+        if actor is None or actor.ended is not None or not self._is_there(actor):
             return list(self._printed.get(server, ()))[-lines:]
         with suppress(RayError, GetTimeoutError):
-            found: Sequence[str] = ray.get(one.handle.tail.remote(lines), timeout=_ANSWER_S)
+            found: Sequence[str] = ray.get(actor.handle.tail.remote(lines), timeout=_ANSWER_S)
             return found
         return []
 
@@ -122,9 +122,9 @@ class Cluster:
         self.stop(list(self._actors))
         ray.shutdown()
 
-    def _is_there(self, one: _Actor) -> bool:
+    def _is_there(self, actor: _Actor) -> bool:
         """Whether an actor has been placed."""
-        return one.host is not None or bool(ray.wait([one.where], timeout=0)[0])
+        return actor.host is not None or bool(ray.wait([actor.where], timeout=0)[0])
 
     def _reason(self) -> str:
         """Say why actors wait."""

@@ -117,9 +117,9 @@ class Hosts:
     async def stop(self, servers: Sequence[int]) -> None:
         """End servers."""
         leaving = [(server, self._servers.pop(server)) for server in servers if server in self._servers]
-        for server, one in leaving:
-            self._ended[server] = list(one.lines)
-        await asyncio.gather(*(self._end(one) for _, one in leaving))
+        for server, remote in leaving:
+            self._ended[server] = list(remote.lines)
+        await asyncio.gather(*(self._end(remote) for _, remote in leaving))
 
     async def close(self) -> None:
         """End all servers, and all connections."""

@@ -87,7 +87,7 @@ class Process(Launcher):
         """Return the states of the processes."""
         assert self._supervisor is not None
         self._check()
-        ended = {one.server: one.report for one in self._supervisor.given_up()}
+        ended = {exit_.server: exit_.report for exit_ in self._supervisor.given_up()}
         return {
             server: Health("ended", ended[server]) if server in ended else Health("running")
             for server in self._supervisor.identifiers
@@ -102,7 +102,7 @@ class Process(Launcher):
         """Return the last lines of a process, and of what it reports, such as a refusal of its broker."""
         if self._supervisor is None:
             return ()
-        found = [one for one in self._supervisor.given_up() if one.server == server]
+        found = [exit_ for exit_ in self._supervisor.given_up() if exit_.server == server]
         printed = found[0].words.split("\n") if found else self._supervisor.printed(server)
         return [*printed, *self._warnings.get(server, ())][-lines:]
 

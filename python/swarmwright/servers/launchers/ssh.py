@@ -55,7 +55,7 @@ def _host(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
 def _hosts(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, str | Mapping | Host):
         value = [value]
-    return [_host(one) for one in value] if isinstance(value, list | tuple) else value
+    return [_host(host) for host in value] if isinstance(value, list | tuple) else value
 
 
 class SshOptions(RemoteOptions):

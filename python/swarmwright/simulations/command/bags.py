@@ -296,9 +296,9 @@ def _fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
     elif hasattr(value, "__dataclass_fields__"):
         inner = [(one, getattr(value, one)) for one in value.__dataclass_fields__ if one != "__msgtype__"]
     elif isinstance(value, list | tuple):
-        inner = [(str(index), one) for index, one in enumerate(value[:_ITEMS])]
+        inner = [(str(index), item) for index, item in enumerate(value[:_ITEMS])]
     else:
         yield name, value
         return
-    for field, one in inner:
-        yield from _fields(one, f"{name}.{field}")
+    for field, item in inner:
+        yield from _fields(item, f"{name}.{field}")

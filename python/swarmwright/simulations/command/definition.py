@@ -90,9 +90,9 @@ def _words(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
             raise ValueError(
                 f"{strange} is for a shell, and none is used; write [sh, -c, {json.dumps(text)}]"
             )
-    if not isinstance(value, list) or not all(isinstance(one, str | int | float) for one in value):
+    if not isinstance(value, list) or not all(isinstance(item, str | int | float) for item in value):
         raise ValueError(f"must be text or a list of words, not {shown(value)}")
-    words = ["" if isinstance(one, bool) else str(one) for one in value]
+    words = ["" if isinstance(item, bool) else str(item) for item in value]
     if not words or not words[0]:
         raise ValueError("must not be empty")
     return words
@@ -104,7 +104,7 @@ def _texts(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
 
 def _reduced(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     """Return the last value of each column for a list of names."""
-    if isinstance(value, list) and all(isinstance(one, str) for one in value):
+    if isinstance(value, list) and all(isinstance(item, str) for item in value):
         return dict.fromkeys(value, "last")
     return value
 
@@ -292,7 +292,7 @@ class CommandOptions(Definition):
                     "two paths end in the same name; write a mapping from different names in the work folder "
                     "to paths"
                 )
-        if not isinstance(value, Mapping) or not all(isinstance(one, str) for one in value.values()):
+        if not isinstance(value, Mapping) or not all(isinstance(item, str) for item in value.values()):
             raise ValueError("must be a list of paths, or a mapping from names in the work folder to paths")
         for name in value:
             if Path(name).is_absolute() or ".." in Path(name).parts or not Path(name).parts:
@@ -302,10 +302,10 @@ class CommandOptions(Definition):
     @field_validator("log")
     @classmethod
     def _log(cls, value: list[str]) -> list[str]:
-        for one in value:
-            if ".." in Path(one).parts or Path(one).is_absolute() or not one:
+        for name in value:
+            if ".." in Path(name).parts or Path(name).is_absolute() or not name:
                 raise ValueError(
-                    f"{one!r} lies outside of the work folder; have the command write it there: "
+                    f"{name!r} lies outside of the work folder; have the command write it there: "
                     "{log} is its path"
                 )
         return value

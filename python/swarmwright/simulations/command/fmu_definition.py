@@ -139,7 +139,7 @@ def _unstartable_array(variable: Variable, value: Any, about: str) -> str | None
         and any(not isinstance(row, list) or len(row) * variable.shape[0] != count for row in value)
     ):
         return f"{wanted}; expected {variable.shape[0]} rows of {count // variable.shape[0]} values each"
-    wrong = next((one for one in values if not fits(variable, one)), None)
+    wrong = next((item for item in values if not fits(variable, item)), None)
     return None if wrong is None else _misfit(variable, wrong, about)
 
 
@@ -160,7 +160,7 @@ def _of_channels(
         if not parts:
             yield (which, index), _empty(options.fmu, known, channel.terminal, causality)
         found = (_of_channel(options, known, part, which) for part in parts)
-        problem = next((one for one in found if one is not None), None)
+        problem = next((item for item in found if item is not None), None)
         if problem is not None:
             yield (which, index), problem
     channels = options.channels(which)
@@ -169,7 +169,7 @@ def _of_channels(
         yield (which,), f"is missing: {options.fmu} has {len(channels):,} {what}; name those that are {which}"
     elif given is None and which == "actuators":
         without = (_without_range(options, known, one) for one in channels)
-        yield from (((which,), f"is missing: {one}") for one in without if one is not None)
+        yield from (((which,), f"is missing: {item}") for item in without if item is not None)
     if not channels and (which == "sensors" or given is None):
         what = "an output" if which == "sensors" else "an input"
         yield (which,), f"is missing: {options.fmu} has no variable that is {what} and a number"
@@ -290,14 +290,14 @@ def _channels(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
         return value
     if not isinstance(value, list):
         raise ValueError(f"must be a list of variables, not {shown(value)}")
-    return [{"variable": one} if isinstance(one, str) else one for one in value]
+    return [{"variable": item} if isinstance(item, str) else item for item in value]
 
 
 def _pairs(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     """Take lists of two numbers, as YAML has them, for tuples."""
-    for one in value if isinstance(value, list) else []:
-        if isinstance(one, dict) and isinstance(one.get("range"), list) and len(one["range"]) == 2:
-            one["range"] = tuple(float(part) if isinstance(part, int) else part for part in one["range"])
+    for item in value if isinstance(value, list) else []:
+        if isinstance(item, dict) and isinstance(item.get("range"), list) and len(item["range"]) == 2:
+            item["range"] = tuple(float(part) if isinstance(part, int) else part for part in item["range"])
     return value
 
 
@@ -421,9 +421,9 @@ class FmuOptions(Definition):
     @model_validator(mode="after")
     def _agents_fit(self) -> "FmuOptions":
         named = [*(self.sensors or ()), *(self.actuators or ())]
-        numbered = [AGENT in one.variable for one in named]
+        numbered = [AGENT in channel.variable for channel in named]
         if any(numbered) and not all(numbered):
-            without = next(one.variable for one in named if AGENT not in one.variable)
+            without = next(channel.variable for channel in named if AGENT not in channel.variable)
             raise FieldError("sensors", f"{without} has no {AGENT}, but others do: it would be of all agents")
         if any(numbered) and (self.sensors is None or self.actuators is None):
             raise FieldError("sensors", f"where names hold {AGENT}, write both sensors and actuators")
@@ -473,12 +473,12 @@ class FmuOptions(Definition):
             given = [Channel(variable=name) for name in names]
         elif given is None:
             given = [
-                Channel(variable=one.name)
-                for one in self.description.of_causality(causality)
-                if one.name != self.seeded
+                Channel(variable=variable.name)
+                for variable in self.description.of_causality(causality)
+                if variable.name != self.seeded
             ]
         parts = [part for one in given for part in self.expanded(one, causality)]
-        return parts if which == "sensors" else [self.ranged(one) for one in parts]
+        return parts if which == "sensors" else [self.ranged(channel) for channel in parts]
 
     def expanded(self, channel: Channel, causality: str) -> list[Channel]:
         """Return the channels of the variables of a terminal, and of the elements of an array."""
@@ -513,7 +513,7 @@ class FmuOptions(Definition):
         factor, offset = self.conversion(channel) or (1.0, 0.0)
         if low is None or high is None or not low < high:
             return channel
-        limits = sorted(factor * one + offset for one in (low, high))
+        limits = sorted(factor * end + offset for end in (low, high))
         if limits == [-1.0, 1.0]:
             return channel
         return Channel(variable=channel.variable, unit=channel.unit, range=(limits[0], limits[1]))

@@ -286,7 +286,7 @@ class Reset(Options):
     @field_validator("scope")
     @classmethod
     def _scope(cls, value: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
-        if not isinstance(value, list) or not value or not all(one in SCOPES for one in value):
+        if not isinstance(value, list) or not value or not all(letter in SCOPES for letter in value):
             raise ValueError(f"must be one of {', '.join(SCOPES)}, or a list of these, not {shown(value)}")
         return value
 
@@ -546,18 +546,18 @@ class RosOptions(Definition):
         if len(value) > MOST_ROBOTS:
             raise ValueError(f"there may be at most {MOST_ROBOTS:,} robots, not {len(value):,}")
         names: set[str] = set()
-        for one in value:
-            if not isinstance(one, str) or not one:
-                raise ValueError(f"{shown(one)} is not a namespace; expected such as robot_1")
+        for name in value:
+            if not isinstance(name, str) or not name:
+                raise ValueError(f"{shown(name)} is not a namespace; expected such as robot_1")
             try:
-                namespace_of(one)
+                namespace_of(name)
             except ValueError as error:
                 raise ValueError(
-                    f"{shown(one)} is not a namespace: {error}; expected such as robot_1"
+                    f"{shown(name)} is not a namespace: {error}; expected such as robot_1"
                 ) from None
-            if one in names:
-                raise ValueError(f"{one} is there twice")
-            names.add(one)
+            if name in names:
+                raise ValueError(f"{name} is there twice")
+            names.add(name)
         return value
 
     @field_validator("metrics")
@@ -701,6 +701,6 @@ class RosOptions(Definition):
 
 def _bits(scope: Sequence[str]) -> int:
     bits = 0
-    for one in scope:
-        bits |= SCOPES[one]
+    for letter in scope:
+        bits |= SCOPES[letter]
     return bits

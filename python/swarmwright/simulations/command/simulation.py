@@ -657,7 +657,7 @@ class CommandSimulation(Simulation):
         files: dict[str, Path | bytes] = {}
         if STANDARD_OUTPUT in self.options.log:
             files[STANDARD_OUTPUT] = bytes(self._printed.all or b"")
-        paths = logs.find(self.folder, [one for one in self.options.log if one != STANDARD_OUTPUT])
+        paths = logs.find(self.folder, [log for log in self.options.log if log != STANDARD_OUTPUT])
         return files | {path.relative_to(self.folder).as_posix(): path for path in paths}
 
     # A command that is stepped.

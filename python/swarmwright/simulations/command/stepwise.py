@@ -491,19 +491,19 @@ class Dialogue:
                 start.command, start.folder, start.environment, self._limits.largest, theirs
             )
         except BaseException:
-            for one in ours:
-                os.close(one)
+            for descriptor in ours:
+                os.close(descriptor)
             raise
         finally:
-            for one in theirs:
-                os.close(one)
+            for descriptor in theirs:
+                os.close(descriptor)
         self._pipes = ours
         os.set_blocking(ours[0], False)
         self._answers: select.poll = select.poll()
         self._answers.register(ours[1], select.POLLIN)
         self._poll = select.poll()
-        for one in (ours[1], ours[2], self._processes.channel.fileno()):
-            self._poll.register(one, select.POLLIN)
+        for descriptor in (ours[1], ours[2], self._processes.channel.fileno()):
+            self._poll.register(descriptor, select.POLLIN)
 
     def _write(self, data: bytes) -> None:
         assert self._pipes is not None

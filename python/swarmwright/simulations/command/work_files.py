@@ -42,7 +42,7 @@ def named(files: Mapping[str, str], folder: Path) -> dict[str, Path]:
     for name, given in files.items():
         path = folder / given
         if path.is_dir():
-            found |= {f"{name}/{one.relative_to(path).as_posix()}": one for one in within(path)}
+            found |= {f"{name}/{file.relative_to(path).as_posix()}": file for file in within(path)}
         else:
             found[name] = path
     return found
@@ -204,7 +204,7 @@ class Instance:
         kept = next(name for name in names if not name.exists())
         folder.rename(kept)
         os.utime(kept)
-        failed = sorted(self.folder.glob("failed*"), key=lambda one: one.lstat().st_mtime_ns)
+        failed = sorted(self.folder.glob("failed*"), key=lambda file: file.lstat().st_mtime_ns)
         for older in failed[:-_MOST_FAILED]:
             remove(older)
         return kept

@@ -225,7 +225,7 @@ def _choices(space: spaces.MultiDiscrete, where: str) -> Sensors:
 
 def _parts(space: Any, where: str) -> Sensors:  # noqa: ANN401 - a Dict or a Tuple
     keys, parts = _inner(space, where, sensors)
-    found = tuple(one for part in parts for one in part.ranges)
+    found = tuple(ends for part in parts for ends in part.ranges)
 
     def read(seen: Any) -> Numbers:  # noqa: ANN401 - a dictionary or tuple
         try:
@@ -487,8 +487,8 @@ def _record(env: Any, trial: Trial, seed: int, end: float) -> list[bytes]:  # no
 
     returned = []
     try:
-        for _, one in zip(range(STEPS + 1), trial(env, seed, actions), strict=False):
-            returned.append(hashlib.sha256(one).digest())  # observations can be pictures
+        for _, answer in zip(range(STEPS + 1), trial(env, seed, actions), strict=False):
+            returned.append(hashlib.sha256(answer).digest())  # observations can be pictures
             if time.monotonic() > end:
                 raise _OutOfTimeError
     except _OutOfTimeError:

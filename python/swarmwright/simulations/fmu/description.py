@@ -207,7 +207,7 @@ class Description:
 
 def flat(values: Any) -> list[Any]:  # noqa: ANN401 - a list, or lists in it
     """Return the values of nested lists in their order, row by row."""
-    return [one for part in values for one in flat(part)] if isinstance(values, list) else [values]
+    return [item for part in values for item in flat(part)] if isinstance(values, list) else [values]
 
 
 def is_installed() -> bool:

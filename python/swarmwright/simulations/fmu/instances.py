@@ -292,7 +292,7 @@ class Instance:
             return
         arrays = [pair for pair in zip(variables, values, strict=True) if pair[0].count > 1]
         if arrays:
-            self._put_elements([one for one, _ in arrays], [value for _, value in arrays])
+            self._put_elements([array for array, _ in arrays], [value for _, value in arrays])
         for variable, value in zip(variables, values, strict=True):
             if variable.count == 1:
                 self.set(variable, value)

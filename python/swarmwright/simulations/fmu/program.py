@@ -114,7 +114,7 @@ class Coupled:
     def step(self, time: float, size: float) -> bool:
         """Go on by a step; return whether a component ends the simulation."""
         if self._algorithm == "jacobi":
-            values = [self._value(one) for one in self._system.connections]
+            values = [self._value(end) for end in self._system.connections]
             for connection, value in zip(self._system.connections, values, strict=True):
                 self._give(connection, value)
         ends = False
@@ -475,7 +475,7 @@ class Episodes:
     def _answer(self) -> dict[str, Any]:
         answer: dict[str, Any] = {"sensors": self._sensed()}
         if self._acts:
-            acting = (instance.get(one) for instance, [one] in self._acts)
+            acting = (instance.get(actor) for instance, [actor] in self._acts)
             answer["acting"] = [agent for agent, acts in enumerate(acting) if acts]
         elif not self._attachment["actuators"]:
             answer["acting"] = []  # the simulation is stepped all the same

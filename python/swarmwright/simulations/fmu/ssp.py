@@ -149,17 +149,17 @@ def start_value(
     return changed
 
 
-def _parsed_parameters(name: str, variable: Variable, one: Parameter) -> Any:  # noqa: ANN401 - as above
+def _parsed_parameters(name: str, variable: Variable, parameter: Parameter) -> Any:  # noqa: ANN401 - as above
     try:
         if variable.type == "Boolean":
-            return BOOLEANS[one.text]
-        if one.kind == "Enumeration" and one.text in variable.labels:
-            return variable.items[variable.labels.index(one.text)]
-        return float(one.text) if variable.is_real else int(one.text)
+            return BOOLEANS[parameter.text]
+        if parameter.kind == "Enumeration" and parameter.text in variable.labels:
+            return variable.items[variable.labels.index(parameter.text)]
+        return float(parameter.text) if variable.is_real else int(parameter.text)
     except (KeyError, ValueError):
         items = f", one of {', '.join(variable.labels)}" if variable.labels else ""
         raise InputError(
-            f"{name}: the value {one.text!r} is not of the type {variable.type}{items}"
+            f"{name}: the value {parameter.text!r} is not of the type {variable.type}{items}"
         ) from None
 
 
@@ -243,8 +243,8 @@ def table_of(element: ET.Element, source: Variable | None, target: Variable, pla
                 f"{variable.name} has the type {variable.type}"
             )
     entries: dict[float, float] = {}
-    for one in found.iterfind(f"{SSC}MapEntry"):
-        words = one.get("source", ""), one.get("target", "")
+    for entry in found.iterfind(f"{SSC}MapEntry"):
+        words = entry.get("source", ""), entry.get("target", "")
         before = _value(kind, words[0], source or target, place)
         if before in entries:
             raise InputError(f"{place}: the {kind} has two entries with the source {words[0]!r}")
@@ -532,11 +532,13 @@ def _conversion(
     return Linear(one.factor / other.factor, (one.offset - other.offset) / other.factor)
 
 
-def _from_set(name: str, one: Parameter, unit: str, units: Mapping[str, Unit | None]) -> Linear:
+def _from_set(name: str, parameter: Parameter, unit: str, units: Mapping[str, Unit | None]) -> Linear:
     """Return the conversion of a value of a parameter set to the unit of its variable."""
-    about = f"{name} [{unit}]: a value in {one.unit}"
-    base = one.base or units.get(one.unit)
-    return _conversion(base, units.get(unit), (one.unit, unit), about, "an entry of a parameter mapping")
+    about = f"{name} [{unit}]: a value in {parameter.unit}"
+    base = parameter.base or units.get(parameter.unit)
+    return _conversion(
+        base, units.get(unit), (parameter.unit, unit), about, "an entry of a parameter mapping"
+    )
 
 
 def _starts(

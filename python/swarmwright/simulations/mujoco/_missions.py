@@ -112,14 +112,15 @@ def _drive(index: int, model: RobotModel) -> str:
     ) + (f'<velocity site="robot{index}" gear="{around}" kv="{inertia / _SERVO}"/>')
 
 
-def _object(index: int, one: PushedObject) -> str:
-    half = one.height / 2
+def _object(index: int, pushed: PushedObject) -> str:
+    half = pushed.height / 2
     form = (
-        f'type="cylinder" size="{one.radius} {half}"'
-        if one.radius
-        else f'type="box" size="{one.width / 2} {one.depth / 2} {half}"'
+        f'type="cylinder" size="{pushed.radius} {half}"'
+        if pushed.radius
+        else f'type="box" size="{pushed.width / 2} {pushed.depth / 2} {half}"'
     )
     return (
-        f'<body name="object{index}"><freejoint/><geom {form} mass="{one.mass}" contype="3" conaffinity="3" '
-        f'priority="1" friction="{one.friction} 0.005 0.0001"/></body>'
+        f'<body name="object{index}"><freejoint/><geom {form} mass="{pushed.mass}" contype="3" '
+        f'conaffinity="3" '
+        f'priority="1" friction="{pushed.friction} 0.005 0.0001"/></body>'
     )

@@ -145,9 +145,9 @@ class Radios:
             self._radios.send(int(sender), len(self._sent), len(payload), self._jitter)
             self._sent.append((int(sender), payload, begin))
         found = []
-        for one in self._radios.run(round(seconds * 1e9)):
-            sender, payload, at = self._sent[one.message]
-            found.append(Delivery(int(one.receiver), sender, payload, (int(one.at) - at) * 1e-9))
+        for message in self._radios.run(round(seconds * 1e9)):
+            sender, payload, at = self._sent[message.message]
+            found.append(Delivery(int(message.receiver), sender, payload, (int(message.at) - at) * 1e-9))
         return found
 
     def close(self) -> None:

@@ -248,7 +248,7 @@ def _depth(value: object, above: int = 0) -> int:
     inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
     if above > _DEEPEST:
         return above
-    return max((_depth(one, above + 1) for one in inner), default=above)
+    return max((_depth(item, above + 1) for item in inner), default=above)
 
 
 def _loader(yaml: Any) -> Any:

@@ -147,12 +147,12 @@ class Dds:
     def _types(self, name: str) -> list[str]:
         own = self._participant.guid
         found = [
-            _ros_type(one.type_name)
+            _ros_type(endpoint.type_name)
             for reader in self._known
-            for one in reader.read(_ENDPOINTS)
-            if one.topic_name == name
-            and one.participant_key != own
-            and one.sample_info.instance_state == InstanceState.Alive
+            for endpoint in reader.read(_ENDPOINTS)
+            if endpoint.topic_name == name
+            and endpoint.participant_key != own
+            and endpoint.sample_info.instance_state == InstanceState.Alive
         ]
         return sorted(set(found))
 
@@ -339,7 +339,7 @@ class _Client:
         return self._responses[0]
 
     def _absence(self) -> str:
-        others = [one for one in self._node.service_types(self._name) if one != self._kind]
+        others = [name for name in self._node.service_types(self._name) if name != self._kind]
         if others:
             return f"the service has the type {others[0]}, not {self._kind}"
         return f"no node offers this service; {_SERVICES_OF}"
@@ -383,7 +383,7 @@ def _identity(endpoint: Any) -> bytes | None:
     data = None if endpoint is None else endpoint.qos[Policy.Userdata]
     if data is None:
         return None
-    return next((one for one in bytes(data.data).split(b";") if one.startswith(b"clientid=")), None)
+    return next((part for part in bytes(data.data).split(b";") if part.startswith(b"clientid=")), None)
 
 
 def _write(writer: Any, message: Any, name: str) -> None:

@@ -122,7 +122,7 @@ def new(made: Any) -> Any:
 
 def _fresh(default: Any) -> Any:
     if isinstance(default, list):
-        return [_fresh(one) for one in default]
+        return [_fresh(item) for item in default]
     return new(default) if isinstance(default, type) else default
 
 
@@ -143,7 +143,7 @@ def _structure(group: str, name: str, fields: str, *, nested: bool = False) -> A
     package, kind = name.split("/")
     # A structure of DDS has a member at least, and ROS gives this one to those without.
     listed = (
-        [one.split() for one in fields.split(";")]
+        [part.split() for part in fields.split(";")]
         if fields
         else [["uint8", "structure_needs_at_least_one_member"]]
     )
@@ -154,8 +154,8 @@ def _structure(group: str, name: str, fields: str, *, nested: bool = False) -> A
             found = found._replace(default=type(found.default)(float(field[2])))
         kinds.append((field[1], found))
     typename = f"{package}.{group}.dds_.{kind}_" + ("Data_" if nested else "")
-    made = make_idl_struct(f"{kind}_", typename, {field: one.type for field, one in kinds})
-    made.defaults = [one.default for _, one in kinds]  # type: ignore[attr-defined] # for `new`
+    made = make_idl_struct(f"{kind}_", typename, {field: field_kind.type for field, field_kind in kinds})
+    made.defaults = [field_kind.default for _, field_kind in kinds]  # type: ignore[attr-defined] # for `new`
     _made[name] = made
     return made
 

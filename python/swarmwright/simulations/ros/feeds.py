@@ -113,7 +113,7 @@ class Feed:
 
     def wrong_type(self) -> str | None:
         """Return another type that others use the topic with."""
-        return next((one for one in self._node.types(self.topic) if one != self.kind), None)
+        return next((name for name in self._node.types(self.topic) if name != self.kind), None)
 
     def is_complete(self, messages: int, now: float) -> bool:
         """Return whether all values count.

@@ -171,14 +171,14 @@ def shown(value: object) -> str:
         except OverflowError:
             return str(value)
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {shown(one)}" for key, one in _sorted(value).items()) + "}"
+        return "{" + ", ".join(f"{key}: {shown(item)}" for key, item in _sorted(value).items()) + "}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(shown, value)) + "]"
     return f"'{value}'" if isinstance(value, str) else str(value)
 
 
 def _sorted(value: dict[object, object]) -> dict[str, object]:
-    named = {key if isinstance(key, str) else shown(key): one for key, one in value.items()}
+    named = {key if isinstance(key, str) else shown(key): item for key, item in value.items()}
     return {key: named[key] for key in sorted(named)}
 
 

@@ -81,7 +81,11 @@ class Rclpy:
             *self._node.get_publishers_info_by_topic(full),
             *self._node.get_subscriptions_info_by_topic(full),
         ]
-        others = {one.topic_type for one in found if (one.node_name, one.node_namespace) != own}
+        others = {
+            publisher.topic_type
+            for publisher in found
+            if (publisher.node_name, publisher.node_namespace) != own
+        }
         return sorted(map(short_type, others))
 
     def service_types(self, service: str) -> Sequence[str]:
@@ -199,7 +203,7 @@ class _Client:
         return future.result()
 
     def _absence(self) -> str:
-        others = [one for one in self._node.service_types(self._name) if one != self._kind]
+        others = [name for name in self._node.service_types(self._name) if name != self._kind]
         return (
             f"the service has the type {others[0]}, not {self._kind}"
             if others

@@ -201,8 +201,8 @@ class Simulation:
             into.type, into.double_value = 3, value
         elif isinstance(value, str):
             into.type, into.string_value = 4, value
-        elif isinstance(value, list) and value and all(type(one) in (int, float) for one in value):
-            into.type, into.double_array_value = 8, [float(one) for one in value]
+        elif isinstance(value, list) and value and all(type(item) in (int, float) for item in value):
+            into.type, into.double_array_value = 8, [float(item) for item in value]
         else:
             raise SimulationError(f"{name}: {value!r} cannot be a parameter of a node")
         return made

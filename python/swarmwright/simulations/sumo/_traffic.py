@@ -326,7 +326,7 @@ class Traffic(Simulation):
         self._outside.difference_update(departed)
         self.vehicles = self.sumo.vehicle.getIDList()
         there = set(self.vehicles)
-        return sorted(one for one in departed if one in there)
+        return sorted(vehicle for vehicle in departed if vehicle in there)
 
 
 def _words(error: Exception) -> str:

@@ -80,8 +80,8 @@ def _named(options: Definition, here: Path) -> Iterator[tuple[Path, bool]]:
                 continue
             path, is_relative = (here / name).absolute(), not Path(name).is_absolute()
             if key in {"sources", "files"} and path.is_dir():
-                for one in work_files.within(path):
-                    yield Path(os.path.normpath(one)), is_relative
+                for file in work_files.within(path):
+                    yield Path(os.path.normpath(file)), is_relative
             elif _is_file(path):
                 yield Path(os.path.normpath(path)), is_relative
             else:

@@ -23,8 +23,8 @@ _LARGEST_TABLE = 1_000_000
 def _level(value: Any) -> int | list[float]:  # noqa: ANN401 - whatever the file says
     if isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= _MOST_LEVELS:
         return value
-    if isinstance(value, list | tuple) and all(_is_number(one) for one in value):
-        thresholds = [float(one) for one in value]
+    if isinstance(value, list | tuple) and all(_is_number(number) for number in value):
+        thresholds = [float(number) for number in value]
         if all(float(np.float32(low)) < float(np.float32(high)) for low, high in pairwise(thresholds)):
             return thresholds
     raise ValueError(
@@ -45,7 +45,7 @@ def _levels(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if not isinstance(value, list | tuple):
         return _level(value)
     try:
-        return [_level(one) for one in value]
+        return [_level(level) for level in value]
     except ValueError as error:
         raise ValueError(f"an entry {error}") from None
 

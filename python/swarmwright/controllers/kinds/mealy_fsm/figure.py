@@ -186,23 +186,31 @@ def draw(drawing: Drawing) -> "Figure":
     return figure
 
 
-def _arrow(one: Transition, *, alive: bool) -> Arrow:
-    width = 0.8 + 2.4 * one.rows / one.of
-    return Arrow(one.source, one.target, str(one.rows) if alive else "", width, faint=not alive)
+def _arrow(transition: Transition, *, alive: bool) -> Arrow:
+    width = 0.8 + 2.4 * transition.rows / transition.of
+    return Arrow(
+        transition.source, transition.target, str(transition.rows) if alive else "", width, faint=not alive
+    )
 
 
 def _matrix(axes: "Axes", found: list[Transition], states: int) -> None:
     import numpy as np
 
     shares = np.zeros((states, states))
-    for one in found:
-        shares[one.source, one.target] = one.rows / one.of
+    for transition in found:
+        shares[transition.source, transition.target] = transition.rows / transition.of
     axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, interpolation="nearest")
     if states <= _MOST_WRITTEN:
-        for one in found:
-            color = PAPER if one.rows > 0.6 * one.of else INK
+        for transition in found:
+            color = PAPER if transition.rows > 0.6 * transition.of else INK
             axes.text(
-                one.target, one.source, str(one.rows), ha="center", va="center", fontsize=8, color=color
+                transition.target,
+                transition.source,
+                str(transition.rows),
+                ha="center",
+                va="center",
+                fontsize=8,
+                color=color,
             )
         axes.set_xticks(range(states))
         axes.set_yticks(range(states))
@@ -222,17 +230,19 @@ def _list(found: list[Transition], states: int, names: Names) -> list[list[str]]
     return blocks
 
 
-def _words(one: Transition, names: Names) -> list[str]:
-    if one.rows == one.of:
+def _words(transition: Transition, names: Names) -> list[str]:
+    if transition.rows == transition.of:
         when = "always"
-    elif one.exact:
-        when = f"when {one.condition}"
+    elif transition.exact:
+        when = f"when {transition.condition}"
     else:
-        short = one.condition.count(",") < _MOST_SENSORS
-        when = f"in {one.rows} of {one.of} cases" + (f", such as {one.condition}" if short else "")
+        short = transition.condition.count(",") < _MOST_SENSORS
+        when = f"in {transition.rows} of {transition.of} cases" + (
+            f", such as {transition.condition}" if short else ""
+        )
     does = ", ".join(
         f"{name} {low:.2g}" if low == high else f"{name} {low:.2g} to {high:.2g}"
-        for name, low, high in zip(names.actuators, one.lowest, one.highest, strict=True)
+        for name, low, high in zip(names.actuators, transition.lowest, transition.highest, strict=True)
     )
-    text = f"→ {one.target}  {when}: {does}"
+    text = f"→ {transition.target}  {when}: {does}"
     return textwrap.wrap(text, _LINE_CHARACTERS, initial_indent="  ", subsequent_indent="       ")

@@ -55,7 +55,7 @@ def machine_of(text: str) -> dict[str, Any]:
             state[BEHAVIOUR_PARAMETERS[behaviour]] = values.whole(f"{_SHORT_NAMES[behaviour]}{index}")
         transitions = values.choice(f"n{index}", MOST_TRANSITIONS + 1, "0")
         found = [_transition(values, index, f"{index}x{k}", count) for k in range(transitions)]
-        states.append({**state, "transitions": [one for one in found if one]})
+        states.append({**state, "transitions": [target for target in found if target]})
     values.end()
     return {"states": states}
 
@@ -145,9 +145,9 @@ def _state_words(index: int, state: State) -> list[str]:
 
 
 def _subtree_words(index: int, state: State) -> list[str]:
-    (one,) = state.transitions
+    (transition,) = state.transitions
     words = [f"--n{index} {_SELECTOR}", f"--nchild{index} 2", f"--n{index}0 {_CONDITION}"]
-    words += _condition_words(one, f"{index}0")
+    words += _condition_words(transition, f"{index}0")
     words += [f"--n{index}1 {_ACTION}", f"--a{index}1 {BEHAVIOURS.index(state.behaviour)}"]
     return [*words, *_behaviour_words(state, f"{index}1"), f"--p{index}1 0"]
 
@@ -156,10 +156,10 @@ def _behaviour_words(state: State, place: str) -> list[str]:
     return [f"--{_SHORT_NAMES[state.behaviour]}{place} {value}" for value in state.parameters.values()]
 
 
-def _condition_words(one: Transition, place: str) -> list[str]:
+def _condition_words(transition: Transition, place: str) -> list[str]:
     names = {"probability": "p", "xi": "p", "eta": "w"}
-    words = [f"--{names[name]}{place} {value!r}" for name, value in one.parameters.items()]
-    return [f"--c{place} {CONDITIONS.index(one.condition)}", *words]
+    words = [f"--{names[name]}{place} {value!r}" for name, value in transition.parameters.items()]
+    return [f"--c{place} {CONDITIONS.index(transition.condition)}", *words]
 
 
 def _is_tree(text: str) -> bool:

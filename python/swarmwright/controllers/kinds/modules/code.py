@@ -39,7 +39,7 @@ _MACROS = {
     "random_integer(below, index)": "{p}_random_integer(random, (uint32_t)(below), (uint32_t)(index))",
 }
 """What the code of authors may use, and what that is; {p} is the prefix of names."""
-_TAKEN = {*_SENSES, *(one.partition("(")[0] for one in _MACROS), "state", "random", "row", "sensors"}
+_TAKEN = {*_SENSES, *(macro.partition("(")[0] for macro in _MACROS), "state", "random", "row", "sensors"}
 _TAKEN |= {"left", "right", "probability", "actuators"}
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -69,7 +69,9 @@ def own_code(
 
     Raises InputError for a module without code in C, and for a parameter that has no name there.
     """
-    behaviours, conditions = (own_modules(one) for one in (catalogue.behaviours, catalogue.conditions))
+    behaviours, conditions = (
+        own_modules(module_kinds) for module_kinds in (catalogue.behaviours, catalogue.conditions)
+    )
     kinds = [implementation("behaviour", behaviour) for behaviour in behaviours]
     others = [implementation("condition", condition) for condition in conditions]
     _check([*zip(behaviours, kinds, strict=True), *zip(conditions, others, strict=True)])
@@ -135,7 +137,7 @@ def _cases(count: int, first: int, function: str, arguments: str) -> str:
 
 def _check(parts: list[tuple[grammar.Module, type[Behaviour] | type[Condition]]]) -> None:
     """Raise InputError for modules of which there is no code in C."""
-    missing = [f"{one.name} ({place_of(kind)})" for one, kind in parts if kind.c_code is None]
+    missing = [f"{module.name} ({place_of(kind)})" for module, kind in parts if kind.c_code is None]
     if missing:
         verb = "has" if len(missing) == 1 else "have"
         raise InputError(
@@ -143,15 +145,16 @@ def _check(parts: list[tuple[grammar.Module, type[Behaviour] | type[Condition]]]
             "class, see docs/how-to/own-module.md; --to python copies the code in Python, --to machine "
             "writes the machine with the names of its modules"
         )
-    for one, kind in parts:
+    for module, kind in parts:
         if not isinstance(kind.c_code, str):
             raise InputError(
-                f"{place_of(kind)}: {one.name}: c_code must be text, statements in C, not {kind.c_code!r}"
+                f"{place_of(kind)}: {module.name}: c_code must be text, statements in C, not {kind.c_code!r}"
             )
-        for name in one.parameters:
+        for name in module.parameters:
             if is_reserved(name) or name in _TAKEN or not _WORD.fullmatch(name):
                 raise InputError(
-                    f"{place_of(kind)}: {one.name}: parameter {name!r}: has another meaning in C; rename it"
+                    f"{place_of(kind)}: {module.name}: parameter {name!r}: has another meaning in C; rename "
+                    "it"
                 )
 
 

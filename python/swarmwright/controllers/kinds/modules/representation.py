@@ -170,7 +170,7 @@ class ModulesOptions(RepresentationOptions):
     def plug_ins(self) -> tuple[tuple[str, str], ...]:
         """The modules in Python, as behaviour or condition and name."""
         parts = (("behaviour", self.behaviours or ()), ("condition", self.conditions or ()))
-        return tuple((what, one) for what, many in parts for one in many if one not in _BUILT_IN)
+        return tuple((what, name) for what, many in parts for name in many if name not in _BUILT_IN)
 
     @property
     def catalogue(self) -> grammar.Catalogue:
@@ -427,8 +427,8 @@ class Modules(Representation):
         """From the lowest to one more than the highest value of what is counted, else to the highest."""
         most, others = self._most, max(1, self.options.states - 1)
 
-        def limits(one: grammar.Range) -> tuple[float, float]:
-            low, high, whole = one
+        def limits(limits_of: grammar.Range) -> tuple[float, float]:
+            low, high, whole = limits_of
             return low, high + 1 if whole else high
 
         transition: list[tuple[float, float]] = [(0, others), (0, len(self.catalogue.conditions))]

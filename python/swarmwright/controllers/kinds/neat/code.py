@@ -64,7 +64,7 @@ def c(controller: Evolved, language: dict[str, str]) -> in_c.Code:
         lines.append(f"    /* {name} */\n{wrapped(texts[at : at + len(numbers)])}")
         at += len(numbers)
         if seen:
-            seen_by.append(f"    /* node {sensors + node} */\n{wrapped([str(one) for one in seen])}")
+            seen_by.append(f"    /* node {sensors + node} */\n{wrapped([str(source) for source in seen])}")
     links = sum(map(len, sources))
     tables = (
         in_c.Table("weights", "float", len(texts), "\n".join(lines), controller.weights),

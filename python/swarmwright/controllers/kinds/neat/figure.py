@@ -33,7 +33,7 @@ def _connected(specification: Mapping[str, Any], sizes: list[int]) -> Iterator[L
     ):
         incoming = numbers[np.newaxis, 1 : 1 + len(seen)].astype(np.float64)
         yield Layer(
-            tuple(places[one] for one in seen), column, index, numbers[:1].astype(np.float64), incoming
+            tuple(places[source] for source in seen), column, index, numbers[:1].astype(np.float64), incoming
         )
 
 

@@ -26,11 +26,13 @@ def draw(drawing: Drawing) -> "Figure":
     color = 0
     for name, part in parts_of(drawing.specification).items():
         whole_title = f"{title}, {name}" if title else name
-        one = drawn(Drawing(part, whole_title, _of_group(drawing.simulation or {}, name), first_color=color))
+        figure = drawn(
+            Drawing(part, whole_title, _of_group(drawing.simulation or {}, name), first_color=color)
+        )
         machine = machine_of(part)
         color += 0 if machine is None else len(machine["states"])
-        one.set_dpi(_DOTS_PER_INCH)
-        canvas = FigureCanvasAgg(one)
+        figure.set_dpi(_DOTS_PER_INCH)
+        canvas = FigureCanvasAgg(figure)
         canvas.draw()  # type: ignore[no-untyped-call]
         pictures.append(np.asarray(canvas.buffer_rgba()))  # type: ignore[no-untyped-call]
     sizes = np.array([picture.shape[:2] for picture in pictures])

@@ -27,7 +27,11 @@ class Load:
     @classmethod
     def of_status(cls, status: Mapping[str, Any]) -> "Load":
         """Read the status that a pool publishes."""
-        speeds = [one["speed"] for one in status.get("servers", ()) if one.get("speed")]
+        speeds = [
+            status_of_server["speed"]
+            for status_of_server in status.get("servers", ())
+            if status_of_server.get("speed")
+        ]
         total = status.get("total", 0)
         later = (
             max(0, status.get("generations", 0) - status["generation"] - 1) if "generation" in status else 0
@@ -36,7 +40,7 @@ class Load:
             max(0, total - status.get("done", 0)) + later * total,
             total,
             sum(speeds) / len(speeds) if speeds else None,
-            frozenset(one["server"] for one in status.get("waiting_for", ())),
+            frozenset(status_of_server["server"] for status_of_server in status.get("waiting_for", ())),
         )
 
 

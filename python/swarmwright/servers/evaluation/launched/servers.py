@@ -262,15 +262,15 @@ class LaunchedServers:
         except LauncherError as error:
             self._note_no_answer(entry, str(error), now)
             return
-        for server, one in list(entry.servers.items()):
+        for server, server_state in list(entry.servers.items()):
             health = states.get(server, Health("ended", "it is not known any more"))
-            if health.state == "running" and one.health.state != "running":
-                one.since = now
-            one.health = health
+            if health.state == "running" and server_state.health.state != "running":
+                server_state.since = now
+            server_state.health = health
             late = (
                 health.state == "running"
-                and not one.was_ready
-                and now - one.since > entry.options.start_timeout
+                and not server_state.was_ready
+                and now - server_state.since > entry.options.start_timeout
             )
             if health.state == "ended" or late:
                 self._ended(entry, server, late=late)
@@ -292,8 +292,8 @@ class LaunchedServers:
         busy = frozenset() if load is None else load.busy
 
         def worth(server: int) -> tuple[bool, bool, float]:
-            one = entry.servers[server]
-            return one.health.state == "running", server in busy, -one.since
+            server_state = entry.servers[server]
+            return server_state.health.state == "running", server in busy, -server_state.since
 
         leaving = sorted(entry.servers, key=worth)[:surplus]
         for server in leaving:
@@ -309,12 +309,12 @@ class LaunchedServers:
 
     def _ended(self, entry: Entry, server: int, *, late: bool) -> None:
         """Note the end of a server."""
-        one = entry.servers.pop(server)
+        server_state = entry.servers.pop(server)
         self._present.discard(server)
         printed = [line for line in self._printed(entry, server) if line.strip()][-SHOWN_LINES:]
         with suppress(LauncherError):
             entry.launcher.stop([server])
-        words = one.health.reason or "ended"
+        words = server_state.health.reason or "ended"
         if late:
             words = (
                 f"runs, but is not on {entry.launcher.specification.broker} after "
@@ -322,7 +322,7 @@ class LaunchedServers:
             )
         text = "\n".join([f"server {server} {words}", *printed])
         pause = 0.0
-        if not one.was_ready:
+        if not server_state.was_ready:
             entry.failures += 1
             entry.ended_early = [*entry.ended_early, text][-MOST_FAILURES:]
             pause = min(FIRST_PAUSE_S * 2.0 ** (entry.failures - 1), LONGEST_PAUSE_S)
@@ -373,8 +373,10 @@ class LaunchedServers:
         """Say what is waited for when servers run, and the first one is not on the broker soon."""
         late = [
             server
-            for server, one in entry.servers.items()
-            if one.health.state == "running" and not one.was_ready and now - one.since >= LATE_S
+            for server, server_state in entry.servers.items()
+            if server_state.health.state == "running"
+            and not server_state.was_ready
+            and now - server_state.since >= LATE_S
         ]
         if self._present or entry.reported_starting or not late:
             return
