@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from swarmwright.common import json_text, xml
+from swarmwright.common import xml
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import IS_UTF16, contents, first_character, is_utf16
 from swarmwright.common.simulation_names import simulator_file
@@ -13,6 +13,7 @@ from swarmwright.interop.models import (
     abstractions,
     behaviour,
     frevo_problem,
+    json_source,
     optimised_parameters,
     swarm_composition,
     sysml,
@@ -85,7 +86,7 @@ def _load_xml(path: Path) -> Part:
 
 
 def _load_json(path: Path) -> Part:
-    source = json_text.read(path)
+    source = json_source.read(path)
     for module in _JSON:
         if module.recognises(source.values):
             if source.problems:

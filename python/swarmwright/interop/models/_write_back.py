@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape, unescape
 
-from swarmwright.common import json_text
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import read_bytes
 from swarmwright.common.suggestions import alike
@@ -16,7 +15,7 @@ from swarmwright.controllers import scxml
 from swarmwright.export.scxml import Scxml
 from swarmwright.export.subject import Subject, subject_of
 from swarmwright.export.writing import write
-from swarmwright.interop.models import sysml
+from swarmwright.interop.models import json_source, sysml
 from swarmwright.interop.models._files import files_of
 from swarmwright.interop.models._files import load as load_part
 from swarmwright.interop.models._names import Known
@@ -143,7 +142,7 @@ def _machine(machine: scxml.StateMachine, subject: Subject) -> str | bytes:
 
 def _optimised(part: Part, value: Callable[[str], Any]) -> str | None:
     """Return OptimisedParameters with a `value` for each, between min and max."""
-    document: Any = json_text.read(part.path).values
+    document: Any = json_source.read(part.path).values
     by_name: Mapping[str, Optimised] = {parameter.name: parameter for parameter in part.optimised}
     found = False
     for entry in document["parameters"]:
