@@ -19,7 +19,6 @@ from swarmwright.cli._validation import (
 from swarmwright.common.formatting import counted, duration
 from swarmwright.common.simulation_names import label_of
 from swarmwright.common.untrusted import one_line
-from swarmwright.simulations.user_code.copying import display_name
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -61,6 +60,8 @@ def reading_progress(count: int) -> Iterator[Callable[[int], None]]:
 
 def facts_of(run: "Run") -> dict[str, Any]:
     """Return what a line of the list says."""
+    from swarmwright.simulations.user_code.copying import display_name
+
     experiment, unseen = run.experiment, run.unseen
     return {
         "run": str(run.path),
