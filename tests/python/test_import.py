@@ -24,6 +24,17 @@ def test_importing_is_fast_and_lazy() -> None:
 
 
 @pytest.mark.slow
+def test_server_processes_of_built_in_simulations_start_without_large_libraries() -> None:
+    """Each of them would take a tenth of a second of processor time and some megabytes more."""
+    code = (
+        "import sys, swarmwright.servers.evaluation.server_process; "
+        "print({'numpy', 'pydantic', 'ruamel.yaml', 'matplotlib'} & set(sys.modules))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert result.stdout == "set()\n"
+
+
+@pytest.mark.slow
 def test_plotting_libraries_are_not_needed_to_optimize() -> None:
     uses = "swarmwright.optimize; swarmwright.Experiment"
     code = f"import sys, swarmwright; {uses}; assert 'matplotlib' not in sys.modules"

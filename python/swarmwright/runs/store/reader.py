@@ -3,7 +3,7 @@
 import hashlib
 import operator
 import sqlite3
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,9 +13,9 @@ from typing import Any, Self, SupportsIndex
 import numpy as np
 
 from swarmwright.common.arrays import Genome
-from swarmwright.common.groups import problem_of
 from swarmwright.common.json_text import loads
 from swarmwright.common.processes import Place
+from swarmwright.common.ranges import Range
 from swarmwright.common.statistics import Summary
 from swarmwright.runs.store import journal, pieces
 from swarmwright.runs.store.best_of_equals import BestOfEquals
@@ -241,7 +241,7 @@ class StoreReader:
         if text is None:
             return None
         values = self._parsed(text)
-        problem = problem_of(values)
+        problem = _problem_of(values)
         if problem:
             raise DamageError(self.file, f"the fact channels: {problem}")
         found: dict[str, Any] = values
@@ -469,3 +469,27 @@ def session_rows(connection: sqlite3.Connection) -> tuple[dict[str, Any], ...]:
     cursor = connection.execute("SELECT * FROM session ORDER BY session")
     names = [column[0] for column in cursor.description]
     return tuple(dict(zip(names, row, strict=True)) for row in cursor)
+
+
+def _problem_of(channels: Any) -> str | None:  # noqa: ANN401 - whatever a file says
+    """Return what is wrong with channels as `catalogue.channels` describes them; None when nothing is."""
+    if not isinstance(channels, Mapping) or not isinstance(channels.get("groups", {}), Mapping):
+        return "a mapping was expected"
+    for where in (channels, *channels.get("groups", {}).values()):
+        if not isinstance(where, Mapping):
+            return "groups: a mapping for each group was expected"
+        for which in ("sensor", "actuator"):
+            for about in ("names", "units", "ranges"):
+                found = where.get(f"{which}_{about}", [])
+                if not isinstance(found, list):
+                    return f"{which}_{about}: a list was expected"
+                if about != "ranges" and not all(isinstance(name, str) for name in found):
+                    return f"{which}_{about}: texts were expected"
+            try:
+                _ = [Range.of(ends) for ends in where.get(f"{which}_ranges", [])]
+            except ValueError as error:
+                return f"{which}_ranges: {error}"
+    seconds = channels.get("step_seconds")
+    if seconds is not None and not (isinstance(seconds, int | float) and 0 < seconds < float("inf")):
+        return f"step_seconds: {seconds!r} found, expected seconds above 0, or null"
+    return None
