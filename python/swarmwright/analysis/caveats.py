@@ -200,22 +200,22 @@ def _values(
 def _failures(groups: Sequence["Group"], *, held_out: bool) -> Iterator[str]:
     """Yield that evaluations failed, and that figures leave failed episodes out."""
     without = [group for group in groups if group.runs[0].experiment.ranking.failure_fitness is None]
-    some = [one for one in without if any(one.failed)]
+    some = [group for group in without if any(group.failed)]
     if some:
         shares = "; ".join(
-            f"{one.label}: {100 * sum(one.failed) / sum(one.counts):.3g} %" for one in some[:_NAMED]
+            f"{group.label}: {100 * sum(group.failed) / sum(group.counts):.3g} %" for group in some[:_NAMED]
         )
         more = f" and {len(some) - _NAMED} more groups" if len(some) > _NAMED else ""
         yield (
             f"evaluations failed ({shares}{more}) and rank below all others, so the best candidates are "
             "those that happened to work in the episodes of the run"
         )
-    lost = [one for one in without if any(one.held_out_failed)] if held_out else []
+    lost = [group for group in without if any(group.held_out_failed)] if held_out else []
     if lost:
         named = "; ".join(
-            f"{one.label}: {sum(one.held_out_failed):,} in {sum(map(bool, one.held_out_failed))} of "
-            f"{len(one.runs)} runs"
-            for one in lost[:_NAMED]
+            f"{group.label}: {sum(group.held_out_failed):,} in {sum(map(bool, group.held_out_failed))} of "
+            f"{len(group.runs)} runs"
+            for group in lost[:_NAMED]
         )
         more = f" and {len(lost) - _NAMED} more groups" if len(lost) > _NAMED else ""
         yield (
@@ -361,8 +361,8 @@ def caveats(
     found = list(indicator.notes)
     few = [group for group in groups if len(group.runs) < FEW_RUNS]
     if few and len(groups) > 1:
-        least, most = (limit(len(one.runs) for one in few) for limit in (min, max))
-        counts = "; ".join(f"{one.label}: {len(one.runs)}" for one in few)
+        least, most = (limit(len(group.runs) for group in few) for limit in (min, max))
+        counts = "; ".join(f"{group.label}: {len(group.runs)}" for group in few)
         if len(few) > 3:
             counts = f"{len(few)} groups have {least if least == most else f'{least} to {most}'}"
         found.append(f"with fewer than {FEW_RUNS} runs in a group ({counts}) a test has little power")

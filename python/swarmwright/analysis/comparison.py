@@ -130,7 +130,7 @@ def check_order(order: object, groups: "Sequence[Group]") -> None:
         return
     if not isinstance(order, Sequence):
         raise InputError(f"order: must be a name or a list of labels, not {shown(order)}")
-    labels = [one.label for one in groups]
+    labels = [known_group.label for known_group in groups]
     unknown = [name for name in order if name not in labels]
     if unknown:
         known = ", ".join(map(repr, labels))
@@ -141,16 +141,18 @@ def in_order(groups: "Sequence[Group]", order: Order) -> "list[Group]":
     """Return the groups of a task in an order that `check_order` takes."""
     if order == "given":
         return list(groups)
-    keys = {key for one in groups for key in one.differs}
+    keys = {key for known_group in groups for key in known_group.differs}
     # Numbers of groups follow the order of the runs; others do not depend on it.
-    named = sorted(groups, key=lambda one: (number_of(one.label), sort_key(one.differs, keys)))
+    named = sorted(
+        groups, key=lambda known_group: (number_of(known_group.label), sort_key(known_group.differs, keys))
+    )
     if order == "name":
         return named
-    ranked = sorted(named, key=lambda one: -one.median)
+    ranked = sorted(named, key=lambda known_group: -known_group.median)
     if order == "rank":
         return ranked
     places = {label: place for place, label in enumerate(order)}
-    return sorted(ranked, key=lambda one: places.get(one.label, len(places)))
+    return sorted(ranked, key=lambda known_group: places.get(known_group.label, len(places)))
 
 
 def tasks_in_order(tasks: "Sequence[TaskGroups]", order: Order) -> "list[TaskGroups]":
@@ -302,7 +304,7 @@ class Comparison:
     def __repr__(self) -> str:
         """Name what is compared, and how many runs in how many groups."""
         what = "fitness on held-out seeds" if self.held_out else self.indicator.by
-        runs = sum(len(one.runs) for one in self.groups)
+        runs = sum(len(own_group.runs) for own_group in self.groups)
         return f"<Comparison by {what}: {runs} runs in {len(self.groups)} groups>"
 
     def _repr_html_(self) -> str:
@@ -555,7 +557,7 @@ def compare_opened(
         raise InputError("there are no runs to compare; name run folders such as runs/minisim-1")
     grouped, notes = group(opened)
     kept, without = _counted(grouped, unreadable, at, at_episodes, unfinished=unfinished)
-    runs = [run for one in kept for run in one.runs]
+    runs = [run for kept_group in kept for run in kept_group.runs]
     if held_out:
         check_validated(runs, at)
     if at is not None:
@@ -573,15 +575,15 @@ def compare_opened(
         counts = [run.evaluations if at is None else min(at, run.evaluations) for run in runs]
         found = list(zip(measured, counts, strict=True))
     values = iter(found)
-    groups = [_group(one, list(islice(values, len(one.runs))), without) for one in kept]
+    groups = [_group(kept_group, list(islice(values, len(kept_group.runs))), without) for kept_group in kept]
     check_order(order, groups)
     tasks = tuple(
-        _task(one, in_order([groups[index] for index in one.indices], order))
-        for one in tasks_in_order(by_task(kept, by=by, held_out=held_out), order)
+        _task(task_groups, in_order([groups[index] for index in task_groups.indices], order))
+        for task_groups in tasks_in_order(by_task(kept, by=by, held_out=held_out), order)
     )
     if labels:
         tasks = _renamed(tasks, labels, without)
-    groups = [one for task in tasks for one in task.groups]
+    groups = [of_task for task in tasks for of_task in task.groups]
     found_caveats = caveats(
         groups, tasks, at, indicator, at_episodes=at_episodes, held_out=held_out, beside=beside
     )
@@ -613,17 +615,17 @@ def _counted(
     """
     kept: list[RunGroup] = []
     without: list[LeftOut] = []
-    labels = {str(run.path): one.label for one in grouped for run in one.runs}
-    for one in grouped:
+    labels = {str(run.path): run_group.label for run_group in grouped for run in run_group.runs}
+    for run_group in grouped:
         counts = []
-        for run in one.runs:
-            found = left_out(run, one.label, at, at_episodes, unfinished=unfinished)
+        for run in run_group.runs:
+            found = left_out(run, run_group.label, at, at_episodes, unfinished=unfinished)
             if found is None:
                 counts.append(run)
             else:
                 without.append(found)
         if counts:
-            kept.append(replace(one, runs=tuple(counts)))
+            kept.append(replace(run_group, runs=tuple(counts)))
     if not kept:
         raise InputError(_none_counts(without))
     for lacking in unreadable:
@@ -653,7 +655,7 @@ def _renamed(
     """Return tasks with other names. Raises InputError for one that there is not, or that two would have."""
     from swarmwright.analysis.designs import designs_of
 
-    groups = [one.label for task in tasks for one in task.groups]
+    groups = [of_task.label for task in tasks for of_task in task.groups]
     known = [*groups, *(run.label for run in without), *(task.label for task in tasks)]
     known += [design.name for design in designs_of(tasks)]
     unknown = [name for name in labels if name not in known]
@@ -666,7 +668,10 @@ def _renamed(
         raise InputError(f"labels: two groups would be called {twice!r}; give them different names")
     renamed = []
     for task in tasks:
-        members = {one.label: replace(one, label=labels.get(one.label, one.label)) for one in task.groups}
+        members = {
+            of_task.label: replace(of_task, label=labels.get(of_task.label, of_task.label))
+            for of_task in task.groups
+        }
         pairs = tuple(
             replace(pair, first=members[pair.first.label], second=members[pair.second.label])
             for pair in task.pairs

@@ -92,10 +92,10 @@ def _taken_in(run: Run, generation: int) -> _Numbers:
     """Return how many episodes each evaluation of a generation took; none where there is no such one."""
     ranking = run.experiment.new_ranking()
     found = [
-        _taken(one.episodes, one.fitness)
+        _taken(row.episodes, row.fitness)
         if ranking.options.failure_fitness is None
-        else taken_in(one, ranking).episodes
-        for one in run._store.one_generation(generation)
+        else taken_in(row, ranking).episodes
+        for row in run._store.one_generation(generation)
     ]
     return np.concatenate(found) if found else np.zeros(0, np.int64)
 

@@ -280,8 +280,8 @@ def _objectives(options: Nsga2Options) -> str:
 
 def _cells(options: MapElitesOptions) -> str:
     return ", ".join(
-        f"{name} {one.range[0]:g} to {one.range[1]:g} in {one.bins} bins"
-        for name, one in sorted(options.measures.items())
+        f"{name} {axis.range[0]:g} to {axis.range[1]:g} in {axis.bins} bins"
+        for name, axis in sorted(options.measures.items())
     )
 
 

@@ -419,14 +419,12 @@ def _lines(found: ControllerComparison) -> Iterator[str]:
         yield better if test.p <= LEVEL else "No significant difference (p above 0.05)."
 
 
-def _estimated(one: Estimate) -> str:
+def _estimated(measured: Estimate) -> str:
     """Return a mean difference with its interval."""
-    if one.low is None or one.high is None:
-        return number(one.mean) if math.isfinite(one.mean) else "not known"
-    return (
-        f"{number(one.mean)}, 95 % confidence interval {number(one.low)} to {number(one.high)} (Student's t "
-        "of the differences)"
-    )
+    if measured.low is None or measured.high is None:
+        return number(measured.mean) if math.isfinite(measured.mean) else "not known"
+    interval = f"{number(measured.low)} to {number(measured.high)}"
+    return f"{number(measured.mean)}, 95 % confidence interval {interval} (Student's t of the differences)"
 
 
 def _caveats(found: ControllerComparison) -> Iterator[str]:

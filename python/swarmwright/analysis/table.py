@@ -265,7 +265,7 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
             for task in comparison.tasks
         ],
         "pairs": [pair_mapping(pair) for pair in comparison.pairs],
-        "left_out": [one.to_mapping() for one in comparison.left_out],
+        "left_out": [missing_run.to_mapping() for missing_run in comparison.left_out],
         "notes": list(comparison.notes),
     }  # fmt: skip
 

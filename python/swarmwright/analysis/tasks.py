@@ -99,23 +99,23 @@ def _telling(tasks: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     tasks: the keys that differ, with the values of each.
     """
     of_simulation: dict[str, list[Mapping[str, Any]]] = {}
-    for one in tasks:
-        of_simulation.setdefault(identity(one.get(_SIMULATION)), []).append(one)
+    for settings in tasks:
+        of_simulation.setdefault(identity(settings.get(_SIMULATION)), []).append(settings)
 
     def apart(some: Sequence[Mapping[str, Any]], keys: Collection[str]) -> int:
         return len({identity([task.get(key) for key in keys]) for task in some})
 
     found = []
-    for one in tasks:
-        alike = of_simulation[identity(one.get(_SIMULATION))]
-        waiting = [key for key in one if not key.startswith("parameters.") or apart(alike, [key]) > 1]
+    for settings in tasks:
+        alike = of_simulation[identity(settings.get(_SIMULATION))]
+        waiting = [key for key in settings if not key.startswith("parameters.") or apart(alike, [key]) > 1]
         keys = [_SIMULATION] if _SIMULATION in waiting else []
         waiting = [key for key in waiting if key != _SIMULATION]
         while waiting:
             best = max(waiting, key=lambda key: apart(alike, [*keys, key]))
             waiting.remove(best)
             keys.append(best)
-        found.append({key: one[key] for key in keys})
+        found.append({key: settings[key] for key in keys})
     return found
 
 

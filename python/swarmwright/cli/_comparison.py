@@ -92,8 +92,8 @@ def readable_runs(folders: Sequence[Path]) -> "tuple[list[Run], list[LeftOut]]":
                 errors[folder] = error
     if errors and not runs:
         raise next(iter(errors.values()))
-    for one in errors.values():
-        complain(f"left out: {one}")
+    for problem in errors.values():
+        complain(f"left out: {problem}")
     return runs, [as_unreadable(folder, error) for folder, error in errors.items()]
 
 

@@ -26,7 +26,7 @@ def experiment_of(file: Path, settings: Sequence[str]) -> "Experiment":
         return Experiment.load(file, settings)
     from swarmwright.experiment.importing import ImportOptions
 
-    importer = next((one for one in importers() if one.is_experiment(file)), None)
+    importer = next((reader for reader in importers() if reader.is_experiment(file)), None)
     if importer is None:
         return Experiment.load(file, settings)
     try:

@@ -117,7 +117,7 @@ def _interrupted(error: BaseException) -> bool:
     """
     seen: list[BaseException] = []  # a chain may lead back into itself
     cause: BaseException | None = error
-    while cause is not None and not any(cause is one for one in seen):
+    while cause is not None and not any(cause is earlier for earlier in seen):
         if isinstance(cause, KeyboardInterrupt):
             return True
         if isinstance(cause, OSError) or type(cause).__module__ == "sqlite3":

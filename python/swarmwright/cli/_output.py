@@ -176,7 +176,7 @@ def complain(message: str, *, hint: str = "") -> None:
 
 def aside(line: str, below: Iterable[str] = ()) -> None:
     """Print a line on standard error, and others indented below it."""
-    _print([untrusted.one_line(line), *(f"  {untrusted.one_line(one)}" for one in below)], errors=True)
+    _print([untrusted.one_line(line), *(f"  {untrusted.one_line(row)}" for row in below)], errors=True)
 
 
 def document(text: str) -> None:
@@ -209,7 +209,7 @@ def wrapped(line: str, width: int) -> list[str]:
             place = _break(row, width)
             found.append("".join(map("".join, row[:place])))
             row = [(f"{indent}  ", row[place][1]), *row[place + 1 :]]
-            length = sum(len(before) + len(one) for before, one in row)
+            length = sum(len(before) + len(cell) for before, cell in row)
     return [*found, "".join(map("".join, row)).rstrip()]
 
 

@@ -164,7 +164,9 @@ def _experiment(simulation: str, settings: tuple[str, ...], *, proxy: bool) -> "
                 f"{simulation}: is no built-in simulation ({known}), and there is no experiment file of this "
                 f"name{'; ' + kinds.rstrip('; ') if kinds else ''}"
             )
-        if not is_described(simulation) and not any(one.startswith("requirements") for one in settings):
+        if not is_described(simulation) and not any(
+            assignment.startswith("requirements") for assignment in settings
+        ):
             # What a server of another make offers is not known here.
             settings = ("requirements.dimensions=2", *settings)
     return Experiment.from_mapping({"simulation": simulation}, settings)

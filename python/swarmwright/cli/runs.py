@@ -123,7 +123,7 @@ def selected(
     Raises:
         InputError: no run has a key of a condition, or a number is compared with something else.
     """
-    known = {key for one in experiments for key in one}
+    known = {key for listed in experiments for key in listed}
     for condition in conditions:
         if runs and condition.key not in COLUMNS and condition.key not in known:
             what = unknown_key(condition.key, [*COLUMNS, *sorted(known)])
@@ -131,7 +131,7 @@ def selected(
     return [
         run
         for run, experiment in zip(runs, experiments, strict=True)
-        if all(one.holds({**experiment, **run}) for one in conditions)
+        if all(filter_.holds({**experiment, **run}) for filter_ in conditions)
     ]
 
 

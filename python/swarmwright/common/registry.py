@@ -192,7 +192,7 @@ def _with_kind(component: type[Component], kind: str) -> type[Component]:
 
 def _has_options(base: type) -> bool:
     """Whether components of a sort have typed options."""
-    return any("options_model" in vars(one).get("__annotations__", {}) for one in base.__mro__)
+    return any("options_model" in vars(base_class).get("__annotations__", {}) for base_class in base.__mro__)
 
 
 def _resolve(address: str) -> type:

@@ -78,7 +78,9 @@ class Episode:
         """
         seconds = self.server.settings.timeout
         expected = "a sensor message, or the fitness, with the hash of the episode"
-        message = self.server.client.next(lambda one: self.is_mine(one) or bool(self._reason(one)), seconds)
+        message = self.server.client.next(
+            lambda received: self.is_mine(received) or bool(self._reason(received)), seconds
+        )
         if message is None:
             came = f"nothing came within {seconds:g} s"
             if self.trajectory.messages:

@@ -250,7 +250,7 @@ def _check_text(
         for choice in parameter.choices
     ]
     known = catalogue.description(checked["simulation"])["parameters"]
-    declared = {name: one["default"] for name, one in known.items()}
+    declared = {name: declared_parameter["default"] for name, declared_parameter in known.items()}
     given = {name for _, name, _ in values} | set(evolved)
     defaults = [
         (("simulation", "parameters"), name, problem)

@@ -68,7 +68,11 @@ def reference() -> str:
 def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
     """The options of a section: those that are the same for every kind, then the others of each."""
     # Without classes in files.
-    variants = [one for one in schema["properties"][name]["oneOf"] if "const" in _kind(one)]
+    variants = [
+        variant_schema
+        for variant_schema in schema["properties"][name]["oneOf"]
+        if "const" in _kind(variant_schema)
+    ]
     shared = _shared([variant["properties"] for variant in variants])
     if shared:
         yield from ("", "Every kind has these options, unless its own table below has them otherwise.")

@@ -140,7 +140,7 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
     ordered = _in_order(settings)
     if not ordered or not isinstance(source.values, Mapping | None):
         return source
-    values, paths = copy.deepcopy(dict(source.values or {})), [one.path for one in ordered]
+    values, paths = copy.deepcopy(dict(source.values or {})), [assignment.path for assignment in ordered]
 
     def folder(path: Path_) -> Path:
         return source.folder(("parameters", *path))

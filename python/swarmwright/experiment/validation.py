@@ -127,7 +127,11 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
             report(("simulation",), str(error))
             return False
     if isinstance(simulation, Mapping) and not {*LIBRARIES}.isdisjoint(simulation):
-        library, name = next((one, simulation[one]) for one in LIBRARIES if one in simulation)
+        library, name = next(
+            (known_library, simulation[known_library])
+            for known_library in LIBRARIES
+            if known_library in simulation
+        )
         written = f"{library}:{name or 'NAME'}"
         report(("simulation",), f"an environment is named in one word, without a space; write {written}")
         values["simulation"] = written

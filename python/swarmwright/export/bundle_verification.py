@@ -222,7 +222,7 @@ def check_fitness(
     from swarmwright.runs.instances import fitness_of, meaning  # noqa: PLC0415 - loads the engine
 
     stated = float(evaluation["fitness"])
-    parts = [one["episodes"] for one in [*evaluation.get("earlier", []), evaluation]]
+    parts = [earlier["episodes"] for earlier in [*evaluation.get("earlier", []), evaluation]]
     try:
         experiment = recorded_experiment(evaluation["experiment"])
     except SwarmwrightError as error:  # a plug-in is not here

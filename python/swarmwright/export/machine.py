@@ -116,7 +116,7 @@ def _yaml(states: tuple[grammar.State, ...]) -> str:
             elif value:
                 lines.append("    transitions:")
                 lines += [
-                    f"      - {{{', '.join(f'{name}: {part}' for name, part in one.items())}}}"
-                    for one in value
+                    f"      - {{{', '.join(f'{name}: {part}' for name, part in mapping.items())}}}"
+                    for mapping in value
                 ]
     return "\n".join(lines) + "\n"

@@ -153,9 +153,9 @@ def _step_all(
     starts, lengths = sequences
     state = {}
     if states:
-        one = states["state"]
-        kind = np.int64 if one.type == "tensor(int64)" else np.float32
-        state["state"] = np.zeros((len(starts), *one.shape[1:]), kind)
+        weights = states["state"]
+        kind = np.int64 if weights.type == "tensor(int64)" else np.float32
+        state["state"] = np.zeros((len(starts), *weights.shape[1:]), kind)
     for step in range(int(lengths.max(initial=0))):
         active = np.flatnonzero(lengths > step)
         rows = starts[active] + step

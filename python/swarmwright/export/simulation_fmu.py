@@ -252,9 +252,9 @@ def _add_structure(structure: ET.Element, variables: list[Variable], *, three: b
     ]
     for group, element in (("Outputs", "Output"), ("InitialUnknowns", "InitialUnknown")):
         parent = structure if three else ET.SubElement(structure, group)
-        for index, one in outputs:
+        for index, output in outputs:
             if three:
-                ET.SubElement(parent, element, valueReference=str(one.reference))
+                ET.SubElement(parent, element, valueReference=str(output.reference))
             else:  # the place among the variables, from 1
                 ET.SubElement(parent, "Unknown", index=str(index + 1))
 

@@ -307,7 +307,9 @@ def _mission_seconds(mission: Any) -> float | None:  # noqa: ANN401 - a name or 
     """Return the duration of a mission of the arena; None for an object that does not say it."""
     if isinstance(mission, Mapping):
         return mission.get("duration")
-    known = {one[key]: one["duration"] for one in _engine.missions() for key in ("name", "also")}
+    known = {
+        described[key]: described["duration"] for described in _engine.missions() for key in ("name", "also")
+    }
     return known.get(mission)
 
 

@@ -54,8 +54,8 @@ class Grid:
         """
         known: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(measures), axis=1)
         bins = np.array(self.shape)
-        low = np.array([one.low for one in self.axes])
-        width = np.array([one.high - one.low for one in self.axes])
+        low = np.array([measure.low for measure in self.axes])
+        width = np.array([measure.high - measure.low for measure in self.axes])
         # pyribs adds 1e-6 in the unit of the measure, which could be many bins of a small range.
         with np.errstate(over="ignore"):  # far beyond the range
             above = bins * (np.where(known[:, np.newaxis], measures, low) - low)
@@ -150,11 +150,11 @@ def front_with(front: Values, values: Values) -> tuple[NDArray[np.bool_], NDArra
     joins[first] = ranks(values[first], last=0) == 0
     stays = np.ones(len(front), dtype=bool)
     for row in np.flatnonzero(joins):
-        one = values[row]
-        as_good: NDArray[np.bool_] = np.logical_and.reduce(front >= one, axis=1)
+        measured = values[row]
+        as_good: NDArray[np.bool_] = np.logical_and.reduce(front >= measured, axis=1)
         joins[row] = not as_good.any()
         if joins[row]:
-            stays &= ~np.logical_and.reduce(front <= one, axis=1)
+            stays &= ~np.logical_and.reduce(front <= measured, axis=1)
     return stays, joins
 
 

@@ -161,7 +161,7 @@ class Race:
             scores = np.array([[entrant.scores[number] for entrant in self.alive] for number in instances])
             good = survivors(scores, rules.test, rules.level).tolist()
             kept = zip(self.alive, good, strict=True)
-            self.alive = [one for one, stays in kept if stays or one in self._protected]
+            self.alive = [survivor for survivor, stays in kept if stays or survivor in self._protected]
         if not self._protected and self._place > rules.first_test:
             self._quiet = self._quiet + 1 if len(self.alive) == before else 0
 
@@ -519,9 +519,9 @@ class Racing(Method):
             return False
         genes, count = self.representation.genome_size, len(new)
         chosen = {entrants[index].parent or entrants[index] for index in same.tolist()}
-        for one in chosen:
-            one.spread = min(one.spread * count ** (2 / genes), (1 / count) ** (1 / genes))
-            one.fresh = 0.9 * one.fresh + 0.1
+        for parent in chosen:
+            parent.spread = min(parent.spread * count ** (2 / genes), (1 / count) ** (1 / genes))
+            parent.fresh = 0.9 * parent.fresh + 0.1
         self._widened += 1
         return True
 

@@ -148,7 +148,7 @@ def _is_version(run: "Run", version: int, parts: list[Part]) -> bool:
 
 def _has_copy(run: "Run", generation: int) -> bool:
     session = run._store.session_of(generation)
-    return any(one.session == session and one.code is not None for one in run.sessions)
+    return any(recorded.session == session and recorded.code is not None for recorded in run.sessions)
 
 
 def used_for(run: "Run", generation: int | None = None, simulation: str | type | None = None) -> Experiment:
@@ -334,7 +334,7 @@ def continuation(
         _check_trusted(run, experiment, copy, accepted=True)
     parts = [part or choose(copy, copy.parts[name]).part for name, part in now.items()]
     summaries = dict.fromkeys(summary(copy.parts[name], part) for name, part in changed.items())
-    notes += [f"changed code accepted from generation {run.generations} on: {one}" for one in summaries]
+    notes += [f"changed code accepted from generation {run.generations} on: {line}" for line in summaries]
     _trust_accepted(copy, changed)
     experiment = _with_files(experiment, copy, changed)
     if named is not None:
@@ -540,5 +540,5 @@ def _as_kept(kept: Kept, part: Part) -> Part:
 
 
 def _is_same(kept: Kept, part: Part) -> bool:
-    classes = [SimulationName.parse(one.component).label for one in (kept, part)]
+    classes = [SimulationName.parse(either.component).label for either in (kept, part)]
     return classes[0] == classes[1] and part.digests == dict(kept.digests)

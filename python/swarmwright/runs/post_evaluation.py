@@ -464,8 +464,8 @@ def of_controllers(
                 metrics=asked_for(experiment, where.metrics),
                 controller=specification,
             ) as backend:
-                for place, one in controllers.items():
-                    check_fit(one, backend.sensors, backend.actuators, experiment.simulation, place)
+                for place, member in controllers.items():
+                    check_fit(member, backend.sensors, backend.actuators, experiment.simulation, place)
                 weights = np.array([specification["weights"]], dtype=np.float32)
                 results = _results(
                     backend,

@@ -288,7 +288,7 @@ class Episodes:
                         f"{name}: sensor {sensor.sensor}: {value} came, expected a finite number; `infinite` "
                         "is what is read where nothing is detected"
                     )
-        poses = self._simulator.poses() if any(one.pose for one in given.metrics.values()) else []
+        poses = self._simulator.poses() if any(measured.pose for measured in given.metrics.values()) else []
         for name, metric in given.metrics.items():
             self._samples[name].append(FUNCTIONS[metric.robots](list(self._values(metric, sensed, poses))))
         if self._left > 0:

@@ -98,30 +98,30 @@ def declared(groups: Any, parameters: Mapping[str, Parameter], where: str) -> di
     return dict(groups)
 
 
-def _check(one: Any, parameters: Mapping[str, Parameter], at: str) -> None:  # noqa: ANN401 - fields may be anything
+def _check(group: Any, parameters: Mapping[str, Parameter], at: str) -> None:  # noqa: ANN401 - fields may be anything
     for key in ("sensors", "actuators"):
-        number, names = getattr(one, key), getattr(one, f"{key[:-1]}_names")
+        number, names = getattr(group, key), getattr(group, f"{key[:-1]}_names")
         if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _LARGEST_COUNT:
             raise InputError(f"{at}.{key}: {number!r} found, expected an integer from 1 to {_LARGEST_COUNT}")
         if names and len(names) != number:
             raise InputError(f"{at}.{key[:-1]}_names: {len(names)} found, expected {number}")
         try:
-            ranges_of(getattr(one, f"{key[:-1]}_ranges"), number)
+            ranges_of(getattr(group, f"{key[:-1]}_ranges"), number)
         except ValueError as error:
             raise InputError(f"{at}.{key[:-1]}_ranges: {error}") from None
-    if isinstance(one.agents, str):
-        if one.agents not in parameters:
+    if isinstance(group.agents, str):
+        if group.agents not in parameters:
             known = ", ".join(parameters) or "none"
-            raise InputError(f"{at}.agents: there is no parameter {one.agents!r}; there are: {known}")
-        if parameters[one.agents].kind != "integer":
-            raise InputError(f"{at}.agents: the parameter {one.agents!r} is not an integer")
+            raise InputError(f"{at}.agents: there is no parameter {group.agents!r}; there are: {known}")
+        if parameters[group.agents].kind != "integer":
+            raise InputError(f"{at}.agents: the parameter {group.agents!r} is not an integer")
     elif (
-        isinstance(one.agents, bool)
-        or not isinstance(one.agents, int)
-        or not 0 <= one.agents <= _LARGEST_COUNT
+        isinstance(group.agents, bool)
+        or not isinstance(group.agents, int)
+        or not 0 <= group.agents <= _LARGEST_COUNT
     ):
         raise InputError(
-            f"{at}.agents: {one.agents!r} found, expected a number from 0 to {_LARGEST_COUNT}, or the name "
+            f"{at}.agents: {group.agents!r} found, expected a number from 0 to {_LARGEST_COUNT}, or the name "
             "of a parameter"
         )
 

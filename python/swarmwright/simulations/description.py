@@ -152,7 +152,11 @@ def misspelt(kind: type[Described]) -> list[str]:
     Only attributes with the kind of value that the other one has count: `sensor_range = 0.5` is a user's own.
     """
     base = BatchSimulation if issubclass(kind, BatchSimulation) else Simulation
-    users = [one for one in kind.__mro__ if not f"{one.__module__}.".startswith(("swarmwright.", "abc."))]
+    users = [
+        base_class
+        for base_class in kind.__mro__
+        if not f"{base_class.__module__}.".startswith(("swarmwright.", "abc."))
+    ]
     given = {name: value for user in reversed(users) for name, value in vars(user).items()}
     known = {
         name: getattr(base, name, 0)  # sensors and actuators have no default
@@ -198,7 +202,7 @@ def _channels(where: str, name: str, value: Any, count: int) -> tuple[str, ...]:
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise InputError(f"{where}.{name}: {value!r} found, expected a list of {count} {what}")
     names = tuple(value)
-    if not all(isinstance(one, str) for one in names):
+    if not all(isinstance(given, str) for given in names):
         raise InputError(f"{where}.{name}: {list(names)!r} found, expected text only")
     if names and len(names) != count:
         raise InputError(f"{where}.{name}: {len(names)} {what} found, expected {count}")

@@ -389,7 +389,9 @@ class Host(Calls[Simulation | BatchSimulation]):
             self._notice_unknown(given)
             known = self.description.parameters
             values = filled_in(
-                known, {name: one for name, one in given.items() if not known or name in known}, sent=True
+                known,
+                {name: given_value for name, given_value in given.items() if not known or name in known},
+                sent=True,
             )
             if self.has_groups:
                 self._groups = counted(self.description.groups, values)

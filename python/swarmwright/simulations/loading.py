@@ -71,9 +71,9 @@ def _of_gymnasium(found: type, module: str, member: str) -> str:
     what = "is an environment of Gymnasium, which needs no class of a simulation"
     entry = f"{module}:{member}"
     # It is imported, as its class is derived from one of it.
-    for one, spec in sys.modules["gymnasium"].registry.items():
+    for registered, spec in sys.modules["gymnasium"].registry.items():
         if spec.entry_point in {found, entry}:
-            return f"{what}: write gymnasium:{module}:{one}; {_GUIDE}"
+            return f"{what}: write gymnasium:{module}:{registered}; {_GUIDE}"
     return (
         f"{what}: register it in its module, gymnasium.register('{member}-v0', entry_point='{entry}'), and "
         f"write gymnasium:{module}:{member}-v0; {_GUIDE}"
@@ -306,7 +306,7 @@ def _import_copy(copy: Copy, kept: Kept) -> ModuleType:
     if choice.instead is not None and not _is_started_by_another():
         copy_is_used(copy, kept, choice.instead)
     code = [digest for digest in kept.digests if digest not in kept.data]
-    places = [one for one in code if kept.module is not None or one != kept.main]
+    places = [path for path in code if kept.module is not None or path != kept.main]
     apart = _apart(copy.folder / kept.name, _top(places))
     if kept.module is not None and "." in kept.module:
         with apart.entered():

@@ -92,11 +92,11 @@ def declared(parameters: Mapping[str, Any], where: str) -> dict[str, Parameter]:
             raise InputError(f"{where}.parameters: the name {name!r} found, expected text")
         if name == "seed":
             raise InputError(f"{where}.parameters: 'seed' is given to reset by itself; leave it out")
-        one = value if isinstance(value, Parameter) else Parameter(value)
-        problem = one.problem(one.default)
+        declaration = value if isinstance(value, Parameter) else Parameter(value)
+        problem = declaration.problem(declaration.default)
         if problem is not None:
             raise InputError(f"{where}.parameters[{name!r}]: default: {problem}")
-        found[name] = one
+        found[name] = declaration
     return found
 
 

@@ -189,10 +189,10 @@ class PettingZoo(Environment):
 
     def _check_dicts(self, returned: tuple[Any, ...]) -> None:
         """Raise SimulationError where `step` returned something else by agent than dictionaries."""
-        for what, one in zip(_BY_AGENT, returned, strict=False):
-            if not isinstance(one, Mapping):
+        for what, mapping in zip(_BY_AGENT, returned, strict=False):
+            if not isinstance(mapping, Mapping):
                 raise SimulationError(
-                    f"{self.environment}: step returned {short(one)} as {what}, expected a dict by agent"
+                    f"{self.environment}: step returned {short(mapping)} as {what}, expected a dict by agent"
                 )
 
     def _check_rewards(self, rewards: Mapping[str, Any], alive: Collection[str]) -> None:
@@ -270,8 +270,8 @@ def _alike(module: str) -> str:
     package, _, name = module.rpartition(".")
     if not package:
         return ""
-    names = [one.name for one in iter_modules(getattr(import_module(package), "__path__", ()))]
-    return did_you_mean(name, [one for one in names if one != name])
+    names = [submodule.name for submodule in iter_modules(getattr(import_module(package), "__path__", ()))]
+    return did_you_mean(name, [module_name for module_name in names if module_name != name])
 
 
 def _kind(agent: str) -> str:

@@ -331,8 +331,8 @@ class PhysicsHost(Calls[Physics]):
 
 
 def _world(plain: Mapping[str, Any]) -> World:
-    def points(one: Mapping[str, Any]) -> Numbers:
-        return np.asarray(one["points"], np.float32).reshape(-1, 2)
+    def points(shape: Mapping[str, Any]) -> Numbers:
+        return np.asarray(shape["points"], np.float32).reshape(-1, 2)
 
     return World(
         tick=plain["tick"],

@@ -90,7 +90,7 @@ class Vmas(BatchSimulation):
         """Have a scenario for so many episodes. Raises InputError."""
         self._env = self._make(episodes, parameters)
         self._made_of = (episodes, dict(parameters))
-        self.actuator_ranges = common([ranges(*_middle_and_half(one)) for one in self._env.action_space])
+        self.actuator_ranges = common([ranges(*_middle_and_half(space)) for space in self._env.action_space])
 
     def _make(self, episodes: int, parameters: dict[str, Any]) -> Any:  # noqa: ANN401 - a type of VMAS
         check_paths(f"Vmas {self.environment}", self.environment, parameters)

@@ -131,11 +131,13 @@ def _check_mutation(subject: Representation) -> None:
 
     # Of choices few may change at a time.
     changed = [mutant(0.3, 1.0, index) for index in range(30)]
-    for one in changed:
-        _is_genome(subject, one, "mutate")
+    for variant in changed:
+        _is_genome(subject, variant, "mutate")
     assert genome.tobytes() == before, "mutate must not change its argument"
     assert changed[0].tobytes() == mutant(0.3, 1.0).tobytes(), "mutate must depend on the stream alone"
-    assert {one.tobytes() for one in changed} - {before}, "mutate with probability 1 must change something"
+    assert {variant.tobytes() for variant in changed} - {before}, (
+        "mutate with probability 1 must change something"
+    )
     _is_genome(subject, mutant(100.0, 1.0), "mutate")
     assert mutant(0.3, 0.0).tobytes() == before, "mutate with probability 0 must change nothing"
 
@@ -174,7 +176,7 @@ def _check_many(subject: Representation) -> None:
     def equal(found: Genomes, expected: list[Genome], what: str) -> None:
         assert found.dtype == np.float32, f"{what} returns {found.dtype}, not float32"
         assert found.shape == (len(expected), subject.genome_size), f"{what} returns the shape {found.shape}"
-        assert found.tobytes() == b"".join(one.tobytes() for one in expected), (
+        assert found.tobytes() == b"".join(variant.tobytes() for variant in expected), (
             f"{what} must give the same bits as for one genome after the other"
         )
 

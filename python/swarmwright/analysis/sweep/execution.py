@@ -154,7 +154,7 @@ def write(sweep: Sweep, tasks: Sequence[Task]) -> None:
 
 
 def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
-    experiments = [_recorded_variant(one) for one in sweep.variants]
+    experiments = [_recorded_variant(member) for member in sweep.variants]
     first = experiments[0]
     common = {
         key: value

@@ -44,7 +44,7 @@ def require_effect(
         base: the experiment with the settings.
         variants: of it.
     """
-    grids = [one for one in (grid if isinstance(grid, list) else [grid]) if isinstance(one, Mapping)]
+    grids = [entry for entry in (grid if isinstance(grid, list) else [grid]) if isinstance(entry, Mapping)]
     named = [{_path(str(key)): key for key in grid_of_list} for grid_of_list in grids]
     for setting in parse_settings(settings):
         path = setting.path

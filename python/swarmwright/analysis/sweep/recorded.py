@@ -139,7 +139,7 @@ def _named(name: Any, names: Mapping[str, str]) -> Any:  # noqa: ANN401 - whatev
 def _names(experiment: Experiment) -> list[str]:
     """Return the names of an experiment's simulation, and of what may be plug-ins in files."""
     lists = (getattr(experiment.controller, key, None) for key in _MODULES)
-    modules = (name for one in lists if isinstance(one, list | tuple) for name in one)
+    modules = (name for listed in lists if isinstance(listed, list | tuple) for name in listed)
     return [experiment.simulation, *(getattr(experiment, key).kind for key in _CLASSES), *modules]
 
 

@@ -130,19 +130,19 @@ class Status(Listener):
         now = self._clock()
         known = {variant: list(seconds) for variant, seconds in self._took.items()}
         left = []
-        for one in self.under_way.values():
-            rest = one.left(now)
+        for progress in self.under_way.values():
+            rest = progress.left(now)
             if rest is not None:
                 left.append(rest)
-                if one.task.variant not in self._took and one.generation is not None:
-                    known.setdefault(one.task.variant, []).append(one.generation.seconds + rest)
+                if progress.task.variant not in self._took and progress.generation is not None:
+                    known.setdefault(progress.task.variant, []).append(progress.generation.seconds + rest)
         if not known:
             return None
         means = {variant: fmean(seconds) for variant, seconds in known.items()}
         others = fmean(means.values())
         unknown = [run.task.variant for run in self.under_way.values() if run.left(now) is None]
         waiting = list(self._waiting)
-        for one in self.under_way.values():
-            waiting.remove(one.task.variant)
+        for progress in self.under_way.values():
+            waiting.remove(progress.task.variant)
         left += [means.get(variant, others) for variant in unknown + waiting]
         return max(sum(left) / self.jobs, max(left, default=0.0))

@@ -82,7 +82,7 @@ class SweepResult:
             variant = variant_of(run.path)
             label = "" if variant is None else variant[0]
             found.append(left_out(run, label, None, None, unfinished=False))
-        return (*(one for one in found if one is not None), *self.unreadable)
+        return (*(candidate for candidate in found if candidate is not None), *self.unreadable)
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each run, for `pandas.DataFrame(result.table())` and the like.
@@ -124,14 +124,14 @@ class SweepResult:
             for index, (run, label, keys) in enumerate(zip(self.runs, self.labels, differing, strict=True))
         ] + [
             {
-                "variant": one.label,
-                "seed": one.seed,
-                "left_out": one.reason,
+                "variant": missing_run.label,
+                "seed": missing_run.seed,
+                "left_out": missing_run.reason,
                 **without,
-                "evaluations": one.evaluations,
-                "run": str(one.path),
+                "evaluations": missing_run.evaluations,
+                "run": str(missing_run.path),
             }
-            for one in self.left_out
+            for missing_run in self.left_out
         ]
 
     @checked

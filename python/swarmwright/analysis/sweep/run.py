@@ -259,7 +259,7 @@ def tasks(sweep: Sweep) -> list[Task]:
 
     A stopped sweep then has about equally many runs of each variant.
     """
-    alike = {_identity(one.experiment): one.alike for one in sweep.variants if one.alike}
+    alike = {_identity(member.experiment): member.alike for member in sweep.variants if member.alike}
     there = {name: _existing(sweep, name, alike) for name in set(alike.values())}
     folders = _with_longer_runs(sweep, [_folder(variant, there) for variant in sweep.variants])
     return [
@@ -374,7 +374,9 @@ class Executor:
         experiments = {variant.experiment.simulation: variant.experiment for variant in self._sweep.variants}
         for experiment in experiments.values():
             same = (variant.experiment for variant in self._sweep.variants)
-            modules = opening.modules_of([one for one in same if one.simulation == experiment.simulation])
+            modules = opening.modules_of(
+                [similar for similar in same if similar.simulation == experiment.simulation]
+            )
             address, local = opening.open_servers(
                 self._stack, experiment, self._broker, wanted, started=self._servers, modules=modules
             )

@@ -61,9 +61,9 @@ def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
     grid = source.values["grid"]
     grids = grid if isinstance(grid, list) and grid else [grid]
     combinations = []
-    for index, one in enumerate(grids):
+    for index, entry in enumerate(grids):
         at = ("grid", index) if isinstance(grid, list) and grid else ("grid",)
-        combinations += [(at, changes) for changes in _combinations(source, one, at)]
+        combinations += [(at, changes) for changes in _combinations(source, entry, at)]
     kinds = {f"{section}.kind": getattr(base, section).kind for section in REGISTRIES}
     every = [changes for _, changes in combinations]
     labels = labels_of(every, [{**kinds, **changes} for changes in every])

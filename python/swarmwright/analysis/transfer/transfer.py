@@ -77,7 +77,7 @@ def transfer(
     """
     listed("runs", runs, "run folders")
     listed("to", to, "simulations or files of them")
-    to = [text("to", one, "a list of names of simulations, or of files of them") for one in to]
+    to = [text("to", given, "a list of names of simulations, or of files of them") for given in to]
     seeds = integer("seeds", seeds)
     opened = [run_of(run) for run in runs]
     if not opened:
@@ -86,7 +86,7 @@ def transfer(
         if number < least:
             raise InputError(f"{name}: must be at least {least}, not {number}")
     groups, notes = group(opened, besides={"parameters.seed"})
-    kept = [run for one in groups for run in one.runs]
+    kept = [run for group in groups for run in group.runs]
     ranges = ranges_of(vary)
     if pseudo_reality:
         for run in kept:
@@ -162,7 +162,7 @@ def _failed(found: Sequence[Transferred]) -> Iterator[str]:
 
 def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Iterable[str]:
     yield from _failed(found)
-    if len(groups) > 1 and min(len(one.runs) for one in groups) < FEW_RUNS:
+    if len(groups) > 1 and min(len(group.runs) for group in groups) < FEW_RUNS:
         yield f"with fewer than {FEW_RUNS} runs of a group a test has little power"
     tasks = by_task(groups, by="fitness", held_out=False)
     if any(len(task.indices) > 1 for task in tasks) and len(tasks) > 1:

@@ -76,7 +76,9 @@ class Batch:
             came = f"{len(episodes)} episodes, {len(agents)} agents, {len(sensors)} sensors"
             raise Failure(came, f"as many agents as episodes, {each} sensors for each", self.sent)
         rows = sensors.reshape(len(episodes), each)
-        self.rows = [(int(one), int(two), row) for one, two, row in zip(episodes, agents, rows, strict=True)]
+        self.rows = [
+            (int(number), int(two), row) for number, two, row in zip(episodes, agents, rows, strict=True)
+        ]
         ended, fitness = numbers(answer, "ended", "<u4"), numbers(answer, "fitness", "<f8")
         if len(ended) != len(fitness):
             raise Failure(f"{len(ended)} ended, {len(fitness)} fitness", "as many", self.sent)
@@ -166,22 +168,22 @@ def equal(server: Server) -> str:
 
     wanted = list(server.announced.get("metrics") or [])
     more: Json = {"metrics": wanted} if wanted else {}
-    one = Batch(server, seeds, **more)
-    one.play(act)
+    sent = Batch(server, seeds, **more)
+    sent.play(act)
     free_again(server)
     for episode, seed in enumerate(seeds):
         trajectory = stepwise(seed)
-        if not same(trajectory.fitness, one.fitness.get(episode)):
-            came = f"seed {seed}: {one.fitness.get(episode)!r} batched, {trajectory.fitness!r} stepwise"
+        if not same(trajectory.fitness, sent.fitness.get(episode)):
+            came = f"seed {seed}: {sent.fitness.get(episode)!r} batched, {trajectory.fitness!r} stepwise"
             raise Failure(came, "the same bits")
         for name in wanted:
             if name in trajectory.metrics and not same(
-                trajectory.metrics[name], one.metrics[episode].get(name)
+                trajectory.metrics[name], sent.metrics[episode].get(name)
             ):
-                batched = one.metrics[episode].get(name)
+                batched = sent.metrics[episode].get(name)
                 came = f"{name}, seed {seed}: {batched!r} batched, {trajectory.metrics[name]!r} stepwise"
                 raise Failure(came, "the same bits")
-    return f"{len(seeds)} episodes, {one.step} steps"
+    return f"{len(seeds)} episodes, {sent.step} steps"
 
 
 @rule(
@@ -222,11 +224,11 @@ def refused(server: Server) -> None:
 def ended(server: Server) -> None:
     """An end in the first step, then another batch."""
     _steps(server)
-    one = Batch(server, _seeds(server))
-    one.answer([])
+    sent = Batch(server, _seeds(server))
+    sent.answer([])
     for message in server.client.drain(server.quiet):
         if message.topic.endswith(server.token):
-            raise Failure("an answer came", "silence: the batch is over", one.sent)
+            raise Failure("an answer came", "silence: the batch is over", sent.sent)
     Batch(server, _seeds(server)).answer([])
     free_again(server)
     server.must_answer(
@@ -274,11 +276,11 @@ def taken(server: Server) -> None:
     Where no answer is expected, the batch is over at once, and the server held.
     """
     must_have_batches(server)
-    one = Batch(server, _seeds(server))
-    why = f"a batch of {TOOL} is under way" if one.rows else f"it is held for {TOOL}"
+    sent = Batch(server, _seeds(server))
+    why = f"a batch of {TOOL} is under way" if sent.rows else f"it is held for {TOOL}"
     must_be_refused(server, batch(server, [1], tool=OTHER), ["taken"], why)
     must_be_taken(server, why, "start")
-    one.play(_zeros(server))
+    sent.play(_zeros(server))
     must_be_taken(server, f"it is held for {TOOL}", "a whole batch")
     free_again(server)
     server.must_come_free("an answer to every tool", f'control with run: false and "tool": "{TOOL}"')
@@ -302,12 +304,12 @@ def full(server: Server) -> str:
     most = server.announced.get("batch")
     if not isinstance(most, int):
         raise Skip("not announced: no capabilities.swarmwright.batch")
-    one = Batch(server, range(min(most, 1000)), patience=12)
-    found = {episode for episode, _, _ in one.rows} | set(one.fitness)
+    sent = Batch(server, range(min(most, 1000)), patience=12)
+    found = {episode for episode, _, _ in sent.rows} | set(sent.fitness)
     if len(found) != min(most, 1000):
-        raise Failure(f"{len(found)} episodes came", f"{min(most, 1000)}", one.sent)
-    if one.rows:
-        one.answer([])
+        raise Failure(f"{len(found)} episodes came", f"{min(most, 1000)}", sent.sent)
+    if sent.rows:
+        sent.answer([])
     return f"{most} episodes"
 
 
@@ -448,10 +450,10 @@ def seeds_of_batches(server: Server) -> None:
             readings.append(sensors)
             return list(server.policy(agent, len(readings) - 1, sensors))
 
-        one = Batch(server, [seed], parameters=parameters)
-        one.play(act)
+        sent = Batch(server, [seed], parameters=parameters)
+        sent.play(act)
         free_again(server)
-        seen.fitness = one.fitness.get(0)
+        seen.fitness = sent.fitness.get(0)
         difference = _difference(server, seed, seen)
         if difference:
             cause = _lost_seed(

@@ -127,8 +127,8 @@ class Condition(ABC):
 
 def pcg4d(bits: NDArray[np.uint32], *beside: int) -> list[NDArray[np.uint32]]:
     """Return four random words for each number, as the engine does: see its `random.rs`."""
-    start = [np.uint32((one * 1664525 + 1013904223) & 0xFFFFFFFF) for one in beside]
-    v = [bits * np.uint32(1664525) + np.uint32(1013904223), *(np.full(bits.shape, one) for one in start)]
+    start = [np.uint32((word * 1664525 + 1013904223) & 0xFFFFFFFF) for word in beside]
+    v = [bits * np.uint32(1664525) + np.uint32(1013904223), *(np.full(bits.shape, value) for value in start)]
     for last in (False, True):
         v[0] = v[0] + v[1] * v[3]
         v[1] = v[1] + v[2] * v[0]

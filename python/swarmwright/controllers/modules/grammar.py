@@ -78,7 +78,7 @@ def built_in(name: str) -> Module:
         names: tuple[str, ...] = (BEHAVIOUR_PARAMETERS[name],)
     else:
         names = CONDITION_PARAMETERS.get(name, ())
-    return Module(name, {one: RANGES[one] for one in names})
+    return Module(name, {module_name: RANGES[module_name] for module_name in names})
 
 
 @dataclass(frozen=True)

@@ -217,36 +217,36 @@ def _below(bound: float) -> float:
     return float(nearest) + 0.0
 
 
-def collect(one: Condition, thresholds: dict[int, set[float]]) -> None:
+def collect(test: Condition, thresholds: dict[int, set[float]]) -> None:
     """Add the thresholds of a condition."""
-    if isinstance(one, Above):
-        thresholds.setdefault(one.sensor, set()).add(one.threshold)
-    elif isinstance(one, Combined):
-        for part in one.parts:
+    if isinstance(test, Above):
+        thresholds.setdefault(test.sensor, set()).add(test.threshold)
+    elif isinstance(test, Combined):
+        for part in test.parts:
             collect(part, thresholds)
 
 
-def named(one: Condition) -> set[str]:
+def named(test: Condition) -> set[str]:
     """Return the states that a condition asks for."""
-    if isinstance(one, Active):
-        return {one.state}
-    return {name for part in one.parts for name in named(part)} if isinstance(one, Combined) else set()
+    if isinstance(test, Active):
+        return {test.state}
+    return {name for part in test.parts for name in named(part)} if isinstance(test, Combined) else set()
 
 
 def holds(
-    one: Condition, thresholds: Thresholds, intervals: NDArray[np.int64], active: Container[str] = ()
+    test: Condition, thresholds: Thresholds, intervals: NDArray[np.int64], active: Container[str] = ()
 ) -> Bits:
     """Return whether a condition holds, for each combination of intervals, (sensors, combinations).
 
     active: the states that are active.
     """
-    if isinstance(one, bool | Active):
-        return np.full(intervals.shape[1], one if isinstance(one, bool) else one.state in active)
-    if isinstance(one, Above):
-        found: Any = intervals[one.sensor] > thresholds[one.sensor].index(one.threshold)
+    if isinstance(test, bool | Active):
+        return np.full(intervals.shape[1], test if isinstance(test, bool) else test.state in active)
+    if isinstance(test, Above):
+        found: Any = intervals[test.sensor] > thresholds[test.sensor].index(test.threshold)
         return np.asarray(found, dtype=np.bool_)
-    parts = [holds(part, thresholds, intervals, active) for part in one.parts]
-    if one.how == "not":
+    parts = [holds(part, thresholds, intervals, active) for part in test.parts]
+    if test.how == "not":
         return ~parts[0]
-    combined: Bits = (np.logical_and if one.how == "and" else np.logical_or).reduce(parts)
+    combined: Bits = (np.logical_and if test.how == "and" else np.logical_or).reduce(parts)
     return combined

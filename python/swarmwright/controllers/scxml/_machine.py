@@ -111,12 +111,12 @@ def _flattened(
         first, done = steps.begin()
         numbers = {first: 0}
         order = [first]
-        if all(one.is_atomic for one in root.inner):
+        if all(inner.is_atomic for inner in root.inner):
             # States side by side stay, too, where no transition leads to them.
             for state in root.inner:
-                one = Snapshot((state.order,))
-                if numbers.setdefault(one, len(order)) == len(order):
-                    order.append(one)
+                initial = Snapshot((state.order,))
+                if numbers.setdefault(initial, len(order)) == len(order):
+                    order.append(initial)
         effects: list[list[_Effect]] = []
         for snapshot in order:  # grows while it is walked through
             found: list[_Effect] = [(0, ())] * rows
@@ -158,9 +158,9 @@ def _check_size(numbers: int) -> None:
 def _thresholds(edges: dict[int, Edge], sensors: int) -> Thresholds:
     found: dict[int, set[float]] = {sensor: set() for sensor in range(sensors)}
     for edge in edges.values():
-        for one in (edge.condition, edge.on_step):
-            if one is not None:
-                collect(one, found)
+        for guard in (edge.condition, edge.on_step):
+            if guard is not None:
+                collect(guard, found)
     return {sensor: sorted(ones) for sensor, ones in found.items()}
 
 
@@ -215,7 +215,7 @@ def _variants(
         if not any(reached == state for reached, _ in found):
             _explore(first if state == 0 else (state, tuple(0.0 for _ in start)), effects, kept, found)
     order = sorted(found, key=lambda key: (key != first, key[0]))
-    return {one: index for index, one in enumerate(order)}
+    return {position: index for index, position in enumerate(order)}
 
 
 EVENT = "step"

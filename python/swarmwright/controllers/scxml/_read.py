@@ -334,14 +334,14 @@ class _Reader:
         awaited = Descriptors(waited)
         for state in self.states.values():
             for block in (state.entry, state.exit, *(t.actions for t in state.all_transitions)):
-                for one in [item for item in block if isinstance(item, Event)]:
-                    if awaited.match(one.name):
+                for sent in [item for item in block if isinstance(item, Event)]:
+                    if awaited.match(sent.name):
                         continue
-                    block.remove(one)
-                    if not one.optional:
+                    block.remove(sent)
+                    if not sent.optional:
                         self.problems.add(
-                            f"{self.root.file}:{one.line}: event: no transition waits for {one.name!r}"
-                            f"{did_you_mean(one.name, waited)}"
+                            f"{self.root.file}:{sent.line}: event: no transition waits for {sent.name!r}"
+                            f"{did_you_mean(sent.name, waited)}"
                         )
 
     def _check_targets(self) -> None:

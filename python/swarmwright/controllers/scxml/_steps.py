@@ -144,7 +144,7 @@ class Steps:
 
     def _on(self, branch: _Branch, event: str, started: bool) -> list[_Branch]:
         def condition(edge: Edge) -> Condition | None:
-            return edge.condition if any(matches(one, event) for one in edge.of.events) else None
+            return edge.condition if any(matches(awaited, event) for awaited in edge.of.events) else None
 
         return self._triggered(branch, condition, started)
 
@@ -161,7 +161,7 @@ class Steps:
         self, branch: _Branch, condition: Callable[[Edge], Condition | None], started: bool
     ) -> list[tuple[Rows, list[Edge]]]:
         """Return the transitions taken: for each atomic state the first, inner states before outer ones."""
-        if any(self._states[one].kind == "final" and self._is_top(one) for one in branch.active):
+        if any(self._states[place].kind == "final" and self._is_top(place) for place in branch.active):
             return [(branch.rows, [])]
         found: list[tuple[Rows, list[Edge]]] = [(branch.rows, [])]
         for number in sorted(branch.active):
@@ -322,8 +322,8 @@ class Steps:
 
     def _is_done(self, state: State, active: set[int]) -> bool:
         if state.kind == "parallel":
-            return all(self._is_done(one, active) for one in state.inner)
-        return any(one.kind == "final" and one.order in active for one in state.inner)
+            return all(self._is_done(inner, active) for inner in state.inner)
+        return any(inner.kind == "final" and inner.order in active for inner in state.inner)
 
 
 class _Entry:
@@ -355,7 +355,7 @@ class _Entry:
         assert initial is not None
         remembered = self._branch.remembered.get(state.order)
         if remembered is not None:
-            self._all([self._steps._states[one] for one in remembered], parent)
+            self._all([self._steps._states[order] for order in remembered], parent)
             return
         self.histories.setdefault(parent.order, []).append(initial.actions)
         self._all(self._steps._edges[id(initial)].targets, parent)
@@ -377,7 +377,9 @@ class _Entry:
 
     def _regions(self, state: State) -> None:
         for region in state.inner:
-            if not any(one == region.order or self._steps._states[one].inside(region) for one in self.states):
+            if not any(
+                order == region.order or self._steps._states[order].inside(region) for order in self.states
+            ):
                 self.down(region)
 
 

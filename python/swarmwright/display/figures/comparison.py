@@ -104,8 +104,8 @@ def draw(
     tasks = comparison.tasks
     rows = [list(task.groups) for task in tasks]  # fitness of unlike tasks has unlike units
     if len(tasks) > _MOST_TASKS:
-        rows = [[one for row in rows for one in row]]
-    named_designs = [[design_of[id(one)].name for one in row] for row in rows]
+        rows = [[member for row in rows for member in row]]
+    named_designs = [[design_of[id(member)].name for member in row] for row in rows]
     page = current()
     names = [_names(row) for row in named_designs]
     width = max(name.width for name in names)
@@ -114,7 +114,7 @@ def draw(
         names[:-1] = [_Names([""] * len(name.names), slanted=False, width=name.width) for name in names[:-1]]
     least = 5.4 if len(rows) == 1 else _ROW
     slanted = sum(0.6 * points(_CHARACTER) * max(map(len, name.names)) for name in names if name.slanted)
-    entries = [_entry(one) for one in designs]
+    entries = [_entry(column) for column in designs]
     below = (
         _LEGEND_LINE_INCHES * sum(entry.count("\n") + 1 for entry in entries[::_COLUMNS])
         if len(rows) > 1
@@ -130,7 +130,7 @@ def draw(
         figure = new_figure(_OTHER_WIDTH_INCHES + width, least * len(rows) + slanted + below)
         axes = figure.subplots(len(rows), 2, width_ratios=[6.0, width], squeeze=False)
     for (left, right), row, named in zip(axes, rows, names, strict=True):
-        _row(comparison, row, named, left, right, [design_of[id(one)] for one in row], x)
+        _row(comparison, row, named, left, right, [design_of[id(member)] for member in row], x)
         for axis in (left.yaxis, right.yaxis):
             axis.set_label_text(textwrap.fill(axis.get_label_text(), characters))
     if len(rows) > 1:

@@ -104,14 +104,14 @@ def of_groups(
         x: "evaluations" or "generations".
     """
     runs = runs_of(designs)
-    curve_of = {id(run): one for run, one in zip(runs, curves, strict=True)}
+    curve_of = {id(run): drawn for run, drawn in zip(runs, curves, strict=True)}
     every = curves[0].labels
     figure, axes = _grid(len(every))
     ends: list[np.ndarray[Any, Any]] = []
     for design in designs:
         color, dashes = look(design.number)
         members = [run for group in design.groups for run in group.runs]
-        for index, one in enumerate(axes[: len(every)]):
+        for index, panel in enumerate(axes[: len(every)]):
 
             def curve(run: "Run", x: str, index: int = index) -> Any:  # noqa: ANN401 - two arrays
                 found = curve_of[id(run)]
@@ -121,15 +121,15 @@ def of_groups(
             places, values, _ = together(members, x, curve)
             _, low, middle, high, _ = bands(values)
             if len(members) > 1:
-                one.fill_between(places, low, high, color=color, alpha=0.2, linewidth=0)
+                panel.fill_between(places, low, high, color=color, alpha=0.2, linewidth=0)
             marker = "o" if np.count_nonzero(np.isfinite(middle)) == 1 else None
-            one.plot(
+            panel.plot(
                 places, middle, color=color, linestyle=dashes, linewidth=points(2.0), marker=marker,
                 label=design.entry,
             )  # fmt: skip
             ends.append(places)
-    for one, name in zip(axes, every, strict=False):
-        dress(one, y=textwrap.fill(name, _LABEL))
+    for panel, name in zip(axes, every, strict=False):
+        dress(panel, y=textwrap.fill(name, _LABEL))
     _finish(axes, len(every), x, np.unique(np.concatenate(ends)))
     entitle(figure, heading)
     axes[0].set_title(

@@ -229,7 +229,7 @@ def _counts(member: Member) -> dict[str, int]:
 def _matched(model: Model, simulation: str, declared: list[DeclaredGroup]) -> dict[str, Member]:
     """Return the kinds of agents by the names of the simulation's groups. Raises InputError."""
     problems, found = Problems(), dict[str, Member]()
-    names = [one.name for one in declared]
+    names = [declaration.name for declaration in declared]
     for member in model.members:
         index = next(iter(alike(member.name, names)), None)
         if index is None:

@@ -146,11 +146,11 @@ def _optimised(part: Part, value: Callable[[str], Any]) -> str | None:
     by_name: Mapping[str, Optimised] = {parameter.name: parameter for parameter in part.optimised}
     found = False
     for entry in document["parameters"]:
-        one = by_name[entry["name"].strip()]
-        number = value(one.name)
+        target = by_name[entry["name"].strip()]
+        number = value(target.name)
         if number is not None:
-            exact = one.whole and number % one.scale == 0
-            entry["value"] = int(number // one.scale) if exact else float(f"{number / one.scale:.9g}")
+            exact = target.whole and number % target.scale == 0
+            entry["value"] = int(number // target.scale) if exact else float(f"{number / target.scale:.9g}")
             found = True
     return json.dumps(document, indent=2, ensure_ascii=False) + "\n" if found else None
 

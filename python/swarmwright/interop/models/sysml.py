@@ -108,7 +108,7 @@ def feature_of(statement: Statement, scope: tuple[str, ...] = ()) -> Feature:
             feature.prefixes += names[-1:]
         elif word.text in DIRECTIONS:
             feature.direction = word.text
-    first, second = ([one.text for one, _ in zip(words, range(2), strict=False)] + ["", ""])[:2]
+    first, second = ([token.text for token, _ in zip(words, range(2), strict=False)] + ["", ""])[:2]
     if first == "@" or (first == "metadata" and second != "def"):
         words.popleft()
         feature.keyword = "@"
@@ -272,7 +272,9 @@ class Names:
         elif feature.keyword == "alias" and feature.name:
             texts = [word.text for word in feature.statement.words]
             behind = feature.statement.words[texts.index("for") + 1 :] if "for" in texts else []
-            self._aliases[*feature.scope, feature.name] = [one.name for one in behind if one.kind == "name"]
+            self._aliases[*feature.scope, feature.name] = [
+                follower.name for follower in behind if follower.kind == "name"
+            ]
         elif feature.keyword in KEYWORDS or feature.is_definition or feature.direction:
             for name in filter(None, (feature.name, feature.short_name)):
                 before = self._members.setdefault((*feature.scope, name), feature)
@@ -281,8 +283,8 @@ class Names:
                 elif feature.is_definition:  # a usage with the same name does not hide it
                     self._members[*feature.scope, name] = feature
         if feature.keyword in _WITH_MEMBERS:
-            for one in feature.inside:
-                self._add(one)
+            for inner in feature.inside:
+                self._add(inner)
 
     def types_of(self, feature: Feature) -> Iterator[Feature | Unknown]:
         """Yield what a feature is typed by or specializes, without what is in the standard's libraries."""
@@ -302,7 +304,7 @@ class Names:
         # In a package that is not imported, where no other has this name.
         named = self._by_name.get(names[-1], [])
         self._step(len(named))
-        ends = [one for path, one in named if [*path[-len(names) :]] == [*names]]
+        ends = [element for path, element in named if [*path[-len(names) :]] == [*names]]
         ends = [end for end in ends if end.path != feature.path]
         ends = [end for end in ends if end.is_definition] or ends
         if len(ends) > 1:
@@ -330,15 +332,15 @@ class Names:
             return own
         if (*scope, name) in self._aliases:
             return self._named_from(scope, self._aliases[*scope, name], depth)
-        for one in self._imports.get(scope, []):
+        for imported in self._imports.get(scope, []):
             self._step()
-            target = self._named_from(scope, one.names, depth)
+            target = self._named_from(scope, imported.names, depth)
             found = None
-            if target is not None and not one.wildcards:
-                found = target if one.names[-1] == name else None
+            if target is not None and not imported.wildcards:
+                found = target if imported.names[-1] == name else None
             elif target is not None:
                 found = self._member(target.path, name, depth)
-                if found is None and one.wildcards > 1:
+                if found is None and imported.wildcards > 1:
                     found = self._anywhere_in(target.path, name)
             if found is not None:
                 return found
@@ -502,7 +504,9 @@ class _Reader:
         self.result.properties = [
             property_ for property_ in self.result.properties if property_.name != SIMULATION
         ]
-        self.result.titles = tuple(filter(None, [*(str(one.value) for one in named), self.result.name]))
+        self.result.titles = tuple(
+            filter(None, [*(str(element.value) for element in named), self.result.name])
+        )
         self.result.sensors = len(self.result.sensor_names) or None
         self.result.actuators = len(self.result.actuator_names) or None
         if self._left_out:
@@ -517,8 +521,8 @@ class _Reader:
         if feature.keyword == "@" and feature.name.lower() in OPTIMIZE:
             self.about.update(dict.fromkeys(feature.about, feature))
         if feature.keyword in {"package", "part", "port"}:
-            for one in feature.inside:
-                self._note_metadata(one)
+            for inner in feature.inside:
+                self._note_metadata(inner)
 
     def _take(self, feature: Feature, *, in_port: bool, around: tuple[Feature, ...]) -> None:
         """Collect usages of parts, and attributes with values."""
@@ -537,8 +541,8 @@ class _Reader:
             self._attribute(feature)
         if feature.keyword in {"package", "part"}:
             within = (*around, feature) if feature.keyword == "part" else around
-            for one in feature.inside:
-                self._take(one, in_port=in_port, around=within)
+            for inner in feature.inside:
+                self._take(inner, in_port=in_port, around=within)
 
     @staticmethod
     def _is_optimize(feature: Feature) -> bool:
@@ -552,9 +556,9 @@ class _Reader:
         self._left_out.append(f"{' '.join(words)} in line {feature.line}")
 
     def _attribute(self, feature: Feature) -> None:
-        for one in feature.inside:
-            if one.keyword not in SILENT and not self._is_optimize(one):
-                self._leave_out(one)
+        for inner in feature.inside:
+            if inner.keyword not in SILENT and not self._is_optimize(inner):
+                self._leave_out(inner)
         if feature.value is not None and not feature.name:
             word = feature.reserved
             hint = f"; {word} is a reserved word: write '{word}', in quotation marks" if word else ""
@@ -586,11 +590,11 @@ class _Reader:
 
     def _optimize(self, feature: Feature) -> dict[str, Any] | None:
         """Return what the metadata of a feature says; None without such metadata."""
-        inside = [one for one in feature.inside if not one.about]
-        for one in [*inside, *([self.about[feature.name]] if feature.name in self.about else [])]:
-            if one.keyword == "@" and one.name.lower() in OPTIMIZE:
+        inside = [inner for inner in feature.inside if not inner.about]
+        for inner in [*inside, *([self.about[feature.name]] if feature.name in self.about else [])]:
+            if inner.keyword == "@" and inner.name.lower() in OPTIMIZE:
                 found: dict[str, Any] = {}
-                for setting in one.inside:
+                for setting in inner.inside:
                     name = setting.name or setting.keyword
                     if name not in {"min", "max", "scale"}:
                         self.problems.add(

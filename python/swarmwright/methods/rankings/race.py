@@ -86,7 +86,9 @@ def conover(ranks: Scores) -> Scores:
     if rest <= 0:  # every row has the same ranks
         return np.where(difference > 0, 0.0, 1.0)
     error = math.sqrt(rest / freedom)
-    return np.array([student_tails(one / error, freedom) for one in difference.tolist()])
+    return np.array(
+        [student_tails(difference_of_means / error, freedom) for difference_of_means in difference.tolist()]
+    )
 
 
 def _by_ranks(scores: Scores, level: float) -> NDArray[np.bool_]:

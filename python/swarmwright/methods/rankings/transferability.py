@@ -150,10 +150,10 @@ class Transferability(SlowRanking):
             near = squares.min(axis=1)
         order, chosen = list(best_first(expected)), list[int]()
         while order and len(chosen) < count:
-            one = order[0] if len(chosen) % 2 == 0 else max(order, key=lambda row: near[row])
-            order.remove(one)
-            chosen.append(int(rows[one]))
-            near = np.minimum(near, _distances(known, places[rows], places[rows[one], np.newaxis])[:, 0])
+            next_row = order[0] if len(chosen) % 2 == 0 else max(order, key=lambda row: near[row])
+            order.remove(next_row)
+            chosen.append(int(rows[next_row]))
+            near = np.minimum(near, _distances(known, places[rows], places[rows[next_row], np.newaxis])[:, 0])
         return chosen
 
     def _fitness(

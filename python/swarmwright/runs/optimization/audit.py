@@ -193,26 +193,26 @@ def _repeat(
     results, servers = backend.repeat(controllers, wanted, on_progress or (lambda *_: None))
     compared = set()
     for row, ((index, episode), asked, server) in enumerate(zip(places, wanted, servers, strict=True)):
-        one, fitness = chosen[index], float(results.fitness[row, 0])
+        candidate, fitness = chosen[index], float(results.fitness[row, 0])
         tolerance = backend.tolerance({asked.before, server})
         if tolerance is None:
             continue
         if not np.isfinite(fitness):
             found.failed += 1
             continue
-        compared.add(one.number)
+        compared.add(candidate.number)
         found.episodes += 1
         between = {each for each in (asked.before, server) if each is not None}
         found.elsewhere += len(between) > 1
         measured = results.metrics[row, 0]
-        pairs = [("fitness", float(one.episodes[episode]), fitness)]
-        pairs += zip(backend.metrics, one.metrics[episode].tolist(), measured.tolist(), strict=False)
+        pairs = [("fitness", float(candidate.episodes[episode]), fitness)]
+        pairs += zip(backend.metrics, candidate.metrics[episode].tolist(), measured.tolist(), strict=False)
         different = [pair for pair in pairs if not _are_alike(pair[1], pair[2], tolerance)]
         if different:
-            found.differ.add(one.number)
+            found.differ.add(candidate.number)
             found.servers.append(between if len(between) > 1 else set())
             if found.first is None:
-                found.first = (one, episode, different[0])
+                found.first = (candidate, episode, different[0])
     found.repeated += len(compared)
 
 
@@ -225,13 +225,13 @@ def _are_alike(recorded: float, repeated: float, tolerance: float) -> bool:
 def _warn(experiment: Experiment, found: _Found) -> None:
     """Say what came out differently, and what to do."""
     assert found.first is not None
-    one, episode, (what, recorded, repeated) = found.first
+    audited, episode, (what, recorded, repeated) = found.first
     logging.getLogger("swarmwright").warning(
         "%d of %d evaluations that were repeated came out differently, such as generation %d, candidate %d, "
         "seed %d: the %s was %r and is %r; the run cannot be repeated: %s does not follow from parameters "
         "and seed alone%s; %s",
-        len(found.differ), found.repeated, one.generation, one.candidate, one.seeds[episode], what, recorded,
-        repeated, _suspect(experiment), _of_servers(found.servers), _advice(experiment),
+        len(found.differ), found.repeated, audited.generation, audited.candidate, audited.seeds[episode],
+        what, recorded, repeated, _suspect(experiment), _of_servers(found.servers), _advice(experiment),
     )  # fmt: skip
 
 

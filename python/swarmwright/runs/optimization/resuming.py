@@ -187,9 +187,9 @@ def _why(reader: StoreReader, components: Sequence[Component], edited: Sequence[
     }
     now = versions([*then])
     others = [
-        f"{name} {one} (here {now.get(name, 'it is not installed')})"
-        for name, one in then.items()
-        if now.get(name) != one
+        f"{name} {installed} (here {now.get(name, 'it is not installed')})"
+        for name, installed in then.items()
+        if now.get(name) != installed
     ]
     if others:
         return (

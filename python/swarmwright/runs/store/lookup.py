@@ -115,10 +115,10 @@ class Lookup:
                 break
             if number not in whole:  # the best ones are often of the same generation
                 whole = self._whole(self._place(number, None)[0])
-            one = self._line(whole, number)
-            if key(one.genome) not in known:
-                known.add(key(one.genome))
-                found.append(one)
+            candidate_line = self._line(whole, number)
+            if key(candidate_line.genome) not in known:
+                known.add(key(candidate_line.genome))
+                found.append(candidate_line)
         return found
 
     def evaluation(self, candidate: int | None, generation: int | None) -> Evaluation:

@@ -110,7 +110,10 @@ def _generations(connection: sqlite3.Connection, generations: Generations, found
         try:
             row = _row(generations, number)
             # What is written of the one before may itself be what is damaged.
-            wanted = [generations.expected(row, one) for one in (before, digest_before(connection, number))]
+            wanted = [
+                generations.expected(row, predecessor)
+                for predecessor in (before, digest_before(connection, number))
+            ]
             before = row.digest if row.digest in wanted else wanted[0]
             if row.digest not in wanted:
                 raise generations.damaged(ROW_DISAGREES, number)

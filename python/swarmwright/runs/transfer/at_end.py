@@ -120,7 +120,9 @@ class _Planned:
     def missing(self, stored: Stored | None) -> list[Target]:
         """Return the targets of which nothing is stored."""
         known = (
-            [one["target"] for one in stored["targets"]] if stored is not None and self.fits(stored) else []
+            [entry["target"] for entry in stored["targets"]]
+            if stored is not None and self.fits(stored)
+            else []
         )
         return [target for target in self.targets if _target_as_json(target) not in known]
 
@@ -242,12 +244,12 @@ def of_run(run: Run) -> tuple[Transferred, ...]:
         warn_once(f"{run.path}: fitness in other simulations is not shown: {reason}")
         return ()
     source, ranking = numbers(stored["source"]), run.experiment.new_ranking()
-    of = {json.dumps(one["target"]): one for one in stored["targets"]}
+    of = {json.dumps(entry["target"]): entry for entry in stored["targets"]}
     found = (of.get(json.dumps(_target_as_json(target))) for target in targets_at_end(run.experiment))
     return tuple(
-        Transferred(run, one["name"], candidates, source, numbers(one["episodes"]), ranking)
-        for one in found
-        if one is not None
+        Transferred(run, entry["name"], candidates, source, numbers(entry["episodes"]), ranking)
+        for entry in found
+        if entry is not None
     )
 
 

@@ -134,7 +134,7 @@ class Work:
         """
         try:
             if not target.places:
-                experiments = [self._prefixed(one) for one in experiments]
+                experiments = [self._prefixed(changed) for changed in experiments]
             where = self._where(experiments[0], placed=target.places)
             if len(experiments) == 1:
                 return self._fitness(experiments[0], plan.genomes, self._seeds, where)

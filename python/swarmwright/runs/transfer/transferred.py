@@ -72,7 +72,7 @@ class Transferred(ComparedByValue):
     def correlation(self) -> Correlation | None:
         """Whether candidates keep their order; None of fewer than three."""
         return rank_correlation(
-            *([one.mean for one in of] for of in (self.source_fitness, self.target_fitness))
+            *([values.mean for values in of] for of in (self.source_fitness, self.target_fitness))
         )
 
     @property

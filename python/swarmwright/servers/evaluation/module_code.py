@@ -86,7 +86,7 @@ def offered(names: Sequence[str]) -> dict[tuple[str, str], list[Module]]:
             roles = [role for role in ROLES if name in REGISTRIES[role].names()]
             if not roles:
                 known = sorted(
-                    {one for role in ROLES for one in REGISTRIES[role].names() if not _is_built_in(one)}
+                    {kind for role in ROLES for kind in REGISTRIES[role].names() if not _is_built_in(kind)}
                 )
                 there = f"installed are {', '.join(known)}" if known else "none is installed"
                 raise InputError(

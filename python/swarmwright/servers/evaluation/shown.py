@@ -196,10 +196,10 @@ class ShownEpisode:
         """
         try:
             if not self.pictured:
-                recordings = [one.recording() for one in (self, *others)]
+                recordings = [watched.recording() for watched in (self, *others)]
                 parts = [
-                    one.part(recording, name)
-                    for one, recording, name in zip((self, *others), recordings, names, strict=True)
+                    watched.part(recording, name)
+                    for watched, recording, name in zip((self, *others), recordings, names, strict=True)
                 ]
                 save(parts, file, caption=self.caption(recordings[0]), speed=speed, shown=shown)
                 return recordings[0]

@@ -130,16 +130,16 @@ class Cluster:
             return
         started = self._started()
         running = {task.key for server, task in leaving.items() if server in started}
-        for one in unfinished:
-            if one.key not in running:
-                one.future.cancel()
+        for leaving_task in unfinished:
+            if leaving_task.key not in running:
+                leaving_task.future.cancel()
         # Those that began in the meantime are ended, too: all workers are told.
         self._client.run(end, [task.key for task in unfinished], on_error="ignore")
         if running:
             with suppress(TimeoutError):
                 wait([task.future for task in unfinished if task.key in running], timeout=GRACE_S + _ANSWER_S)
-        for one in leaving.values():
-            one.future.cancel()
+        for leaving_task in leaving.values():
+            leaving_task.future.cancel()
 
     def logs(self, server: int, lines: int) -> Sequence[str]:
         """Return the last lines of a server."""

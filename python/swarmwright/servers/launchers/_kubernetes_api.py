@@ -65,7 +65,7 @@ class Api:
                     "variable KUBECONFIG"
                 )
             contexts, active = config.list_kube_config_contexts(config_file=given)
-            names = [one["name"] for one in contexts]
+            names = [named["name"] for named in contexts]
             if context is not None and context not in names:
                 raise InputError(
                     f"servers: context: {context} is not in {given}; available: {', '.join(names)}"
@@ -74,7 +74,7 @@ class Api:
         except (config.ConfigException, OSError, ValueError, TypeError) as error:
             raise InputError(f"{where}: cannot be used: {error}") from error
         self._client = library.client.ApiClient(settings)
-        chosen = active if context is None else next(one for one in contexts if one["name"] == context)
+        chosen = active if context is None else next(named for named in contexts if named["name"] == context)
         return str(chosen["context"].get("namespace") or "") or None
 
     def check_version(self) -> None:

@@ -138,7 +138,7 @@ def _pod(
         ],
     }
     given: dict[str, Any] = {
-        "imagePullSecrets": [{"name": one} for one in options.image_pull_secrets],
+        "imagePullSecrets": [{"name": pull_secret} for pull_secret in options.image_pull_secrets],
         "nodeSelector": options.node_selector,
         "serviceAccountName": options.service_account,
         "priorityClassName": options.priority_class,
@@ -168,7 +168,7 @@ def _container(
     if options.image_pull_policy is not None:
         found["imagePullPolicy"] = options.image_pull_policy
     if options.secrets:
-        found["envFrom"] = [{"secretRef": {"name": one}} for one in options.secrets]
+        found["envFrom"] = [{"secretRef": {"name": secret_name}} for secret_name in options.secrets]
     return found
 
 

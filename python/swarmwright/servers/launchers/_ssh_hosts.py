@@ -93,7 +93,7 @@ class Hosts:
     async def open(self) -> list[str]:
         """Connect to all machines; return what is wrong with those that cannot be used."""
         await asyncio.gather(*(self._connect(machine) for machine in self._machines))
-        return [f"{one.name}: {one.problem}" for one in self._machines if one.problem is not None]
+        return [f"{host.name}: {host.problem}" for host in self._machines if host.problem is not None]
 
     async def start(self, servers: Sequence[int]) -> None:
         """Give servers to free slots."""
@@ -104,7 +104,7 @@ class Hosts:
     async def health(self) -> Mapping[int, Health]:
         """Return the states of all servers; try machines again that could not be reached."""
         now = asyncio.get_running_loop().time()
-        due = [one for one in self._machines if one.problem is not None and one.again_at <= now]
+        due = [host for host in self._machines if host.problem is not None and host.again_at <= now]
         await asyncio.gather(*(self._connect(machine) for machine in due))
         self._assign()
         return {server: remote.health for server, remote in self._servers.items()}
@@ -128,7 +128,7 @@ class Hosts:
             if machine.connection is not None:
                 machine.connection.close()
         await asyncio.gather(
-            *(_closed(one.connection) for one in self._machines if one.connection is not None)
+            *(_closed(host.connection) for host in self._machines if host.connection is not None)
         )
         await asyncio.sleep(_JUMP_CLOSE_S)
 
@@ -224,7 +224,7 @@ class Hosts:
 
     def _assign(self) -> None:
         """Give waiting servers to free slots."""
-        down = [f"{one.name}: {one.problem}" for one in self._machines if one.problem is not None]
+        down = [f"{host.name}: {host.problem}" for host in self._machines if host.problem is not None]
         for server, remote in self._servers.items():
             if remote.task is not None:
                 continue

@@ -128,7 +128,7 @@ class Kubernetes(Launcher):
         if not self._places:
             return {}
         api = self._opened()
-        jobs = {one["metadata"]["name"]: one for one in api.jobs(self._selector)}
+        jobs = {manifest["metadata"]["name"]: manifest for manifest in api.jobs(self._selector)}
         pods = states.newest(api.pods(self._selector))
         self._pods = {
             server: pods[place]["metadata"]["name"] for server, place in self._places.items() if place in pods

@@ -133,7 +133,7 @@ class Supervisor:
         with self._lock:
             servers, self._leaving = self._leaving, set()
             leaving = [place for server, place in self._places.items() if server in servers]
-            self._places = {server: one for server, one in self._places.items() if server not in servers}
+            self._places = {server: slot for server, slot in self._places.items() if server not in servers}
             self._count()
         _end([place.process for place in leaving if place.process is not None])
 

@@ -294,7 +294,11 @@ def _fields(value: Any, name: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
     if isinstance(value, dict):
         inner = list(value.items())
     elif hasattr(value, "__dataclass_fields__"):
-        inner = [(one, getattr(value, one)) for one in value.__dataclass_fields__ if one != "__msgtype__"]
+        inner = [
+            (member, getattr(value, member))
+            for member in value.__dataclass_fields__
+            if member != "__msgtype__"
+        ]
     elif isinstance(value, list | tuple):
         inner = [(str(index), item) for index, item in enumerate(value[:_ITEMS])]
     else:

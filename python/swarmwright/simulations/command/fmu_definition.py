@@ -168,7 +168,7 @@ def _of_channels(
         what = "outputs" if which == "sensors" else "inputs"
         yield (which,), f"is missing: {options.fmu} has {len(channels):,} {what}; name those that are {which}"
     elif given is None and which == "actuators":
-        without = (_without_range(options, known, one) for one in channels)
+        without = (_without_range(options, known, port) for port in channels)
         yield from (((which,), f"is missing: {item}") for item in without if item is not None)
     if not channels and (which == "sensors" or given is None):
         what = "an output" if which == "sensors" else "an input"
@@ -201,14 +201,14 @@ def _without_range(options: "FmuOptions", known: Description, channel: "Channel"
 
 def _unreadable(options: "FmuOptions", known: Description, name: str) -> str | None:
     """Return what is wrong with a variable whose values are read."""
-    for one in {name.replace(AGENT, str(agent)) for agent in (1, options.agents)}:
-        variable = known.variables.get(one)
+    for full_name in {name.replace(AGENT, str(agent)) for agent in (1, options.agents)}:
+        variable = known.variables.get(full_name)
         if variable is None:
             numbers = [other.name for other in known.variables.values() if other.is_number]
-            return _unknown(options.fmu, one, numbers)
+            return _unknown(options.fmu, full_name, numbers)
         if not variable.is_number:
             kind = "an array" if variable.is_array else f"of the type {variable.type}"
-            return f"{one} of {options.fmu} is {kind}, not one number"
+            return f"{full_name} of {options.fmu} is {kind}, not one number"
     return None
 
 
@@ -477,7 +477,7 @@ class FmuOptions(Definition):
                 for variable in self.description.of_causality(causality)
                 if variable.name != self.seeded
             ]
-        parts = [part for one in given for part in self.expanded(one, causality)]
+        parts = [part for member in given for part in self.expanded(member, causality)]
         return parts if which == "sensors" else [self.ranged(channel) for channel in parts]
 
     def expanded(self, channel: Channel, causality: str) -> list[Channel]:
@@ -500,7 +500,11 @@ class FmuOptions(Definition):
             return variable.elements or [name]
         first = name.replace(AGENT, "1")
         if name.endswith("]") and first not in known.variables:  # a row of an array of two dimensions
-            row = [one[len(first) - 1 :] for one in known.variables if one.startswith(f"{first[:-1]},")]
+            row = [
+                full_name[len(first) - 1 :]
+                for full_name in known.variables
+                if full_name.startswith(f"{first[:-1]},")
+            ]
             return [f"{name[:-1]}{rest}" for rest in row] or [name]
         return [name]
 
@@ -548,7 +552,7 @@ class FmuOptions(Definition):
         found = self.layout
         if found is not None and found.metrics:
             return {name: Reduction("last", variable) for name, variable in found.metrics.items()}
-        outputs = [one.name for one in self.description.of_causality("output")]
+        outputs = [output.name for output in self.description.of_causality("output")]
         if len(outputs) > MOST:
             return {}
         is_system = self.description.version == VERSION

@@ -185,7 +185,7 @@ def _without_banner(data: bytes, form: str, is_guessed: bool, wanted: Collection
     """
     lines = data.split(b"\n")
     starts = [line.lstrip()[:1] for line in lines]
-    if is_guessed and next((one for one in reversed(starts) if one), b"") == b"{":
+    if is_guessed and next((beginning for beginning in reversed(starts) if beginning), b"") == b"{":
         form = "jsonl"
     if form == "jsonl":
         lines = [line if start == b"{" else b"" for line, start in zip(lines, starts, strict=True)]
@@ -405,9 +405,9 @@ def _json_lines(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iter
 
 def _json(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
     value = _parsed(name, _text(name, file))
-    for index, one in enumerate(value if isinstance(value, list) else [value]):
+    for index, element in enumerate(value if isinstance(value, list) else [value]):
         place = f"{name}: item {index}" if isinstance(value, list) else name
-        yield place, _object(place, one)
+        yield place, _object(place, element)
 
 
 def _parsed(place: str, text: str) -> Any:  # noqa: ANN401 - any JSON value

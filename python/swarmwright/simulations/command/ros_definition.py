@@ -65,19 +65,19 @@ def _types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
     ]
     places += [(("actuators", index), actuator) for index, actuator in enumerate(options.actuators)]
     places += [(("metrics", name), metric) for name, metric in options.metrics.items() if metric.topic]
-    for path, one in places:
-        wrong = _of_topic(one.topic)
+    for path, described in places:
+        wrong = _of_topic(described.topic)
         if wrong is not None:
             yield (
                 (*path, "topic"),
-                f"{one.topic!r} is not a topic: {wrong}; expected such as scan or /robot_1/scan",
+                f"{described.topic!r} is not a topic: {wrong}; expected such as scan or /robot_1/scan",
             )
             continue
-        if "{robot}" in one.topic and "/" in options.robots:
+        if "{robot}" in described.topic and "/" in options.robots:
             yield (*path, "topic"), "{robot} needs robots with names; write robots: [NAME, ..]"
-        other, where = types.setdefault(one.topic, (short_type(one.type), dotted_path(path)))
-        if other != short_type(one.type):
-            yield (*path, "type"), f"{one.topic} has the type {other} at {where}; a topic has one type"
+        other, where = types.setdefault(described.topic, (short_type(described.type), dotted_path(path)))
+        if other != short_type(described.type):
+            yield (*path, "type"), f"{described.topic} has the type {other} at {where}; a topic has one type"
 
 
 def _of_topic(topic: str) -> str | None:

@@ -282,9 +282,12 @@ class CommandSimulation(Simulation):
             name: parameter for name, parameter in self.parameters.items() if isinstance(parameter, Parameter)
         }
         self._choices = self.options.choices | {
-            name: one.choices for name, one in own.items() if one.choices is not None
+            name: declaration.choices for name, declaration in own.items() if declaration.choices is not None
         }
-        self._declared = {**self.parameters, **{name: one.default for name, one in own.items()}}
+        self._declared = {
+            **self.parameters,
+            **{name: declaration.default for name, declaration in own.items()},
+        }
         self._limits = Limits(
             self.options.timeout, self.options.output, self.options.disk, self.options.children
         )

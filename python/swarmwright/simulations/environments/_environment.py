@@ -333,7 +333,7 @@ def _action_parts(space: Any, where: str) -> Actuators:  # noqa: ANN401 - a Dict
         actions = [part.act(own) for part, own in zip(parts, rows, strict=True)]
         return dict(zip(keys, actions, strict=True)) if isinstance(space, spaces.Dict) else tuple(actions)
 
-    return Actuators(int(ends[-1]), act, tuple(one for part in parts for one in part.ranges))
+    return Actuators(int(ends[-1]), act, tuple(limits for part in parts for limits in part.ranges))
 
 
 def ranges(middle: NDArray[Any], half: NDArray[Any]) -> tuple[Range | None, ...]:

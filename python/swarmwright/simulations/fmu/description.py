@@ -83,7 +83,7 @@ def stop_time(description: "Description") -> float | None:
 
 def _of_first(names: list[str]) -> list[str]:
     found = map(_OF_AGENT.fullmatch, names)
-    return [one[2] for one in found if one is not None and one[1] == "1"]
+    return [child[2] for child in found if child is not None and child[1] == "1"]
 
 
 _REALS = ("Real", "Float32", "Float64")
@@ -257,7 +257,7 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
         raise
     except Exception as error:  # noqa: BLE001 - whatever a broken file leads to
         raise InputError(f"{file}: is not an FMU: {explained(error)[:_MOST_FAULTS]}") from None
-    version = next((one for one in VERSIONS if str(found.fmiVersion).startswith(one)), None)
+    version = next((supported for supported in VERSIONS if str(found.fmiVersion).startswith(supported)), None)
     if version is None:
         raise InputError(
             f"{file}: is an FMU of FMI {found.fmiVersion}; those of {' and '.join(VERSIONS)} work"

@@ -59,7 +59,7 @@ def _take_message(
 
     Some FMUs do not pass componentEnvironment on as they have to, but their name.
     """
-    named = (one for one in _instances.values() if one.name.encode() == name)
+    named = (running for running in _instances.values() if running.name.encode() == name)
     instance = _instances.get(environment or 0) or next(named, None)
     if instance is not None:
         instance.take_message(status, text)
@@ -264,7 +264,7 @@ class Instance:
         """Return the whole array of an element."""
         function = getattr(self._fmu, f"get{self._kind(variable)}")
         found = self._called(variable.name, function, [variable.reference], variable.count)
-        return [float(one) for one in found]
+        return [float(numeral) for numeral in found]
 
     def _put_elements(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
         """Set elements of arrays; others keep their values."""
@@ -278,7 +278,7 @@ class Instance:
 
     def _put_array(self, variable: Variable, whole: Sequence[Any]) -> None:
         function = getattr(self._fmu, f"set{self._kind(variable)}")
-        values = list(whole) if variable.is_real else [native(variable, one) for one in whole]
+        values = list(whole) if variable.is_real else [native(variable, number) for number in whole]
         self._called(variable.name, function, [variable.reference], values)
 
     def put(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
@@ -302,7 +302,7 @@ class Instance:
         plan = self._plan(variables)
         if plan.kind is not None:
             found = self._called("outputs", getattr(self._fmu, f"get{plan.kind}"), plan.references)
-            return [float(one) for one in found]
+            return [float(numeral) for numeral in found]
         arrays = {variable.reference: self._array(variable) for variable in variables if variable.count > 1}
         return [
             arrays[variable.reference][variable.index] if variable.count > 1 else self.get(variable)

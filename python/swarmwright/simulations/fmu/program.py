@@ -461,7 +461,7 @@ class Episodes:
         thread.join(_GIVE_UP_S)
 
     def _give_up(self) -> None:
-        if any(isinstance(one, Instance) and one.is_corrupted for one in self._instances):
+        if any(isinstance(running, Instance) and running.is_corrupted for running in self._instances):
             return  # a fatal error is one of all instances of the FMU
         for instance in self._instances:
             instance.give_up()

@@ -228,7 +228,7 @@ def table_of(element: ET.Element, source: Variable | None, target: Variable, pla
     that the target cannot have.
     """
     of = [(kind, element.find(f"{SSC}{kind}")) for kind in (_BOOLEAN, _INTEGER, _ENUMERATION)]
-    kind, found = next(((kind, one) for kind, one in of if one is not None), ("", None))
+    kind, found = next(((kind, candidate) for kind, candidate in of if candidate is not None), ("", None))
     if found is None:
         return None
     allowed = {
@@ -378,7 +378,9 @@ def _components(file: Path, sources: Mapping[str, str]) -> dict[str, Description
             with archives.opened(fmu, "an FMU") as archive:
                 sizes[source] = fmu.stat().st_size + archives.unpacked_bytes(archive)
     # Each component is unpacked for itself.
-    archives.check_size(file, sum(sizes[one] for one in sources.values()), "its components unpack to")
+    archives.check_size(
+        file, sum(sizes[sizes_of] for sizes_of in sources.values()), "its components unpack to"
+    )
     return {name: found[source] for name, source in sources.items()}
 
 
@@ -552,15 +554,15 @@ def _starts(
     unknown: dict[str, None] = {}
     for element in elements:
         prefix = "" if element.tag == f"{SSD}System" else f"{element.get('name')}."
-        for name, one, entry in bindings(element, partial(_parsed, file, archive)):
+        for name, given, entry in bindings(element, partial(_parsed, file, archive)):
             full = f"{prefix}{name}"
             component, variable = _parts(full)
             known = system.components.get(component)
             if known is None or variable not in known.variables:
                 unknown[full] = None
                 continue
-            convert = partial(_from_set, full, one, known.variables[variable].unit, known.units)
-            found[full] = start_value(full, known.variables[variable], one, entry, convert)
+            convert = partial(_from_set, full, given, known.variables[variable].unit, known.units)
+            found[full] = start_value(full, known.variables[variable], given, entry, convert)
     if unknown:
         names = ", ".join(list(unknown)[:_SHOWN_NAMES]) + (", .." if len(unknown) > _SHOWN_NAMES else "")
         warn_once(f"{file}: parameter sets have values for {names}, which are no variables: ignored")

@@ -16,7 +16,7 @@ NAME = "swarmwright_ros"
 def main() -> int:
     """Run the program; return its exit status."""
     folder = Path(__file__).resolve().parent
-    sys.path[:] = [one for one in sys.path if Path(one or ".").resolve() != folder]
+    sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != folder]
     spec = importlib.util.spec_from_file_location(
         NAME, folder / "__init__.py", submodule_search_locations=[str(folder)]
     )

@@ -203,7 +203,7 @@ def drive(
     """
     signals: list[int] = []
     for number in ending():
-        signal.signal(number, lambda one, _: signals.append(one))
+        signal.signal(number, lambda received, _: signals.append(received))
     try:
         read = read_mapping(load(mapping), sensors, actuators)
         Control(node, resolved(read, node.resolve), controller).run(lambda: bool(signals))

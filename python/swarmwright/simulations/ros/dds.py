@@ -446,7 +446,9 @@ def _configure(domain: int) -> None:
     loopback = not reach and os.environ.get("ROS_LOCALHOST_ONLY", "").strip() == "1"
     if loopback:
         reach = "LOCALHOST"
-    peers = [one.strip() for one in os.environ.get("ROS_STATIC_PEERS", "").split(";") if one.strip()]
+    peers = [
+        address.strip() for address in os.environ.get("ROS_STATIC_PEERS", "").split(";") if address.strip()
+    ]
     if domain in _domains or not (reach in ("LOCALHOST", "OFF") or peers):
         return
     if reach == "LOCALHOST":

@@ -163,7 +163,7 @@ class Feeds:
     def add(self, value: Value) -> Value:
         """Have a value read."""
         place = value.entry.place
-        feed = next((one for one in self.all if one.topic == place.topic), None)
+        feed = next((subscription for subscription in self.all if subscription.topic == place.topic), None)
         if feed is None:
             feed = Feed(self._node, place.topic, place.type, max(10, 2 * self._messages))
             self.all.append(feed)

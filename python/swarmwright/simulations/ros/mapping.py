@@ -390,4 +390,4 @@ def _actuators(mapping: _Block, names: Sequence[str]) -> list[ActuatorMapping]:
         found.append(_actuator(block, terms))
         block.no_others()
     _check_all("actuator", names, used)
-    return sorted(found, key=lambda one: one.terms[0][0])
+    return sorted(found, key=lambda term: term.terms[0][0])

@@ -243,7 +243,7 @@ class Traffic(Simulation):
         lately = self._advance(self._ticks)
         self._taken += 1
         vehicle = self.sumo.vehicle
-        speeds = [vehicle.getSpeed(one) for one in self.vehicles]
+        speeds = [vehicle.getSpeed(driving) for driving in self.vehicles]
         self._speeds += sum(speeds)
         self._seen += len(speeds)
         self._waited += self.interval * sum(speed < HALTING for speed in speeds)
@@ -515,9 +515,9 @@ class Vehicles(Traffic):
         """Accelerate until the next action."""
         vehicle = self.sumo.vehicle
         for index in self._acting:
-            one, action = self.agents[index], float(actions[index, 0])
-            most = vehicle.getAccel(one) if action > 0 else vehicle.getDecel(one)
-            vehicle.setAcceleration(one, action * most, self.interval)
+            agent, action = self.agents[index], float(actions[index, 0])
+            most = vehicle.getAccel(agent) if action > 0 else vehicle.getDecel(agent)
+            vehicle.setAcceleration(agent, action * most, self.interval)
 
     def look(self, lately: list[str]) -> NDArray[np.float64]:
         """Return what the agents sense; rows of those that are not on the road are 0."""

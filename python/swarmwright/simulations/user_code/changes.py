@@ -140,7 +140,7 @@ def summary(kept: Kept, part: Part) -> str:
     now = part.digests
     edited = [place for place in kept.digests if place in now and kept.digests[place] != now[place]]
     words = [f"{near(part.files[place].origin)} was edited" for place in edited]
-    before, after = (SimulationName.parse(one.component).label for one in (kept, part))
+    before, after = (SimulationName.parse(either.component).label for either in (kept, part))
     if before != after:
         words.append(f"class {after} instead of {before}")
     words += [

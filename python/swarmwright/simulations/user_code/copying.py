@@ -115,7 +115,7 @@ class Copy:
         file = self.folder / _MANIFEST
         try:
             described: dict[str, Any] = loads(file.read_text(encoding="utf-8"))["parts"]
-            return {_inside(name): _kept(name, one) for name, one in described.items()}
+            return {_inside(name): _kept(name, written) for name, written in described.items()}
         except OSError as error:
             raise InputError(f"{file}: cannot be read: {error.strerror}") from error
         except (ValueError, TypeError, KeyError, AttributeError) as error:

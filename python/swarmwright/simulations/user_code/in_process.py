@@ -178,8 +178,8 @@ def _difference(module: ModuleType, source: Source) -> str | None:
 def _content(code: CodeType) -> str:
     """Return what a function does, without where it is."""
     return repr([
-        (one.co_code, one.co_names, one.co_varnames, one.co_freevars, _words(one.co_consts))
-        for one in _within(code)
+        (inner.co_code, inner.co_names, inner.co_varnames, inner.co_freevars, _words(inner.co_consts))
+        for inner in _within(code)
     ])  # fmt: skip
 
 

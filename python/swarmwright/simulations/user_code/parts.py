@@ -178,7 +178,7 @@ def of_plug_ins(experiment: Any) -> list[Part]:  # noqa: ANN401 - an Experiment,
     ]
     for what, name in getattr(experiment.controller, "plug_ins", ()):
         names.append((part_of(what, name), name))
-    found = (of_plug_in(*one) for one in names)
+    found = (of_plug_in(*part_name) for part_name in names)
     return [part for part in found if part is not None]
 
 

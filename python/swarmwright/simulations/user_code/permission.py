@@ -20,7 +20,7 @@ def remember(parts: Iterable[Part]) -> None:
             trust.remember(part.digests, str(part.origin))
             trust.remember(_own(part), str(part.origin))
             # What is asked for where there is no copy.
-            code = {place: one for place, one in _own(part).items() if place not in part.data}
+            code = {place: digest for place, digest in _own(part).items() if place not in part.data}
             trust.remember(code, str(part.origin))
 
 

@@ -83,7 +83,9 @@ def own_code(
         "forget": "",
     }
     functions, members, forget = [], [], []
-    bodies = " ".join([*(one.c_code or "" for one in kinds), *(one.c_code or "" for one in others)])
+    bodies = " ".join(
+        [*(module.c_code or "" for module in kinds), *(module.c_code or "" for module in others)]
+    )
     if kinds or others:
         functions.append(render("c_own_random.txt", language))
         functions += [
@@ -92,7 +94,7 @@ def own_code(
             if word in _WORD.findall(bodies)
         ]
     if kinds:
-        most = max(1, *(one.state for one in kinds))
+        most = max(1, *(module.state for module in kinds))
         members.append(f"    float kept[{most}];")
         forget.append(f"    {detail}{p}_forget({own}kept, {most});")
         functions += [
@@ -105,7 +107,7 @@ def own_code(
         functions.append(render("c_own_act.txt", {**language, "cases": cases}))
         calls["act"] = f"{detail}{p}_act_all(row, &{own}turn, {own}kept, words, sensors, actuators);"
     if others:
-        most = max(1, *(one.state for one in others))
+        most = max(1, *(module.state for module in others))
         count = 1 if tree else transitions
         members.append(f"    float kept_by_conditions[{count * most}];")
         forget.append(f"    {detail}{p}_forget({own}kept_by_conditions, {count * most});")

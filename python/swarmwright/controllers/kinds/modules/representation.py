@@ -112,19 +112,21 @@ class ModulesOptions(RepresentationOptions):
         if self.form == "tree" and self.most_transitions != 1:
             raise FieldError("transitions", "a subtree has one condition; leave it out")
         for name in ("behaviours", "conditions"):
-            given = [label_of(one) for one in getattr(self, name) or []]
-            twice = [one for one in given if given.count(one) > 1]
+            given = [label_of(given_name) for given_name in getattr(self, name) or []]
+            twice = [label for label in given if given.count(label) > 1]
             if twice:
                 raise FieldError(name, f"{twice[0]!r} is given twice")
-            for one in getattr(self, name) or []:
-                if is_in_file(one) and label_of(one) in _BUILT_IN:
-                    raise FieldError(name, f"{one}: the engine has a module of this name; rename the class")
+            for given_name in getattr(self, name) or []:
+                if is_in_file(given_name) and label_of(given_name) in _BUILT_IN:
+                    raise FieldError(
+                        name, f"{given_name}: the engine has a module of this name; rename the class"
+                    )
         if self.in_files and not (info.context or {}).get("ask", True):
             return self  # of a run, which is read without importing its code
         for name, what in (("behaviours", "behaviour"), ("conditions", "condition")):
-            for one in getattr(self, name) or []:
+            for given_name in getattr(self, name) or []:
                 try:
-                    module(what, one)
+                    module(what, given_name)
                 except InputError as error:
                     raise FieldError(name, str(error)) from None
         catalogue = self.catalogue
@@ -341,8 +343,10 @@ def _limits(
 ) -> dict[int, grammar.Range]:
     """Return the limits of parameters by their places: of the engine's, whether chosen or not, and others."""
     found = {grammar.PLACES[name]: RANGES[name] for name in names}
-    for one in chosen:
-        found |= {places[one.name][name]: limits for name, limits in one.parameters.items()}
+    for chosen_module in chosen:
+        found |= {
+            places[chosen_module.name][name]: limits for name, limits in chosen_module.parameters.items()
+        }
     return dict(sorted(found.items()))
 
 

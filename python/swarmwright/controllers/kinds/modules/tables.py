@@ -47,11 +47,11 @@ def machine(specification: Mapping[str, Any]) -> Machine:
             "form": "tree",
             "states": [
                 {
-                    "name": machine_texts.name_of(one.behaviour),
-                    "words": machine_texts.words_of(one),
-                    "condition": machine_texts.condition_words(one),
+                    "name": machine_texts.name_of(subtree.behaviour),
+                    "words": machine_texts.words_of(subtree),
+                    "condition": machine_texts.condition_words(subtree),
                 }
-                for one in found
+                for subtree in found
             ],
             "transitions": [],
         }

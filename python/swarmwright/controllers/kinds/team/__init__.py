@@ -228,17 +228,22 @@ def with_groups(options: TeamOptions, declared: Sequence[DeclaredGroup], simulat
             f"controller: {', '.join(names)}",
         )
     groups: dict[str, GroupOptions] = {}
-    for one in declared:
-        given = options.groups[one.name]
+    for declaration in declared:
+        given = options.groups[declaration.name]
         stored = None not in (given.agents, given.sensors, given.actuators)
         for key in ("sensors", "actuators") if stored else ("agents", "sensors", "actuators"):
-            value, found = getattr(given, key), getattr(one, key)
+            value, found = getattr(given, key), getattr(declaration, key)
             if value is not None and value != found:
                 raise FieldError(
-                    (*_GROUPS, one.name, key), f"{simulation} has {found}, not {value}; leave the key out"
+                    (*_GROUPS, declaration.name, key),
+                    f"{simulation} has {found}, not {value}; leave the key out",
                 )
-        announced = {"agents": one.agents, "sensors": one.sensors, "actuators": one.actuators}
-        groups[one.name] = given.model_copy(update=announced)
+        announced = {
+            "agents": declaration.agents,
+            "sensors": declaration.sensors,
+            "actuators": declaration.actuators,
+        }
+        groups[declaration.name] = given.model_copy(update=announced)
     return options.model_copy(update={"groups": groups})
 
 
