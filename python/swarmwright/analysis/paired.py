@@ -106,10 +106,10 @@ class ControllerComparison(ComparedByValue):
         """Whether the fitness of either controller differs between episodes; None of one episode."""
         if len(self.seeds) < 2:
             return None
-        found = (
+        depends = (
             np.unique(contender.episodes) for contender in (self.first, self.second)
         )  # NaN equals NaN there
-        return any(len(values) > 1 for values in found)
+        return any(len(values) > 1 for values in depends)
 
     @cached_property
     def difference(self) -> Estimate:

@@ -44,12 +44,12 @@ def keys_of_grid(runs: Sequence[Run]) -> list[tuple[str, ...]] | None:
     if any(place.parent != file.parent for place in places) or not file.is_file():
         return None
     try:
-        found = {
+        keys = {
             name: tuple(map(str, variant["keys"]))
             for variant in loads(contents(file))["variants"]
             for name in names_of(variant["runs"])
         }
-        return [found[place.name] for place in places]
+        return [keys[place.name] for place in places]
     except (InputError, ValueError, KeyError, TypeError):
         return None
 

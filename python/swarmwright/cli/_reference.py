@@ -44,7 +44,7 @@ def reference() -> str:
 
 
 def _sections(command: click.Command, context: click.Context) -> list[str]:
-    found = [f"## {context.command_path}\n\n```text\n{command.get_help(context).rstrip()}\n```\n"]
+    sections = [f"## {context.command_path}\n\n```text\n{command.get_help(context).rstrip()}\n```\n"]
     if isinstance(command, click.Group):
         for name in command.list_commands(context):
             inner = command.get_command(context, name)
@@ -53,8 +53,8 @@ def _sections(command: click.Command, context: click.Context) -> list[str]:
                 inner, info_name=name, parent=context, max_content_width=100, terminal_width=100,
                 help_option_names=["-h", "--help"],
             ) as below:  # fmt: skip
-                found += _sections(inner, below)
-    return found
+                sections += _sections(inner, below)
+    return sections
 
 
 if __name__ == "__main__":

@@ -74,10 +74,10 @@ def ranges_of(value: Any, count: int) -> tuple[Range | None, ...]:  # noqa: ANN4
     """Return ranges of sensors or actuators, one for each or none at all. Raises ValueError for others."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise ValueError(f"{value!r} found, expected a list of {count} ranges")
-    found = tuple(Range.of(ends) for ends in value)
-    if found and len(found) != count:
-        raise ValueError(f"{len(found)} ranges found, expected {count}")
-    return found
+    ranges = tuple(Range.of(ends) for ends in value)
+    if ranges and len(ranges) != count:
+        raise ValueError(f"{len(ranges)} ranges found, expected {count}")
+    return ranges
 
 
 def common(rows: Sequence[Sequence[Range | None]]) -> tuple[Range | None, ...]:

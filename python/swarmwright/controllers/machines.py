@@ -14,10 +14,10 @@ def machines_of(specification: Mapping[str, Any]) -> Machines:
     if not is_team(specification):
         return Machines(kind, machine_of(specification))
     first: int | None = 0
-    found = []
+    machines = []
     for group, part in zip(specification["groups"], parts_of(specification).values(), strict=True):
         agents = group.get("agents")
         end = None if first is None or agents is None else first + int(agents)
-        found.append(Group(group["name"], first, end, machine_of(part)))
+        machines.append(Group(group["name"], first, end, machine_of(part)))
         first = end
-    return Machines(kind, groups=tuple(found))
+    return Machines(kind, groups=tuple(machines))

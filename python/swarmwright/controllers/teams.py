@@ -22,13 +22,13 @@ def parts_of(specification: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """
     if not is_team(specification):
         return {}
-    found, first = {}, 0
+    parts, first = {}, 0
     with engine_errors("controller: "):
         for group in specification["groups"]:
             last = first + _engine.genome_size(group["controller"])
-            found[str(group["name"])] = {
+            parts[str(group["name"])] = {
                 **group["controller"],
                 "weights": list(specification["weights"][first:last]),
             }
             first = last
-    return found
+    return parts

@@ -327,19 +327,19 @@ def _is_named(file: str, options: CommandOptions) -> bool:
 
 def _unknown_metrics(options: RosOptions | FmuOptions, names: list[str]) -> list[tuple[str, str]]:
     """Return what is wrong with the expressions over metrics of these names: key and message."""
-    found = []
+    unknown_metrics = []
     for key, text in (("done", options.done), ("fitness", options.fitness)):
         expression = _expression(text)
         if isinstance(expression, str) and key == "done":
-            found.append((key, expression))
+            unknown_metrics.append((key, expression))
         elif isinstance(expression, FitnessExpression):
             used = (*expression.metrics, *([OWN] if expression.uses_own else []))
             for name in used:
                 if name not in names:
                     hint = did_you_mean(name, names)
                     there = hint or f"; available: {', '.join(names) or 'none'}"
-                    found.append((key, f"{name!r} is not a metric{there}"))
-    return found
+                    unknown_metrics.append((key, f"{name!r} is not a metric{there}"))
+    return unknown_metrics
 
 
 def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> None:

@@ -45,17 +45,17 @@ def entries_of(value: Any, folder: Path, report: Report) -> Entries | None:  # n
             (entry, (index,) if several else ()) for index, entry in enumerate(value if several else [value])
         )
     ]
-    found = tuple(launcher for launcher in made if launcher is not None)
-    if len(found) < len(made):
+    entries = tuple(launcher for launcher in made if launcher is not None)
+    if len(entries) < len(made):
         return None
-    if not found:
+    if not entries:
         report((), "must name a launcher, such as {launcher: slurm, count: 4}")
         return None
-    problem = _together(found)
+    problem = _together(entries)
     if problem is not None:
         report((), problem)
         return None
-    return found
+    return entries
 
 
 def _together(entries: Entries) -> str | None:

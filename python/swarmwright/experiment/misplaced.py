@@ -87,12 +87,12 @@ def _kinds_with(key: str, section: str) -> list[str]:
     """Return the kinds of a method, controller or ranking that have an option of this name."""
     if section not in REGISTRIES:
         return []
-    registry, found = REGISTRIES[section], []
+    registry, kinds = REGISTRIES[section], []
     for kind in registry.names():
         with suppress(InputError):  # of a package that cannot be imported
             if key in _keys(registry.get(kind).options_model):
-                found.append(kind)
-    return found
+                kinds.append(kind)
+    return kinds
 
 
 def _models(values: Mapping[str, Any]) -> Iterator[tuple[str, type[BaseModel]]]:

@@ -134,16 +134,16 @@ Target = OtherSimulation | PseudoReality
 
 def targets_of(to: Iterable[Entry], ranges: Sequence[Range]) -> list[Target]:
     """Return what candidates are transferred to. Raises InputError for nothing, or the same one twice."""
-    found: list[Target] = [OtherSimulation.of(entry) for entry in to]
-    names = [target.name for target in found]
+    targets: list[Target] = [OtherSimulation.of(entry) for entry in to]
+    names = [target.name for target in targets]
     doubled = next((name for name in names if names.count(name) > 1), None)
     if doubled is not None:
         raise InputError(f"to: {doubled} is named twice")
     if ranges:
-        found.append(PseudoReality(tuple(ranges)))
-    if not found:
+        targets.append(PseudoReality(tuple(ranges)))
+    if not targets:
         raise InputError("nothing to transfer to: name simulations, or parameters that vary")
-    return found
+    return targets
 
 
 def targets_at_end(experiment: Experiment) -> list[Target]:

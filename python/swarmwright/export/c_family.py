@@ -321,11 +321,11 @@ def enumeration(channels: list[Channel], begin: str, what: str) -> str:
 
 def _words(channels: list[Channel], what: str) -> list[str]:
     """Return a different word for each; COUNT would be taken for how many there are."""
-    found = identifiers((channel.name for channel in channels), what)
+    words = identifiers((channel.name for channel in channels), what)
     return identifiers(
         [
             f"{identifier}_{index}" if identifier == "COUNT" else identifier
-            for index, identifier in enumerate(found)
+            for index, identifier in enumerate(words)
         ],
         what,
     )

@@ -255,12 +255,12 @@ def parameters_of(
 
     have_limits: whether their descriptions say unit and range, as those of built-in simulations do.
     """
-    found = [
+    parameters = [
         _parameter(name, about, base)
         for name, about in sorted(description["parameters"].items())
         if name != "seed"
     ]
-    return [_with_limits(parameter) for parameter in found] if have_limits else found
+    return [_with_limits(parameter) for parameter in parameters] if have_limits else parameters
 
 
 def started(

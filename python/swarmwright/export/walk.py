@@ -105,9 +105,9 @@ def _probes(thresholds: list[float]) -> NDArray[np.float32]:
     """Return values on both sides of each threshold of a sensor."""
     edges = np.array(thresholds, np.float32)
     above = np.nextafter(edges, np.float32(np.inf), dtype=np.float32)
-    found = np.unique(np.concatenate([edges, above]))
-    found = found[np.isfinite(found)]
-    return found if len(found) else np.zeros(1, np.float32)
+    probes = np.unique(np.concatenate([edges, above]))
+    probes = probes[np.isfinite(probes)]
+    return probes if len(probes) else np.zeros(1, np.float32)
 
 
 def _drawn(steps: int, counts: list[int]) -> NDArray[np.int64]:

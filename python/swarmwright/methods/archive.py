@@ -61,10 +61,10 @@ class Grid:
             above = bins * (np.where(known[:, np.newaxis], measures, low) - low)
             places = above / width + _EPSILON
         indices = np.clip(np.floor(places), 0, bins - 1).astype(np.int64)
-        found = np.zeros(len(measures), dtype=np.int64)
+        cells = np.zeros(len(measures), dtype=np.int64)
         for axis, size in enumerate(self.shape):
-            found = found * size + indices[:, axis]
-        return np.where(known, found, -1)
+            cells = cells * size + indices[:, axis]
+        return np.where(known, cells, -1)
 
 
 class Archive:

@@ -177,8 +177,8 @@ class MapElites(Method):
         lines = (others - begin) * (self.options.line * normals[:, :1])
         lower, upper = self.representation.bounds
         largest = np.finfo(np.float32).max
-        found = np.clip(begin + steps + lines, np.maximum(lower, -largest), np.minimum(upper, largest))
-        return found.astype(np.float32)
+        along_lines = np.clip(begin + steps + lines, np.maximum(lower, -largest), np.minimum(upper, largest))
+        return along_lines.astype(np.float32)
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         measures = self.metrics if self.options.measures else np.zeros((len(genomes), 1))

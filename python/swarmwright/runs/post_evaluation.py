@@ -184,8 +184,8 @@ class PostEvaluation(ControllerEvaluation):
         return f"{self.generation}:{self.candidate}"
 
     def _lines(self) -> list[tuple[str, object]]:
-        found = [("candidate", self.label), ("recorded fitness", f"{self.recorded + 0.0:.6g}")]
-        return [*found, *super()._lines()]
+        lines = [("candidate", self.label), ("recorded fitness", f"{self.recorded + 0.0:.6g}")]
+        return [*lines, *super()._lines()]
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values."""

@@ -68,13 +68,13 @@ def _made(what: str, name: str) -> Behaviour | Condition:
 
 def _contents(made: Behaviour | Condition) -> dict[str, Any]:
     """Return the attributes of an object in a form that can be compared."""
-    found: dict[str, Any] = {}
+    contents: dict[str, Any] = {}
     for key, value in vars(made).items():
         try:
-            found[key] = pickle.dumps(copy.deepcopy(value))
+            contents[key] = pickle.dumps(copy.deepcopy(value))
         except Exception:  # noqa: BLE001 - any object may refuse it; that it is another one is seen then
-            found[key] = id(value)
-    return found
+            contents[key] = id(value)
+    return contents
 
 
 def _run(
@@ -105,11 +105,11 @@ def _run(
 def _sensors() -> NDArray[np.float32]:
     """Return what robots might sense, (steps, robots, 9)."""
     stream = Stream(1, "senses")
-    found = stream.unit(_STEPS * _ROBOTS * grammar.SENSORS).reshape(_STEPS, _ROBOTS, grammar.SENSORS)
-    found[..., [0, 1, 2, 3, 6, 7]] = 2 * found[..., [0, 1, 2, 3, 6, 7]] - 1
-    found[..., 4] = np.floor(3 * found[..., 4]) / 2
-    found[..., 5] = np.floor(8 * found[..., 5])
-    return found.astype(np.float32)
+    sensors = stream.unit(_STEPS * _ROBOTS * grammar.SENSORS).reshape(_STEPS, _ROBOTS, grammar.SENSORS)
+    sensors[..., [0, 1, 2, 3, 6, 7]] = 2 * sensors[..., [0, 1, 2, 3, 6, 7]] - 1
+    sensors[..., 4] = np.floor(3 * sensors[..., 4]) / 2
+    sensors[..., 5] = np.floor(8 * sensors[..., 5])
+    return sensors.astype(np.float32)
 
 
 def _parameters(known: grammar.Module) -> dict[str, NDArray[np.float32]]:

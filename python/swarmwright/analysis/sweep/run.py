@@ -172,13 +172,13 @@ def _asks_for_more(wanted: Validate, run: Run) -> bool:
     """Return whether a validation has more episodes or candidates than that of a run, or other seeds."""
     if wanted.episodes == 0:
         return False
-    found, has = run.validation, run.experiment.validate
-    if found is None:
+    asks, has = run.validation, run.experiment.validate
+    if asks is None:
         return True
     if wanted.episodes == AUTO:
         return False
     return (
-        wanted.episodes > len(found.best.seeds)
+        wanted.episodes > len(asks.best.seeds)
         or wanted.candidates > has.candidates
         or (wanted.seed is not None and wanted.seed != has.seed)
     )
@@ -236,7 +236,7 @@ def _shorter_runs(sweep: Sweep, taken: Collection[str]) -> list[tuple[str, Exper
     taken: folders of variants, which are left out.
     """
     file = sweep.out / SWEEP
-    found = []
+    shorter_runs = []
     # Without a file or record, or with a damaged one, nothing says that the runs are of the same sweep.
     with suppress(InputError, ValueError, KeyError, TypeError):
         if sweep.file is None or not file.is_file():
@@ -249,9 +249,9 @@ def _shorter_runs(sweep: Sweep, taken: Collection[str]) -> list[tuple[str, Exper
             for folder, seed in seeds:
                 name = folder.removesuffix(f"-{seed}")
                 if name not in taken and (sweep.out / folder / FILE).exists():
-                    found.append((name, Run.open(sweep.out / folder).experiment))
+                    shorter_runs.append((name, Run.open(sweep.out / folder).experiment))
                     break
-    return found
+    return shorter_runs
 
 
 def tasks(sweep: Sweep) -> list[Task]:

@@ -67,15 +67,15 @@ def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
     kinds = {f"{section}.kind": getattr(base, section).kind for section in REGISTRIES}
     every = [changes for _, changes in combinations]
     labels = labels_of(every, [{**kinds, **changes} for changes in every])
-    found: dict[Experiment, tuple[str, dict[str, Any], Experiment]] = {}  # grids may overlap
+    variants: dict[Experiment, tuple[str, dict[str, Any], Experiment]] = {}  # grids may overlap
     for (at, changes), label in zip(combinations, labels, strict=True):
         try:
             experiment = changed(base, _placed(changes, source.folder(at)))
         except InputError as error:
             raise InputError(f"{source.place(at)}with {label}: {error}") from error
-        if experiment not in found:
-            found[experiment] = (label, changes, experiment)
-    return _with_folders(found.values())
+        if experiment not in variants:
+            variants[experiment] = (label, changes, experiment)
+    return _with_folders(variants.values())
 
 
 def _placed(changes: Mapping[str, Any], folder: Path) -> dict[str, Any]:

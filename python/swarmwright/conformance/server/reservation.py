@@ -187,16 +187,16 @@ def tells_of_failures(server: Server) -> str:
     if message is None:
         came = f"no message came on the topic in reply within {patience + server.settings.timeout:g} s"
         raise Failure(came, "the message failed", f"{sent}, then no actuators")
-    found = decoded(message)
+    tells = decoded(message)
     wanted = {"kind": "failed", "version": 1, "server": server.id, "simulation_hash": episode.hash}
     for key, value in wanted.items():
-        if found.get(key) != value:
-            raise Failure(f'"{key}" is {found.get(key)!r}', f"{value!r}", sent)
-    if not isinstance(found.get("reason"), str) or not 0 < len(found["reason"]) <= LONGEST_REASON:
+        if tells.get(key) != value:
+            raise Failure(f'"{key}" is {tells.get(key)!r}', f"{value!r}", sent)
+    if not isinstance(tells.get("reason"), str) or not 0 < len(tells["reason"]) <= LONGEST_REASON:
         raise Failure(
-            f'"reason" is {found.get("reason")!r}', f"text of 1 to {LONGEST_REASON} characters", sent
+            f'"reason" is {tells.get("reason")!r}', f"text of 1 to {LONGEST_REASON} characters", sent
         )
-    return str(found["reason"]).partition("\n")[0]
+    return str(tells["reason"]).partition("\n")[0]
 
 
 def short_patience(server: Server) -> float:

@@ -144,14 +144,14 @@ def _own_places(modules: Sequence[Module]) -> int:
 
 
 def _places(modules: Sequence[Module], first: int) -> dict[str, dict[str, int]]:
-    found: dict[str, dict[str, int]] = {}
+    places: dict[str, dict[str, int]] = {}
     for module in modules:
         if module.built_in:
-            found[module.name] = {name: PLACES[name] for name in module.parameters}
+            places[module.name] = {name: PLACES[name] for name in module.parameters}
         else:
-            found[module.name] = {name: first + index for index, name in enumerate(module.parameters)}
+            places[module.name] = {name: first + index for index, name in enumerate(module.parameters)}
             first += len(module.parameters)
-    return found
+    return places
 
 
 BUILT_IN = Catalogue(tuple(map(built_in, BEHAVIOURS)), tuple(map(built_in, CONDITIONS)))
@@ -201,7 +201,7 @@ def states_of(specification: Mapping[str, Any]) -> tuple[State, ...]:
     first, each = catalogue.of_state, catalogue.of_transition
     width = first + most * each
     count = _whole(weights[0], 1, int(specification["states"]))
-    found = []
+    states = []
     for index in range(count):
         row = weights[1 + index * width :][:width]
         behaviour = catalogue.behaviours[_whole(row[0], 0, len(catalogue.behaviours) - 1)]
@@ -212,8 +212,8 @@ def states_of(specification: Mapping[str, Any]) -> tuple[State, ...]:
         if tree:
             transitions = (Transition(0, transitions[0].condition, transitions[0].parameters),)
         parameters = _parameters(row, behaviour, catalogue.behaviour_places)
-        found.append(State(behaviour.name, parameters, transitions))
-    return tuple(found)
+        states.append(State(behaviour.name, parameters, transitions))
+    return tuple(states)
 
 
 def _transition(row: Sequence[float], states: int, catalogue: Catalogue) -> Transition:
@@ -225,11 +225,11 @@ def _transition(row: Sequence[float], states: int, catalogue: Catalogue) -> Tran
 def _parameters(
     row: Sequence[float], module: Module, places: Mapping[str, Mapping[str, int]]
 ) -> dict[str, float]:
-    found: dict[str, float] = {}
+    parameters: dict[str, float] = {}
     for name, (low, high, whole) in module.parameters.items():
         value = min(max(row[places[module.name][name]], low), high)
-        found[name] = int(value) if whole else value
-    return found
+        parameters[name] = int(value) if whole else value
+    return parameters
 
 
 def _whole(weight: float, low: int, high: int) -> int:

@@ -355,7 +355,7 @@ class Swarm:
         place: int,
     ) -> NDArray[np.bool_]:
         """Return where the condition of transition k, whose weights are in `part`, holds. unit: 0..1."""
-        found = np.zeros(len(robots), dtype=np.float32)
+        holds = np.zeros(len(robots), dtype=np.float32)
         numbers = part[:, 1].astype(np.int64)
         for number, condition in enumerate(self._conditions):
             rows = np.flatnonzero(numbers == number)
@@ -365,7 +365,7 @@ class Swarm:
             state = self._conditions_kept[robots[rows], k, : condition.state]
             given = {key: part[rows, place] for key, place in places.items()}
             random = RandomNumbers(bits[rows], 1 + place)
-            found[rows] = called(
+            holds[rows] = called(
                 condition.probability,
                 name,
                 Senses.of(sensors[rows]),
@@ -375,7 +375,7 @@ class Swarm:
                 shape=(len(rows),),
             )
             self._conditions_kept[robots[rows], k, : condition.state] = state
-        return unit < found
+        return unit < holds
 
     def _change(
         self, robots: Rows, part: Numbers, sensors: Numbers, bits: NDArray[np.uint32], words: list[Any]

@@ -36,7 +36,7 @@ def subtrees_from(tree: Any, most: int, catalogue: Catalogue = BUILT_IN) -> tupl
     Raises FieldError with what is wrong, and where in the tree.
     """
     entries = _list(_keys(tree, (), {"subtrees"}).get("subtrees"), ("subtrees",), 1, most)
-    found = []
+    subtrees = []
     for index, entry in enumerate(entries):
         here: Path_ = ("subtrees", index)
         given = _keys(entry, here, None)
@@ -44,8 +44,8 @@ def subtrees_from(tree: Any, most: int, catalogue: Catalogue = BUILT_IN) -> tupl
         behaviour = _name(given.get("behaviour"), (*here, "behaviour"), catalogue.behaviours)
         known = _keys(entry, here, {"condition", "behaviour", *condition.parameters, *behaviour.parameters})
         transition = Transition(0, condition.name, _values(known, condition, here))
-        found.append(State(behaviour.name, _values(known, behaviour, here), (transition,)))
-    return tuple(found)
+        subtrees.append(State(behaviour.name, _values(known, behaviour, here), (transition,)))
+    return tuple(subtrees)
 
 
 def tree_mapping_of(subtrees: Sequence[State]) -> dict[str, Any]:

@@ -156,12 +156,12 @@ def _check_size(numbers: int) -> None:
 
 
 def _thresholds(edges: dict[int, Edge], sensors: int) -> Thresholds:
-    found: dict[int, set[float]] = {sensor: set() for sensor in range(sensors)}
+    thresholds: dict[int, set[float]] = {sensor: set() for sensor in range(sensors)}
     for edge in edges.values():
         for guard in (edge.condition, edge.on_step):
             if guard is not None:
-                collect(guard, found)
-    return {sensor: sorted(ones) for sensor, ones in found.items()}
+                collect(guard, thresholds)
+    return {sensor: sorted(ones) for sensor, ones in thresholds.items()}
 
 
 def _keeping_actuators(effects: list[_Effect], actuators: int) -> tuple[int, ...]:
@@ -361,15 +361,15 @@ class _Resolved:
 
     def _outputs(self) -> dict[int, tuple[int, float]]:
         """Return the actuator and its number of each action that assigns one."""
-        found = {}
+        outputs = {}
         for state in self.machine.root.all():
             for action in state.actions:
                 if isinstance(action, Assignment):
                     number = self._number(action.actuator, self.actuators, "actuator", action.line)
                     if number is None:
                         self._unknown(action.line, "actuator", action.actuator, self.actuators)
-                    found[id(action)] = (-1 if number is None else number, action.value)
-        return found
+                    outputs[id(action)] = (-1 if number is None else number, action.value)
+        return outputs
 
     def _numbered(self, actuator: str) -> int:
         """Return the number of an actuator, -1 for none."""

@@ -273,20 +273,20 @@ class _Reader:
         )
 
     def _actions(self, element: Element) -> list[Action]:
-        found: list[Action] = []
+        actions: list[Action] = []
         for inner in element.children:
             if inner.tag == "assign":
                 location = inner.attributes.get("location", "").strip()
                 if not location:
                     self.problem(inner, "the attribute location is missing; it names an actuator")
-                found.append(Assignment(location, self._output(inner), inner.line))
+                actions.append(Assignment(location, self._output(inner), inner.line))
             elif inner.tag == "raise":
-                self._event(inner, found, internal=True)
+                self._event(inner, actions, internal=True)
             elif inner.tag == "send":
-                self._send(inner, found)
+                self._send(inner, actions)
             else:
                 self._unknown(inner, ("assign", "log", "raise", "send"))
-        return found
+        return actions
 
     def _send(self, element: Element, found: list[Action]) -> None:
         for parameter in element.children:

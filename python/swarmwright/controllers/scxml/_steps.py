@@ -284,12 +284,12 @@ class Steps:
         return self._root
 
     def _exits(self, branch: _Branch, edges: Sequence[Edge]) -> frozenset[int]:
-        found: set[int] = set()
+        exits: set[int] = set()
         for edge in edges:
             if edge.targets:
                 domain = self._domain(branch, edge)
-                found |= {state for state in branch.active if self._states[state].inside(domain)}
-        return frozenset(found)
+                exits |= {state for state in branch.active if self._states[state].inside(domain)}
+        return frozenset(exits)
 
     def _enter(self, branch: _Branch, chosen: Sequence[Edge]) -> _Branch:
         entry = _Entry(self, branch)

@@ -76,17 +76,17 @@ def draw(transfer: "Transfer") -> "Figure":
 def _signs(transfer: "Transfer") -> list[tuple[str, dict[str, Any]]]:
     """Return what the sizes of points and the lines across them mean, where there are any, with its style."""
     plain: dict[str, Any] = {"color": SOFT, "fmt": "o"}
-    found: list[tuple[str, dict[str, Any]]] = []
+    signs: list[tuple[str, dict[str, Any]]] = []
     if any(len(run.candidates) > 1 for run in transfer.runs):
-        found = [
+        signs = [
             ("best of the run", {**plain, "markersize": _BEST}),
             ("other candidates of the run", {**plain, "markersize": _OTHER}),
         ]
     fitness = [of for run in transfer.runs for of in (*run.source_fitness, *run.target_fitness)]
     if any(of.low is not None for of in fitness):
         bars = {"fmt": "none", "ecolor": SOFT, "elinewidth": points(0.8), "xerr": [], "yerr": []}
-        found.append(("95 % interval of the mean", bars))
-    return found
+        signs.append(("95 % interval of the mean", bars))
+    return signs
 
 
 def _points(axes: "Axes", transferred: "Transferred", group: int) -> None:

@@ -337,13 +337,13 @@ def _trace(trace: Trace, keys: Sequence[int], part: Part) -> dict[str, Any] | No
 
 
 def _kinds(part: Part, sensors: int, actuators: int) -> list[dict[str, Any]]:
-    found, end = [], 0
+    kinds, end = [], 0
     for kind in part.kinds:
         if (len(kind.sensors), len(kind.actuators)) != (sensors, actuators):
             return []  # not those of this episode
         end += kind.agents
-        found.append({"name": kind.name, "end": end, "names": [*kind.sensors, *kind.actuators]})
-    return found
+        kinds.append({"name": kind.name, "end": end, "names": [*kind.sensors, *kind.actuators]})
+    return kinds
 
 
 def picture_data(recording: "PictureRecording", *, speed: float) -> dict[str, Any]:

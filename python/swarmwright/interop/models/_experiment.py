@@ -214,8 +214,8 @@ def groups_of(model: Model, known: Known, parameters: Mapping[str, Any], kind: s
             declared = catalogue.groups(known.simulation, dict(parameters))
     if not declared:
         return {member.name: ({"kind": kind, **_counts(member)}, member.place) for member in model.members}
-    found = _matched(model, known.simulation, declared)
-    return {group.name: ({"kind": kind}, found[group.name].place) for group in declared}
+    groups = _matched(model, known.simulation, declared)
+    return {group.name: ({"kind": kind}, groups[group.name].place) for group in declared}
 
 
 def _counts(member: Member) -> dict[str, int]:

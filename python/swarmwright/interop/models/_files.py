@@ -54,16 +54,16 @@ def load(path: Path) -> Part:
 
 def files_of(paths: Iterable[Path]) -> list[Path]:
     """Return the files themselves, and those of folders by name. Raises InputError for an empty folder."""
-    found: list[Path] = []
+    files: list[Path] = []
     for path in paths:
         if not path.is_dir():
-            found.append(path)
+            files.append(path)
             continue
         inside = sorted(neighbour for neighbour in path.iterdir() if _is_model(neighbour))
         if not inside:
             raise InputError(f"{path}: no file with the ending {', '.join(sorted(_SUFFIXES))} is in it")
-        found += inside
-    return found
+        files += inside
+    return files
 
 
 def _is_model(path: Path) -> bool:

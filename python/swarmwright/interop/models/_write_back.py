@@ -170,8 +170,8 @@ def _tags(path: Path, value: Callable[[str], Any]) -> bytes:
             return match[0]
         naming, set_ = ("key", "value") if match[1] == "propentry" else ("name", "number")
         name = _attribute(match[0], naming)
-        found = None if name is None else value(name.strip())
-        return match[0] if found is None else _with_attribute(match[0], set_, str(found))
+        tags = None if name is None else value(name.strip())
+        return match[0] if tags is None else _with_attribute(match[0], set_, str(tags))
 
     # An encoding may lack characters of a value; XML has them by number.
     return _TAG.sub(replaced, text).encode(encoding, "xmlcharrefreplace")

@@ -52,7 +52,7 @@ def load(path: Path) -> Part:
 
 
 def _sections(path: Path, root: Element, problems: Problems) -> dict[str, dict[str, Element]]:
-    found: dict[str, dict[str, Element]] = {name: {} for name in _ENTRIES}
+    sections: dict[str, dict[str, Element]] = {name: {} for name in _ENTRIES}
     for section in root.children:
         if section.tag not in _ENTRIES:
             problems.add(
@@ -69,12 +69,12 @@ def _sections(path: Path, root: Element, problems: Problems) -> dict[str, dict[s
                 problems.add(place, "the attribute key is missing")
             elif "value" not in element.attributes:
                 problems.add(place, f"the attribute value of {key!r} is missing")
-            elif key in found[section.tag]:
-                first = found[section.tag][key].line
+            elif key in sections[section.tag]:
+                first = sections[section.tag][key].line
                 problems.add(place, f"duplicate key {key!r} (first in line {first}); keep one")
             else:
-                found[section.tag][key] = element
-    return found
+                sections[section.tag][key] = element
+    return sections
 
 
 def _place(path: Path, key: str, element: Element) -> Place:

@@ -64,8 +64,8 @@ def names_of(architectures: Iterable[Mapping[str, Any]]) -> list[str]:
 
     Raises InputError for modules that are not here.
     """
-    found = [name_of(*key) for architecture in architectures for key in in_python(architecture)]
-    return list(dict.fromkeys(found))
+    names = [name_of(*key) for architecture in architectures for key in in_python(architecture)]
+    return list(dict.fromkeys(names))
 
 
 def offered(names: Sequence[str]) -> dict[tuple[str, str], list[Module]]:

@@ -159,8 +159,8 @@ class Cluster:
         """Return the cluster's workers, by address. Raises LauncherError."""
         if self._client.status != "running":
             raise LauncherError("the connection to the scheduler is lost")
-        found: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
-        return found
+        workers: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
+        return workers
 
     def _started(self) -> dict[int, str]:
         """Return the workers of servers that have begun; the last, where Dask repeated a lost task."""

@@ -115,11 +115,11 @@ def _ended(name: str, pod: Object) -> Health:
 
 def _indexes(text: str) -> set[int]:
     """Return the numbers of a text such as 1,3-5."""
-    found: set[int] = set()
+    indexes: set[int] = set()
     for part in filter(None, text.split(",")):
         first, _, last = part.partition("-")
-        found.update(range(int(first), int(last or first) + 1))
-    return found
+        indexes.update(range(int(first), int(last or first) + 1))
+    return indexes
 
 
 def _can_never_be(refusal: str) -> bool:

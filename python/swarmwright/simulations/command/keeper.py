@@ -51,12 +51,12 @@ def _descendants() -> dict[int, str]:
             name, _, rest = text.partition("(")[2].rpartition(")")
             state, parent = rest.split()[:2]
             parents[int(entry)] = int(parent), state, name
-    found: dict[int, str] = {}
+    descendants: dict[int, str] = {}
     mine = {os.getpid()}
     while mine:
         mine = {pid for pid, (parent, _, _) in parents.items() if parent in mine}
-        found |= {pid: parents[pid][2] for pid in mine if parents[pid][1] not in "ZX"}
-    return found
+        descendants |= {pid: parents[pid][2] for pid in mine if parents[pid][1] not in "ZX"}
+    return descendants
 
 
 def _reap(process: "subprocess.Popen[bytes] | None") -> None:

@@ -157,17 +157,17 @@ class SteppedEpisodes:
         reported = answer.get("metrics") or {}
         if not isinstance(reported, Mapping):
             raise CommandFailure(f"metrics is {json.dumps(reported)[:40]}, expected {{NAME: NUMBER, ..}}")
-        found = {name: reported[name] for name in self._metrics if name in reported}
+        results = {name: reported[name] for name in self._metrics if name in reported}
         if OWN in answer or OWN in reported:
-            found[OWN] = answer.get(OWN, reported.get(OWN))
+            results[OWN] = answer.get(OWN, reported.get(OWN))
         for name in self._metrics:
-            if name not in found:
+            if name not in results:
                 there = ", ".join(reported) or "none"
                 raise CommandFailure(f"ended the episode without the metric {name!r}; available: {there}")
-        for name, value in found.items():
+        for name, value in results.items():
             if not isinstance(value, bool | int | float) or (name == OWN and isinstance(value, bool)):
                 raise CommandFailure(f"{name} is {json.dumps(value)[:40]}, expected a number")
-        return {name: _float(value) for name, value in found.items()}
+        return {name: _float(value) for name, value in results.items()}
 
 
 def _float(number: float) -> float:

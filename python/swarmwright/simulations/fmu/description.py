@@ -341,13 +341,13 @@ def _ranges(text: bytes) -> dict[str, Range]:
     """Return the ranges of scaled variables, see `RANGE`. Raises ValueError for one that is not a range."""
     root = ET.fromstring(text)  # noqa: S314 - expat limits entities
     return {
-        variable.get("name", ""): found
+        variable.get("name", ""): ranges
         for variable in root.iterfind("ModelVariables/*")
         for annotation in variable.iterfind("Annotations/*")
         if RANGE in (annotation.get("name"), annotation.get("type"))
         for element in annotation.iterfind("Range")
         if (
-            found := Range.of(
+            ranges := Range.of(
                 (float(element.get("low", "")), float(element.get("high", "")), element.get("unit", ""))
             )
         )

@@ -504,12 +504,12 @@ class Episodes:
         return self._begin + self._made * self._size
 
     def _metrics(self) -> dict[str, float]:
-        found = self._measured()
-        for name, value in found.items():
+        metrics = self._measured()
+        for name, value in metrics.items():
             if not math.isfinite(value):
                 function, variable = self._attachment["metrics"][name]
                 raise FmuError(f"the metric {name}, {function}({variable}), is {value} at {self._time:g} s")
-        return found
+        return metrics
 
     def _measured(self) -> dict[str, float]:
         """Return all metrics; some may be NaN before an episode ends."""

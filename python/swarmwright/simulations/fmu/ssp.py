@@ -370,18 +370,18 @@ def _time(experiment: ET.Element | None, key: str) -> float | None:
 
 def _components(file: Path, sources: Mapping[str, str]) -> dict[str, Description]:
     """Return what the FMU of each component announces."""
-    found, sizes = {}, {}
+    components, sizes = {}, {}
     with TemporaryFolder("ssp") as folder:
         for source in dict.fromkeys(sources.values()):
             fmu = extracted(file, source, folder)
-            found[source] = fmus.for_coupling(fmu)
+            components[source] = fmus.for_coupling(fmu)
             with archives.opened(fmu, "an FMU") as archive:
                 sizes[source] = fmu.stat().st_size + archives.unpacked_bytes(archive)
     # Each component is unpacked for itself.
     archives.check_size(
         file, sum(sizes[sizes_of] for sizes_of in sources.values()), "its components unpack to"
     )
-    return {name: found[source] for name, source in sources.items()}
+    return {name: components[source] for name, source in sources.items()}
 
 
 def _parsed(file: Path, archive: zipfile.ZipFile, name: str, schema: str) -> ET.Element:
@@ -550,7 +550,7 @@ def _starts(
 
     As SSP has it: the later one of two values counts, and names without a variable are ignored.
     """
-    found: dict[str, Any] = {}
+    starts: dict[str, Any] = {}
     unknown: dict[str, None] = {}
     for element in elements:
         prefix = "" if element.tag == f"{SSD}System" else f"{element.get('name')}."
@@ -562,11 +562,11 @@ def _starts(
                 unknown[full] = None
                 continue
             convert = partial(_from_set, full, given, known.variables[variable].unit, known.units)
-            found[full] = start_value(full, known.variables[variable], given, entry, convert)
+            starts[full] = start_value(full, known.variables[variable], given, entry, convert)
     if unknown:
         names = ", ".join(list(unknown)[:_SHOWN_NAMES]) + (", .." if len(unknown) > _SHOWN_NAMES else "")
         warn_once(f"{file}: parameter sets have values for {names}, which are no variables: ignored")
-    return found
+    return starts
 
 
 def _flat(file: Path, system: System) -> Description:

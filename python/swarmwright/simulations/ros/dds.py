@@ -146,7 +146,7 @@ class Dds:
 
     def _types(self, name: str) -> list[str]:
         own = self._participant.guid
-        found = [
+        types = [
             _ros_type(endpoint.type_name)
             for reader in self._known
             for endpoint in reader.read(_ENDPOINTS)
@@ -154,7 +154,7 @@ class Dds:
             and endpoint.participant_key != own
             and endpoint.sample_info.instance_state == InstanceState.Alive
         ]
-        return sorted(set(found))
+        return sorted(set(types))
 
     def spin_once(self, timeout: float) -> None:
         """Run the callbacks of what has come; where nothing has, wait for it, for 0.1 s at most."""

@@ -355,23 +355,23 @@ def _check_all(kind: str, names: Sequence[str], used: Container[int]) -> None:
 
 def _sensors(mapping: _Block, names: Sequence[str], timeout: float) -> list[SensorMapping]:
     """Return entries that name the controller's sensors, in the controller's order."""
-    found: dict[int, SensorMapping] = {}
+    sensors: dict[int, SensorMapping] = {}
     for number, value in enumerate(_listed(mapping, "sensor")):
         block = _Block(f"sensors[{number}]", value)
         name = block.text("sensor")
         index = _index(block, "sensor", names, name)
         block.where += f" ({name})"
-        if index in found:
+        if index in sensors:
             raise block.mistake("is mapped twice")
-        found[index] = _sensor(block, timeout)
+        sensors[index] = _sensor(block, timeout)
         block.no_others()
-    _check_all("sensor", names, found)
-    return [found[index] for index in range(len(names))]
+    _check_all("sensor", names, sensors)
+    return [sensors[index] for index in range(len(names))]
 
 
 def _actuators(mapping: _Block, names: Sequence[str]) -> list[ActuatorMapping]:
     """Return entries that name one of the controller's actuators, or several with their weights."""
-    found: list[ActuatorMapping] = []
+    actuators: list[ActuatorMapping] = []
     used: set[int] = set()
     alone: set[int] = set()
     for number, value in enumerate(_listed(mapping, "actuator")):
@@ -387,7 +387,7 @@ def _actuators(mapping: _Block, names: Sequence[str]) -> list[ActuatorMapping]:
         if not is_sum:
             alone.add(terms[0][0])
         used.update(index for index, _ in terms)
-        found.append(_actuator(block, terms))
+        actuators.append(_actuator(block, terms))
         block.no_others()
     _check_all("actuator", names, used)
-    return sorted(found, key=lambda term: term.terms[0][0])
+    return sorted(actuators, key=lambda term: term.terms[0][0])

@@ -92,8 +92,8 @@ def _boxes(chosen: NDArray[np.bool_]) -> tuple[list[Box], bool]:
         The boxes, few, and whether they cover everything.
     """
     left = chosen.copy()
-    found: list[Box] = []
-    while left.any() and len(found) < _MOST_BOXES:
+    boxes: list[Box] = []
+    while left.any() and len(boxes) < _MOST_BOXES:
         beginnings = np.argwhere(left)[:_BEGINNINGS]
         axes = range(chosen.ndim)
         candidates = [
@@ -102,9 +102,9 @@ def _boxes(chosen: NDArray[np.bool_]) -> tuple[list[Box], bool]:
             for order in (axes, reversed(axes))
         ]
         best = max(candidates, key=lambda box: int(left[_slices(box)].sum()))
-        found.append(best)
+        boxes.append(best)
         left[_slices(best)] = False
-    return found, not left.any()
+    return boxes, not left.any()
 
 
 def _grown(chosen: NDArray[np.bool_], beginning: tuple[int, ...], order: Iterable[int]) -> Box:

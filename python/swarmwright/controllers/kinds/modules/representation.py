@@ -612,8 +612,8 @@ class Modules(Representation):
     def _targets(self) -> NDArray[np.intp]:
         """Return where the targets of all transitions are in a genome."""
         rows = 1 + self._width * np.arange(self.options.states)[:, np.newaxis]
-        found: NDArray[np.intp] = rows + self._first + self._each * np.arange(self._most)
-        return found.ravel()
+        targets: NDArray[np.intp] = rows + self._first + self._each * np.arange(self._most)
+        return targets.ravel()
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
         """Return a copy after a few changes, see the class."""
