@@ -231,13 +231,13 @@ def test_a_parameter_with_the_name_of_a_placeholder_is_in_the_file_alone(traced:
         ("", {"files": ["world.sdf"]}),
     ],
 )
-def test_a_run_from_before_placeholders_went_first_is_refused(
+def test_a_parameter_with_the_name_of_a_placeholder_is_refused_in_episodes(
     traced: Traced, script: str, definition: dict[str, Any]
 ) -> None:
-    """Of stored runs, experiments are taken as they are."""
+    """As other tools may send it: experiments with one are refused."""
     (traced.folder / "world.sdf").write_text("<world {port}/>")
     (traced.folder / "own.yaml").write_text("port: 7\nspeed: 0.5\n")
-    words = r"the parameter port has the name of \{port\}, a free TCP port, .*; start a new run in which"
+    words = r"the parameter port has the name of \{port\}, a free TCP port, .*; give the parameter"
     for own in ({}, {"parameters": "own.yaml"}):
         made = traced.shell(f"{script} {WELL}", **definition, **own)
         stored = dataclasses.replace(made, parameters={"port": 5000})
