@@ -347,6 +347,8 @@ test-wheel: $(VENV)/.engine $(VENV)/.dev $(VENV)/.wheel $(FMI)
 OLDEST := build/oldest
 
 test-oldest: $(VENV)/.engine $(VENV)/.dev $(OLDEST)/.installed
+	# By these the command line finds commands that have entry points; the code is that of the checkout.
+	cp -r $(VENV)/lib/python3.11/site-packages/swarmwright-*.dist-info $(OLDEST)/lib/python3.11/site-packages
 	SWARMWRIGHT_OLDEST=$(CURDIR)/$(OLDEST)/bin/python $(BIN)/python -m pytest $(AGAIN) -rs -n 2 --durations=10 tests/oldest
 
 $(OLDEST)/.installed: $(VENV)/.tools pyproject.toml tests/oldest/requirements.py
