@@ -31,8 +31,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "neat": {"iterations": 2},
     "modules": {},
 }
-"""The options with which each kind of controller that steers agents is tried; all but the first and the
-fourth have a state."""
+"""Kind of controller that steers agents -> the options with which it is tried. All but `layered` and
+`evostick` have a state."""
 KINDS = (*OPTIONS, "parameter_set")
 """All kinds of controller."""
 
