@@ -168,22 +168,22 @@ def equal(server: Server) -> str:
 
     wanted = list(server.announced.get("metrics") or [])
     more: Json = {"metrics": wanted} if wanted else {}
-    sent = Batch(server, seeds, **more)
-    sent.play(act)
+    episodes = Batch(server, seeds, **more)
+    episodes.play(act)
     free_again(server)
     for episode, seed in enumerate(seeds):
         trajectory = stepwise(seed)
-        if not same(trajectory.fitness, sent.fitness.get(episode)):
-            came = f"seed {seed}: {sent.fitness.get(episode)!r} batched, {trajectory.fitness!r} stepwise"
+        if not same(trajectory.fitness, episodes.fitness.get(episode)):
+            came = f"seed {seed}: {episodes.fitness.get(episode)!r} batched, {trajectory.fitness!r} stepwise"
             raise Failure(came, "the same bits")
         for name in wanted:
             if name in trajectory.metrics and not same(
-                trajectory.metrics[name], sent.metrics[episode].get(name)
+                trajectory.metrics[name], episodes.metrics[episode].get(name)
             ):
-                batched = sent.metrics[episode].get(name)
+                batched = episodes.metrics[episode].get(name)
                 came = f"{name}, seed {seed}: {batched!r} batched, {trajectory.metrics[name]!r} stepwise"
                 raise Failure(came, "the same bits")
-    return f"{len(seeds)} episodes, {sent.step} steps"
+    return f"{len(seeds)} episodes, {episodes.step} steps"
 
 
 @rule(
@@ -196,22 +196,22 @@ def equal(server: Server) -> str:
 def refused(server: Server) -> None:
     """Wrong actuators in the first step, then the right ones."""
     _steps(server)
-    one = Batch(server, _seeds(server)[:1])
-    values = [[0.5] * server.actuators for _ in one.rows]
-    nan = [[float("nan")] * server.actuators for _ in one.rows]
+    episodes = Batch(server, _seeds(server)[:1])
+    values = [[0.5] * server.actuators for _ in episodes.rows]
+    nan = [[float("nan")] * server.actuators for _ in episodes.rows]
     tries: list[tuple[str, Sequence[Sequence[float]], Json]] = [
-        ("the next step", values, {"step": one.step + 1}),
+        ("the next step", values, {"step": episodes.step + 1}),
         ("a row too many", [*values, values[0]], {}),
         ("NaN", nan, {}),
-        ("the number of no request", values, {"request": one.request["request"] + 1_000_000}),
+        ("the number of no request", values, {"request": episodes.request["request"] + 1_000_000}),
         ("a list in place of binary", values, {"actuators": values}),
     ]
     for what, rows, changes in tries:
-        sent = one.answer(rows, **changes)
+        sent = episodes.answer(rows, **changes)
         for message in server.client.drain(server.quiet):
             if message.topic.endswith(server.token):
                 raise Failure("an answer came", "silence: the actuators are wrong", f"{sent}: {what}")
-    one.play(_zeros(server))
+    episodes.play(_zeros(server))
 
 
 @rule(
@@ -224,11 +224,11 @@ def refused(server: Server) -> None:
 def ended(server: Server) -> None:
     """An end in the first step, then another batch."""
     _steps(server)
-    sent = Batch(server, _seeds(server))
-    sent.answer([])
+    episodes = Batch(server, _seeds(server))
+    episodes.answer([])
     for message in server.client.drain(server.quiet):
         if message.topic.endswith(server.token):
-            raise Failure("an answer came", "silence: the batch is over", sent.sent)
+            raise Failure("an answer came", "silence: the batch is over", episodes.sent)
     Batch(server, _seeds(server)).answer([])
     free_again(server)
     server.must_answer(
@@ -276,11 +276,11 @@ def taken(server: Server) -> None:
     Where no answer is expected, the batch is over at once, and the server held.
     """
     must_have_batches(server)
-    sent = Batch(server, _seeds(server))
-    why = f"a batch of {TOOL} is under way" if sent.rows else f"it is held for {TOOL}"
+    episodes = Batch(server, _seeds(server))
+    why = f"a batch of {TOOL} is under way" if episodes.rows else f"it is held for {TOOL}"
     must_be_refused(server, batch(server, [1], tool=OTHER), ["taken"], why)
     must_be_taken(server, why, "start")
-    sent.play(_zeros(server))
+    episodes.play(_zeros(server))
     must_be_taken(server, f"it is held for {TOOL}", "a whole batch")
     free_again(server)
     server.must_come_free("an answer to every tool", f'control with run: false and "tool": "{TOOL}"')
@@ -304,12 +304,12 @@ def full(server: Server) -> str:
     most = server.announced.get("batch")
     if not isinstance(most, int):
         raise Skip("not announced: no capabilities.swarmwright.batch")
-    sent = Batch(server, range(min(most, 1000)), patience=12)
-    found = {episode for episode, _, _ in sent.rows} | set(sent.fitness)
+    episodes = Batch(server, range(min(most, 1000)), patience=12)
+    found = {episode for episode, _, _ in episodes.rows} | set(episodes.fitness)
     if len(found) != min(most, 1000):
-        raise Failure(f"{len(found)} episodes came", f"{min(most, 1000)}", sent.sent)
-    if sent.rows:
-        sent.answer([])
+        raise Failure(f"{len(found)} episodes came", f"{min(most, 1000)}", episodes.sent)
+    if episodes.rows:
+        episodes.answer([])
     return f"{most} episodes"
 
 
@@ -324,14 +324,16 @@ def full(server: Server) -> str:
 def cancelled(server: Server) -> None:
     """run: false in the first step of a batch, then its actuators all the same."""
     _steps(server)
-    one = Batch(server, _seeds(server))
+    episodes = Batch(server, _seeds(server))
     free_again(server)
     sent = f'control with run: false and "tool": "{TOOL}" in the first step of a batch'
     server.must_come_free("an answer to every tool: the batch is over", sent)
-    one.answer([[0.0] * server.actuators for _ in one.rows])
+    episodes.answer([[0.0] * server.actuators for _ in episodes.rows])
     for message in server.client.drain(server.quiet):
         if message.topic.endswith(server.token):
-            raise Failure("an answer came", "silence: the batch was cancelled", f"{sent}, then {one.sent}")
+            raise Failure(
+                "an answer came", "silence: the batch was cancelled", f"{sent}, then {episodes.sent}"
+            )
 
 
 @rule(
@@ -350,11 +352,11 @@ def gives_up(server: Server) -> Note:
     """
     _steps(server)
     patience = short_patience(server)
-    one = Batch(server, _seeds(server)[:1])
+    episodes = Batch(server, _seeds(server)[:1])
     expected = f"free after {patience:g} s without actuators"
-    sent = f"{one.sent}, then no actuators"
+    sent = f"{episodes.sent}, then no actuators"
     start = time.monotonic()
-    answer = next_answer(server, one.request, sent, patience + server.settings.timeout)
+    answer = next_answer(server, episodes.request, sent, patience + server.settings.timeout)
     kind, reason = ("", "") if answer is None else error_of(answer)
     if answer is not None and kind != "failed":
         came = f'the error "{kind}" came: {reason}' if kind else "sensors came"
@@ -450,10 +452,10 @@ def seeds_of_batches(server: Server) -> None:
             readings.append(sensors)
             return list(server.policy(agent, len(readings) - 1, sensors))
 
-        sent = Batch(server, [seed], parameters=parameters)
-        sent.play(act)
+        episodes = Batch(server, [seed], parameters=parameters)
+        episodes.play(act)
         free_again(server)
-        seen.fitness = sent.fitness.get(0)
+        seen.fitness = episodes.fitness.get(0)
         difference = _difference(server, seed, seen)
         if difference:
             cause = _lost_seed(
