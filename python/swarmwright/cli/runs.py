@@ -123,7 +123,7 @@ def selected(
     Raises:
         InputError: no run has a key of a condition, or a number is compared with something else.
     """
-    known = {key for listed in experiments for key in listed}
+    known = {key for values in experiments for key in values}
     for condition in conditions:
         if runs and condition.key not in COLUMNS and condition.key not in known:
             what = unknown_key(condition.key, [*COLUMNS, *sorted(known)])

@@ -192,7 +192,7 @@ class Transfer:
 def _tested(groups: Sequence[GroupLoss]) -> tuple[GroupPair, ...]:
     pairs = list(combinations(groups, 2))
     differences = [difference(one.losses, other.losses) for one, other in pairs]
-    corrected = holm([tested.p for tested in differences])
+    corrected = holm([pair_difference.p for pair_difference in differences])
     return tuple(
         GroupPair(one, other, of, p)
         for (one, other), of, p in zip(pairs, differences, corrected, strict=True)

@@ -117,10 +117,10 @@ def mission(name: str) -> str:
 
 def _mission(name: str) -> "Mission":
     all_missions = _engine.missions()
-    for described in all_missions:
-        if name in (described["name"], described["also"]):
-            return described
-    names = [name for described in all_missions for name in (described["name"], described["also"]) if name]
+    for entry in all_missions:
+        if name in (entry["name"], entry["also"]):
+            return entry
+    names = [name for entry in all_missions for name in (entry["name"], entry["also"]) if name]
     hint = ""
     if name.endswith((".yaml", ".yml")):
         hint = f"; to use a mission file, name it in the experiment: parameters: {{mission: {name}}}"
