@@ -307,9 +307,7 @@ def _mission_seconds(mission: Any) -> float | None:  # noqa: ANN401 - a name or 
     """Return the duration of a mission of the arena; None for an object that does not say it."""
     if isinstance(mission, Mapping):
         return mission.get("duration")
-    known = {
-        described[key]: described["duration"] for described in _engine.missions() for key in ("name", "also")
-    }
+    known = {entry[key]: entry["duration"] for entry in _engine.missions() for key in ("name", "also")}
     return known.get(mission)
 
 

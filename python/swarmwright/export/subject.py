@@ -62,7 +62,7 @@ def member_of(specification: Mapping[str, Any], group: str | None, where: str) -
                 f"group: {where} has one controller for all agents; leave the group {group!r} out"
             )
         return None
-    names = [str(described["name"]) for described in specification["groups"]]
+    names = [str(entry["name"]) for entry in specification["groups"]]
     if group is None:
         raise InputError(
             f"group: {where} has a controller for each group of agents; name one of {', '.join(names)} "
@@ -72,9 +72,9 @@ def member_of(specification: Mapping[str, Any], group: str | None, where: str) -
         hint = did_you_mean(group, names) or f"; there are {', '.join(names)}"
         raise InputError(f"group: {where} has no group {group!r}{hint}")
     first = 0
-    for described in specification["groups"]:
-        last = float("inf") if described["agents"] is None else first + int(described["agents"])
-        if described["name"] == group:
+    for entry in specification["groups"]:
+        last = float("inf") if entry["agents"] is None else first + int(entry["agents"])
+        if entry["name"] == group:
             return Member(group, parts_of(specification)[group], first, last)
         first = int(last)
     raise AssertionError(group)
