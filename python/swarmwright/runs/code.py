@@ -148,7 +148,7 @@ def _is_version(run: "Run", version: int, parts: list[Part]) -> bool:
 
 def _has_copy(run: "Run", generation: int) -> bool:
     session = run._store.session_of(generation)
-    return any(recorded.session == session and recorded.code is not None for recorded in run.sessions)
+    return any(entry.session == session and entry.code is not None for entry in run.sessions)
 
 
 def used_for(run: "Run", generation: int | None = None, simulation: str | type | None = None) -> Experiment:

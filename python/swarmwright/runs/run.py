@@ -159,7 +159,7 @@ class Run:
         """Episodes of the record that failed; where there are any, every evaluation is read."""
         if not self.failed_evaluations:
             return 0
-        return sum(int(counted.failed.sum()) for counted in taken(self))
+        return sum(int(entry.failed.sum()) for entry in taken(self))
 
     @cached_property
     def best(self) -> Best:
@@ -191,9 +191,7 @@ class Run:
             return 0
         if ranking.failure_fitness is None:
             return self._store.episodes_left_out()
-        return self.evaluations * ranking.episodes - sum(
-            int(counted.episodes.sum()) for counted in taken(self)
-        )
+        return self.evaluations * ranking.episodes - sum(int(entry.episodes.sum()) for entry in taken(self))
 
     @cached_property
     def slow_evaluations(self) -> int:

@@ -216,7 +216,7 @@ def _require_apart(
     experiment: Experiment, there: Experiment, target: OtherSimulation, places: Sequence[str | None]
 ) -> None:
     """Raise InputError where both would need the same servers at the same time; places: their brokers."""
-    prefixes = {with_environment(either).prefix for either in (experiment, there)}
+    prefixes = {with_environment(side).prefix for side in (experiment, there)}
     same = places[0] is not None and places[0] == places[1] and len(prefixes) == 1
     if same and experiment.simulation == there.simulation:
         raise InputError(
