@@ -185,7 +185,7 @@ def _arguments(
 ) -> list[ast.expr]:
     name = function.id if isinstance(function, ast.Name) else None
     if name not in FUNCTIONS:
-        known = ", ".join(described.usage for described in FUNCTIONS.values())
+        known = ", ".join(entry.usage for entry in FUNCTIONS.values())
         hint = did_you_mean(name, FUNCTIONS) if name else ""
         raise ExpressionError(
             f"there is no function {source(function, text)!r}{hint or ';'} available: {known}"

@@ -15,7 +15,7 @@ def check_seeds(ranking: Ranking, seeds: Any) -> list[int]:  # noqa: ANN401 - wh
     if not is_plug_in(type(ranking)):
         return list(seeds)
     ok = isinstance(seeds, list | tuple | range | np.ndarray) and len(seeds) > 0
-    if not ok or not all(isinstance(given, int | np.integer) and 0 <= given < 2**63 for given in seeds):
+    if not ok or not all(isinstance(value, int | np.integer) and 0 <= value < 2**63 for value in seeds):
         raise PlugInError(
             f"{place(ranking, 'seeds')}: returned {one_line(repr(seeds)[:100])}; expected a list of the "
             "seeds of the episodes, integers, at least one"

@@ -196,10 +196,10 @@ class ShownEpisode:
         """
         try:
             if not self.pictured:
-                recordings = [watched.recording() for watched in (self, *others)]
+                recordings = [episode.recording() for episode in (self, *others)]
                 parts = [
-                    watched.part(recording, name)
-                    for watched, recording, name in zip((self, *others), recordings, names, strict=True)
+                    episode.part(recording, name)
+                    for episode, recording, name in zip((self, *others), recordings, names, strict=True)
                 ]
                 save(parts, file, caption=self.caption(recordings[0]), speed=speed, shown=shown)
                 return recordings[0]

@@ -98,14 +98,14 @@ class Cluster:
         """End servers by SIGTERM, then their actors."""
         leaving = {server: self._actors.pop(server) for server in servers if server in self._actors}
         running = [actor for actor in leaving.values() if actor.ended is None and self._is_there(actor)]
-        for started in running:
-            started.handle.stop.remote()
+        for entry in running:
+            entry.handle.stop.remote()
         if running:
             ends = [actor.end for actor in running]
             ray.wait(ends, num_returns=len(ends), timeout=GRACE_S + _ANSWER_S)
-        for started in leaving.values():
+        for entry in leaving.values():
             with suppress(RayError, ValueError):
-                ray.kill(started.handle)
+                ray.kill(entry.handle)
 
     def logs(self, server: int, lines: int) -> Sequence[str]:
         """Return the last lines of a server."""

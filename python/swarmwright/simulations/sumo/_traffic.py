@@ -243,7 +243,7 @@ class Traffic(Simulation):
         lately = self._advance(self._ticks)
         self._taken += 1
         vehicle = self.sumo.vehicle
-        speeds = [vehicle.getSpeed(driving) for driving in self.vehicles]
+        speeds = [vehicle.getSpeed(vehicle_id) for vehicle_id in self.vehicles]
         self._speeds += sum(speeds)
         self._seen += len(speeds)
         self._waited += self.interval * sum(speed < HALTING for speed in speeds)
