@@ -1,4 +1,4 @@
-# Simulation servers, broker and optimization tool in one image: docs/how-to/build-packages.md.
+# Simulation servers, broker and optimization tool in one image: docs/how-to/install.md.
 # The wheel comes from `make wheel`; another base is any with Python 3.11 or newer as python3, with the module venv.
 ARG BASE=python:3.11-slim-bookworm
 

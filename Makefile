@@ -246,7 +246,7 @@ test-ros1: $(VENV)/.engine $(VENV)/.dev
 	@[ -e /usr/share/message_generation/package.xml ] && [ -e /usr/share/nav_msgs/package.xml ] && [ -e /usr/share/std_srvs/package.xml ] \
 		&& [ -e /usr/lib/python3/dist-packages/nav_msgs ] && command -v catkin_make > /dev/null \
 		&& command -v roslaunch > /dev/null && command -v rosrun > /dev/null || { $(call install,$(ROS1)); }
-	SWARMWRIGHT_ROS1=1 CMAKE_POLICY_VERSION_MINIMUM=3.5 $(BIN)/python -m pytest $(AGAIN) -n 3 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1 or attach-ros"
+	SWARMWRIGHT_ROS1=1 CMAKE_POLICY_VERSION_MINIMUM=3.5 $(BIN)/python -m pytest $(AGAIN) -n 3 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1 or ros.md"
 
 # Servers as actors of Ray and tasks of Dask, on real clusters.
 test-ray: $(VENV)/.engine $(VENV)/.dev $(VENV)/.clusters
@@ -366,7 +366,7 @@ $(OLDEST)/.installed: $(VENV)/.tools pyproject.toml tests/oldest/requirements.py
 test-simulators: $(VENV)/.engine $(VENV)/.simulators
 	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/simulations/sumo tests/benchmarks/test_simulators.py tests/docs/test_snippets.py \
 		-k "sumo or test_simulators or pybullet or ir-sim"
-	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/simulations/ns3 tests/docs/test_snippets.py -k ns3
+	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/simulations/ns3 tests/docs/test_snippets.py -k "ns3 or ns-3"
 
 # Gazebo 11 is not in newer releases of Debian: its programs are compiled and run in the files of Debian 11.
 gazebo: $(CPP)/.built
@@ -395,7 +395,7 @@ test-gazebo: $(VENV)/.engine $(VENV)/.dev $(CPP)/.built
 		export SWARMWRIGHT_GAZEBO=$(GAZEBO_ROOT)
 	fi
 	$(BIN)/python -m pytest $(AGAIN) -rs -n 2 --durations=10 --durations-min=5 tests/gazebo \
-		"tests/docs/test_snippets.py::test_every_snippet_of_the_page_works[docs/how-to/attach-gazebo.md]"
+		"tests/docs/test_snippets.py::test_every_snippet_of_the_page_works[docs/how-to/simulators.md#run-missions-in-gazebo]"
 
 # Gazebo Fortress is in no release of Debian: a system that has it is used where there is one.
 gz:

@@ -1,7 +1,7 @@
 """Fitness of fixed controllers in `arena` against ARGoS 3, in every mission.
 
 `python -m benchmarks.against_argos [--seeds N] [--pictures FOLDER]` prints the tables of
-docs/explanation/arena-and-argos.md and draws its pictures.
+docs/studies/arena-and-argos.md and draws its pictures.
 benchmarks/data/argos.json has the scores of ARGoS.
 """
 

@@ -1,7 +1,7 @@
 """Our methods against FREVO's table, at equal numbers of evaluations.
 
 `python -m benchmarks.against_frevo runs PICTURE` prints the tables and draws the picture of
-docs/explanation/frevo-comparison.md. The runs are those of the sweeps experiments/frevo/*_methods.yaml.
+docs/studies/frevo-comparison.md. The runs are those of the sweeps experiments/frevo/*_methods.yaml.
 """
 
 import math

@@ -3,7 +3,7 @@
 `python -m benchmarks.gap FOLDER [--missions A,B] [--repetitions N] [--budget N] [--seeds N]
 [--simulators A,B]` designs controllers in the arena as `benchmarks.designs` does, which can share FOLDER,
 evaluates the best of each design in every simulator with held-out seeds, prints the table of
-docs/explanation/designs.md, draws FOLDER/gap.png and writes FOLDER/gap.json, of which
+docs/studies/designs.md, draws FOLDER/gap.png and writes FOLDER/gap.json, of which
 benchmarks/data/gap.json is a copy. What is done is not repeated. `--draw FILE` prints and draws from such a
 file alone.
 """

@@ -2,7 +2,7 @@
 
 `python -m benchmarks.missions FOLDER [--seeds N] [--missions A,B] [--simulators A,B]` designs three kinds of
 controllers in the arena for each mission, evaluates them in every simulator with held-out seeds, prints the
-tables of docs/explanation/one-mission.md, draws FOLDER/missions.png and writes FOLDER/missions.json, of which
+tables of docs/studies/one-mission.md, draws FOLDER/missions.png and writes FOLDER/missions.json, of which
 benchmarks/data/missions.json is a copy. FOLDER keeps the designs and what was measured: what is done is not
 repeated.
 `--draw FILE` prints and draws from such a file alone.

@@ -1,4 +1,4 @@
-"""The tool of `docs/how-to/write-a-tool.md` works with servers that know nothing of Swarmwright."""
+"""The tool of `docs/how-to/peers.md` works with servers that know nothing of Swarmwright."""
 
 import re
 import shlex

@@ -1,5 +1,7 @@
 """Every command and snippet of README, CONTRIBUTING and docs is run, from top to bottom, one folder per page.
 
+Pages that join independent guides (`BY_SECTION`) have one folder for each section of the second level.
+
 The words behind the language of a fenced block, which are not displayed, say how:
 
 - `bash`: run to its end, exit status 0; `bash environment`: its exports hold for the rest of the page;
@@ -21,6 +23,7 @@ import contextlib
 import dataclasses
 import importlib.util
 import inspect
+import itertools
 import os
 import re
 import shlex
@@ -56,6 +59,13 @@ SIMULATORS = {
     "import irsim\n": "irsim",
 }
 """What a page says that needs a simulator of `make test-simulators`, and the simulator's module."""
+BY_SECTION = {
+    f"docs/how-to/{name}.md"
+    for name in (
+        "fmus", "install", "java-and-cpp", "migrate", "operations", "peers", "plug-ins", "ros",
+        "several-objectives", "simulators",
+    )
+}  # fmt: skip
 PORTS = re.compile(r"\b(1883|8883|8884|9001|11311)\b")
 
 
@@ -69,20 +79,52 @@ class Block:
     line: int
 
 
-def blocks(page: Path) -> list[Block]:
-    """All fenced blocks of a page."""
+@dataclass(frozen=True)
+class Section:
+    """What is run in one folder: a page, or a section of it."""
+
+    name: str
+    text: str
+    line: int
+    """The line of the page before the first one."""
+
+    def blocks(self) -> list[Block]:
+        """Return all fenced blocks."""
+        blocks = []
+        for match in FENCE.finditer(self.text):
+            words = [word.partition("=") for word in shlex.split(match[2])]
+            directives = {key: value for key, _, value in words}
+            line = self.line + self.text.count("\n", 0, match.start()) + 1
+            blocks.append(Block(match[1], directives, match[3], line))
+        return blocks
+
+    def is_runnable(self) -> bool:
+        """Return whether there is anything to run."""
+        return any(block.language in RUN or "file" in block.directives for block in self.blocks())
+
+
+def sections(page: Path) -> Iterator[Section]:
+    """Yield what is run of a page."""
+    name = str(page.relative_to(ROOT))
     source = page.read_text(encoding="utf-8")
-    found = []
-    for match in FENCE.finditer(source):
-        words = [word.partition("=") for word in shlex.split(match[2])]
-        directives = {key: value for key, _, value in words}
-        found.append(Block(match[1], directives, match[3], source.count("\n", 0, match.start()) + 1))
-    return found
+    if name not in BY_SECTION:
+        yield Section(name, source, 0)
+        return
+    code = [match.span() for match in FENCE.finditer(source)]
+    heads = [
+        match
+        for match in re.finditer(r"^## (.+)$", source, re.MULTILINE)
+        if not any(start < match.start() < end for start, end in code)
+    ]
+    yield Section(name, source[: heads[0].start()], 0)
+    for head, end in itertools.zip_longest(heads, [head.start() for head in heads[1:]]):
+        line = source.count("\n", 0, head.start())
+        yield Section(f"{name}#{slug(head[1])}", source[head.start() : end], line)
 
 
-def runnable(page: Path) -> bool:
-    """Whether the page has anything to run."""
-    return any(block.language in RUN or "file" in block.directives for block in blocks(page))
+def slug(heading: str) -> str:
+    """Return the anchor of a heading."""
+    return re.sub(r"[^\w]+", "-", heading.lower()).strip("-")
 
 
 def free_ports(text: str, ports: dict[str, str]) -> str:
@@ -172,10 +214,12 @@ def _missing(page: str) -> str | None:
 
 @pytest.mark.timeout(450)
 @pytest.mark.parametrize(
-    "page", [page for page in PAGES if runnable(page)], ids=lambda page: str(page.relative_to(ROOT))
+    "section",
+    [section for page in PAGES for section in sections(page) if section.is_runnable()],
+    ids=lambda section: section.name,
 )
-def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
-    if why_not := _missing(page.read_text(encoding="utf-8")):
+def test_every_snippet_of_the_page_works(section: Section, tmp_path: Path) -> None:
+    if why_not := _missing(section.text):
         pytest.skip(why_not)
     programs = [str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMWRIGHT_")}
@@ -187,12 +231,12 @@ def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
         environment["SWARMWRIGHT_GAZEBO"] = gazebo
     for name in ("experiments", "protocol", "tests", "wrappers"):
         (tmp_path / name).symlink_to(ROOT / name)
-    _build(page.read_text(encoding="utf-8"))
+    _build(section.text)
     ports: dict[str, str] = {}
     said = ""
     with ExitStack() as stack:
-        for block in blocks(page):
-            where = f"{page.relative_to(ROOT)}:{block.line}"
+        for block in section.blocks():
+            where = f"{section.name}:{block.line}"
             text = free_ports(block.text, ports)
             if "file" in block.directives:
                 if block.directives["file"] == "mosquitto.conf" and os.getuid() == 0:
@@ -254,10 +298,14 @@ def _let_root_read(folder: Path) -> None:
                 configuration.write("user root\n")
 
 
-def test_every_page_is_in_the_index() -> None:
-    linked = set(re.findall(r"\]\(([^)#]+)\)", (ROOT / "docs" / "index.md").read_text(encoding="utf-8")))
-    pages = {str(page.relative_to(ROOT / "docs")) for page in DOCS} - {"index.md"}
-    assert pages - linked == set()
+def test_every_page_is_in_an_index() -> None:
+    indices = [page for page in DOCS if page.name == "index.md"]
+    linked = {
+        (index.parent / target).resolve()
+        for index in indices
+        for target in re.findall(r"\]\(([^)#]+)\)", index.read_text(encoding="utf-8"))
+    }
+    assert {*DOCS} - linked == {ROOT / "docs" / "index.md"}
 
 
 def test_links_between_pages_lead_somewhere() -> None:

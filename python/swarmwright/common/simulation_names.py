@@ -22,21 +22,21 @@ MISSIONS = "arena-"
 """What the titles of the arena's missions in other simulators begin with."""
 
 SIMULATORS = {
-    "arena-argos": "docs/how-to/attach-argos.md",
-    "arena-enki": "docs/how-to/attach-enki.md",
-    "arena-gazebo": "docs/how-to/attach-gazebo.md",
-    "arena-gz": "docs/how-to/attach-gazebo.md",
-    "arena-mujoco": "docs/how-to/attach-mujoco.md",
-    "arena-stage": "docs/how-to/attach-stage.md",
-    "argos": "docs/how-to/attach-argos.md",
-    "stage": "docs/how-to/attach-stage.md",
+    "arena-argos": "docs/how-to/simulators.md",
+    "arena-enki": "docs/how-to/simulators.md",
+    "arena-gazebo": "docs/how-to/simulators.md",
+    "arena-gz": "docs/how-to/simulators.md",
+    "arena-mujoco": "docs/how-to/simulators.md",
+    "arena-stage": "docs/how-to/simulators.md",
+    "argos": "docs/how-to/simulators.md",
+    "stage": "docs/how-to/simulators.md",
 }
 """Titles that servers of other simulators have, as they come with Swarmwright -> page that describes them."""
 
 _SIMULATOR_FILES = {
     ".argos": ("ARGoS", "attach-argos.md"),
     ".sdf": ("Gazebo", "attach-gazebo.md"),
-    ".world": ("Gazebo or Stage", "attach-gazebo.md and docs/how-to/attach-stage.md"),
+    ".world": ("Gazebo or Stage", "attach-gazebo.md and docs/how-to/simulators.md"),
     ".sumocfg": ("SUMO", "attach-sumo.md"),
     ".net.xml": ("SUMO", "attach-sumo.md"),
     ".rou.xml": ("SUMO", "attach-sumo.md"),

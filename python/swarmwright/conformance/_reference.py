@@ -10,7 +10,7 @@ INTRODUCTION = """\
 <!-- Made by `python -m swarmwright.conformance._reference`; change the rules in the code, not here. -->
 
 What `swarmwright conformance` tries, and what to do about a rule that is broken;
-[how to use it](../how-to/conformance.md). A rule is D6.1's, with the section that demands it, and
+[how to use it](../how-to/peers.md). A rule is D6.1's, with the section that demands it, and
 `--profile d6.1` tries it; or it is Swarmwright's. All are described in [the protocol](protocol.md), its
 [schemas](../../protocol/README.md), or in a decision, [002](../decisions/002-arithmetic.md) on arithmetic,
 [003](../decisions/003-mqtt-connection.md) on connections. [What D6.1 leaves open](d6.1.md), and what we

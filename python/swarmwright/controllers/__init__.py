@@ -3,7 +3,7 @@
 `REPRESENTATIONS.names()` lists the kinds that an experiment's `controller` may have, those of plug-ins
 included; `REPRESENTATIONS.get("layered")` is the class of one. An experiment makes its representation by
 `Experiment.representation()`, whose `specification(genome)` is a controller. A custom representation is a
-class derived from `Representation`: docs/how-to/own-representation.md.
+class derived from `Representation`: docs/how-to/plug-ins.md.
 """
 
 from swarmwright.common.arrays import Genome, Genomes, Limits

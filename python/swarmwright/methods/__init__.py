@@ -3,7 +3,7 @@
 `METHODS.names()` lists the kinds that an experiment's `method` may have, those of plug-ins included;
 `METHODS.get("cma_es")` is the class of one, and its `options_model` has its options with their defaults.
 An experiment makes its method by `Experiment.new_method()`, which your own loop can ask and tell. A custom
-method is a class derived from `Method`: docs/how-to/own-method.md.
+method is a class derived from `Method`: docs/how-to/plug-ins.md.
 """
 
 from swarmwright.common.registry import Registry

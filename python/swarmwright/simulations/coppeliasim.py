@@ -1,6 +1,6 @@
 """Robots in CoppeliaSim, by its ZeroMQ remote API, stepped: `python -m swarmwright.simulations.coppeliasim`.
 
-The program is a command that an experiment attaches, see docs/how-to/attach-coppeliasim.md. It needs
+The program is a command that an experiment attaches, see docs/how-to/simulators.md. It needs
 `pip install 'swarmwright[coppeliasim]'`, and CoppeliaSim 4.6 or later.
 
 Source: https://manual.coppeliarobotics.com/en/zmqRemoteApiOverview.htm.

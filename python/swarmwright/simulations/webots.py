@@ -1,6 +1,6 @@
 """Robots in Webots, each with an extern controller, in lock-step: `python -m swarmwright.simulations.webots`.
 
-The program is a command that an experiment attaches, see docs/how-to/attach-webots.md. Each robot has a
+The program is a command that an experiment attaches, see docs/how-to/simulators.md. Each robot has a
 process with Webots' own module `controller`, since a process can drive one robot; a supervisor resets.
 
 Source: https://cyberbotics.com/doc/guide/running-extern-robot-controllers.

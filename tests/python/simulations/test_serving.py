@@ -91,7 +91,7 @@ def test_a_person_sees_the_traceback(start: Any, embedded_broker: str) -> None:
     [
         ("minisin", "unknown simulation 'minisin'; did you mean 'minisim'?"),
         ("gazebo", "unknown simulation 'gazebo'; did you mean 'arena-gazebo'?"),
-        ("arena-gazebo", "servers of another simulator offer it, see docs/how-to/attach-gazebo.md;"),
+        ("arena-gazebo", "servers of another simulator offer it, see docs/how-to/simulators.md;"),
         ("away.py:Walk", "there is no such file"),
         ("away.py", "away.py: there is no such file"),
         (f"{FILE}:Wlak", "has no class 'Wlak'; did you mean 'Walk'?"),

@@ -2,7 +2,7 @@
 //
 //   position( ... ctrl "swarmwright_stage broker=mqtt://localhost:1883 id=6" )
 //
-// How to use it: docs/how-to/attach-stage.md.
+// How to use it: docs/how-to/simulators.md.
 
 #include <swarmwright/swarm.hpp>
 

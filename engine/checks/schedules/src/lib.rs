@@ -3,7 +3,7 @@
 //! The state machines of [`swarmwright_pool`] and [`swarmwright_wrapper`] know neither sockets nor clocks. Here they are run
 //! with a simulated network, broker and clock: from one number, the seed, a [`Schedule`] is drawn that says who takes part
 //! and which faults are injected when. These properties must hold whatever happens (see
-//! `docs/explanation/simulation-testing.md`):
+//! `docs/explanation/faults.md`):
 //! every candidate is scored exactly once, with the bits of an undisturbed evaluation, or is reported failed where the
 //! schedule explains it; no work waits for ever; no server idles while work waits for it; nothing grows without bound;
 //! and in the end all servers are free and say so.

@@ -228,7 +228,7 @@ class FixedProbability(Condition):
         return parameters["probability"]
 
 
-PAGE = "docs/how-to/own-module.md"
+PAGE = "docs/how-to/plug-ins.md"
 """The page that says what a module has to be."""
 
 Made = TypeVar("Made")

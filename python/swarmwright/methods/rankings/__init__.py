@@ -2,7 +2,7 @@
 
 `RANKINGS.names()` lists the kinds that an experiment's `ranking` may have, those of plug-ins included;
 `RANKINGS.get("race")` is the class of one. An experiment makes its ranking by `Experiment.new_ranking()`. A
-custom ranking is a class derived from `Ranking`: docs/how-to/own-ranking.md.
+custom ranking is a class derived from `Ranking`: docs/how-to/plug-ins.md.
 """
 
 from swarmwright.common.registry import Registry

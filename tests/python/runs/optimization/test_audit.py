@@ -361,4 +361,4 @@ def test_a_module_that_keeps_a_list_is_reported(tmp_path: Path, caplog: pytest.L
         method={"kind": "random_search", "population": 8, "generations": 2},
     )
     (text,) = warnings(caplog)
-    assert "docs/how-to/own-module.md" in text
+    assert "docs/how-to/plug-ins.md" in text

@@ -3,7 +3,7 @@
 //   class Gathering : public swarmwright::ArgosSwarm { ... double fitness() override; };
 //   REGISTER_LOOP_FUNCTIONS(Gathering, "gathering")
 //
-// How to use it: docs/how-to/attach-argos.md.
+// How to use it: docs/how-to/simulators.md.
 #pragma once
 
 #include <swarmwright/swarm.hpp>

@@ -7,7 +7,7 @@
 //   Physics      the base class of simulators that move the robots of missions: start, step, poses
 //   Parameters   the parameters of an episode, read with type and range
 //
-// How to use it: docs/how-to/attach-cpp.md. All of this is a layer over the C interface in swarmwright.h.
+// How to use it: docs/how-to/java-and-cpp.md. All of this is a layer over the C interface in swarmwright.h.
 #pragma once
 
 #include <swarmwright/swarmwright.h>

@@ -144,7 +144,7 @@ def _check(parts: list[tuple[grammar.Module, type[Behaviour] | type[Condition]]]
         verb = "has" if len(missing) == 1 else "have"
         raise InputError(
             f"controller: {', '.join(missing)} {verb} no code in C; write it as the attribute c_code of the "
-            "class, see docs/how-to/own-module.md; --to python copies the code in Python, --to machine "
+            "class, see docs/how-to/plug-ins.md; --to python copies the code in Python, --to machine "
             "writes the machine with the names of its modules"
         )
     for module, kind in parts:
