@@ -474,6 +474,14 @@ def compare(
         InputError: no run is given, a folder is not a run, no run counts, `at` or `at_episodes` is below 1
             or a run had no finished generation yet by then, with `held_out` a run has no validation, a run
             does not have what is compared, or `order` or `labels` name a group that there is not.
+
+    Examples:
+        >>> comparison = swarmwright.compare(["study/nnga-1", "study/random_search-1"])
+        >>> [group.label for group in comparison.groups]
+        ['random_search', 'nnga']
+
+    See also: `compare_controllers`, for two controllers in the same episodes; `sweep`, which makes the
+    runs.
     """
     given, unreadable = runs_of_all(runs)
     check_options(at, at_episodes, by, reference, offset, held_out=held_out)

@@ -342,6 +342,16 @@ def compare_controllers(
         RunError: no broker, no fitting server, or every episode failed for another reason.
 
     See also `compare` for groups of runs, and `post_evaluate` for a single controller.
+
+    Examples:
+        >>> first_generation = "result:0:0"
+        >>> comparison = swarmwright.compare_controllers(
+        ...     "result", first_generation, episodes=20, servers="in-process"
+        ... )
+        >>> len(comparison.seeds)
+        20
+        >>> round(comparison.difference.mean, 2)
+        8.81
     """
     where = Where.of(episodes, seed, broker, servers, on_progress)
     return Match.of(first, second, experiment).evaluated(where)

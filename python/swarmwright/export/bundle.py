@@ -119,6 +119,13 @@ def export_bundle(
     Raises:
         InputError: there is no such candidate, a file cannot be read or is in the way.
         RunError: an exported controller is not what the simulation ran.
+
+    Examples:
+        >>> bundle = swarmwright.export_bundle("result", "gather.zip")
+        >>> bundle.file.name
+        'gather.zip'
+
+    See also: `verify_bundle`, which checks the archive; `export_controller`, for a single format.
     """
     from swarmwright.runs.run import run_of  # noqa: PLC0415 - with figures and more
 

@@ -309,6 +309,13 @@ def verify_bundle(file: str | PathLike[str]) -> BundleVerification:
 
     Raises InputError when it is not a bundle, or one of a later version, or has files that unpacking may
     write outside its folder: absolute names, names with `..`, backslashes or drive letters, links.
+
+    Examples:
+        >>> bundle = swarmwright.export_bundle("result", "gather.zip")
+        >>> swarmwright.verify_bundle(bundle.file).problems
+        []
+
+    See also: `export_bundle`, which writes the archive.
     """
     path = Path(file)
     files = read_files(path)

@@ -68,6 +68,13 @@ def export_controller(
             in case only from that of files there, a file is in the way, or a program that verification needs
             is not installed. Nothing is written then.
         RunError: what was written does not compile or run.
+
+    Examples:
+        >>> exported = swarmwright.export_controller("result", to="python", output="robot")
+        >>> sorted(path.name for path in exported.files)
+        ['controller.py', 'controller_test.py']
+
+    See also: `export_bundle`, for every format in one archive with its proof.
     """
     from swarmwright.runs.run import run_of  # noqa: PLC0415 - with figures and more
 

@@ -166,6 +166,13 @@ def learning_curve(
         InputError: a number is out of range, or the experiment does not fit the run's controllers.
         SimulationError: every episode failed, the last in the code of the simulation.
         RunError: the run has no finished generation; or as in `post_evaluate`.
+
+    Examples:
+        >>> curve = swarmwright.learning_curve("result", points=3, episodes=10, servers="in-process")
+        >>> [point.generation for point in curve.points]
+        [0, 1]
+
+    See also: `post_evaluate`, for the best candidate alone; `Run.plot`, for the recorded fitness.
     """
     from swarmwright.runs.run import run_of  # noqa: PLC0415 - it imports this module's
 

@@ -317,6 +317,14 @@ def post_evaluate(
             number is out of range.
         SimulationError: every episode failed, the last in the code of the simulation.
         RunError: no broker, no fitting server, or every episode failed for another reason.
+
+    Examples:
+        >>> evaluation = swarmwright.post_evaluate("result", episodes=20, servers="in-process")
+        >>> len(evaluation.episodes)
+        20
+
+    See also: `compare_controllers`, for two controllers in the same episodes; `transfer`, for other
+    simulations.
     """
     from swarmwright.runs.run import Run, run_of  # noqa: PLC0415 - it imports this module
 

@@ -97,6 +97,13 @@ def repeat(
     Raises:
         InputError: there is no such evaluation, or the code is gone.
         RunError: no broker or no fitting server.
+
+    Examples:
+        >>> again = swarmwright.repeat("result", servers="in-process")
+        >>> again.repeated == again.recorded
+        array([ True])
+
+    See also: `post_evaluate`, for other seeds than those of the record.
     """
     from swarmwright.runs.run import run_of  # noqa: PLC0415 - it imports this module
 

@@ -264,6 +264,19 @@ def sweep(
     Raises:
         InputError: the source or a variant is wrong, or a folder holds something else.
         RunError: no broker, or servers do not start.
+
+    Examples:
+        >>> study = swarmwright.sweep(
+        ...     {"simulation": "minisim", "method": {"population": 10, "generations": 2}},
+        ...     {"method.kind": ["nnga", "random_search"]},
+        ...     seeds=2,
+        ...     servers="in-process",
+        ...     out="two",
+        ... )
+        >>> [run.path.name for run in study.runs]
+        ['nnga-1', 'random_search-1', 'nnga-2', 'random_search-2']
+
+    See also: `compare`, for the statistics of the runs.
     """
     if jobs is not None and not 1 <= jobs <= _MOST_JOBS:
         raise InputError(f"jobs: must be from 1 to {_MOST_JOBS}, not {jobs}")

@@ -74,6 +74,14 @@ def transfer(
         InputError: there is no run or target, a target does not fit the controllers, a number is out of
             range.
         RunError: no broker, no fitting server, or every episode failed.
+
+    Examples:
+        >>> faster = {"parameters.speedDefenders": (0.4, 0.8)}
+        >>> loss = swarmwright.transfer(["result"], vary=faster, candidates=2, seeds=5)
+        >>> loss.targets
+        ('pseudo-reality',)
+
+    See also: `post_evaluate`, for other seeds of the same simulation.
     """
     listed("runs", runs, "run folders")
     listed("to", to, "simulations or files of them")

@@ -127,6 +127,16 @@ def optimize(
         PlugInError: the code of a method, representation or ranking failed.
         RunError: no broker, no fitting server, every candidate of a generation failed for another reason, or
             the disk is full.
+
+    Examples:
+        >>> import swarmwright
+        >>> experiment = {"simulation": "minisim", "method": {"population": 10, "generations": 3}}
+        >>> run = swarmwright.optimize(experiment, servers="in-process", seed=1, out="runs/first")
+        >>> run.state, run.generations
+        ('done', 3)
+
+    See also: `resume`, to continue a run; `sweep`, to repeat it with other seeds and settings;
+    `evaluate`, for optimizers of your own.
     """
     if isinstance(experiment, str | PathLike):
         experiment = Experiment.load(experiment)
@@ -269,6 +279,13 @@ def resume(
             ends it, or its code or its experiment.yaml was changed.
         RunError: as in `optimize`; or the method, with the versions installed here or with changed code that
             was accepted, does not come to the same candidates again.
+
+    Examples:
+        >>> run = swarmwright.resume("result", generations=5, servers="in-process")
+        >>> run.generations
+        5
+
+    See also: `optimize`, to start a run.
     """
     folder = run.path if isinstance(run, Run) else path_of("run", run, "a run folder")
     run = Run.open(folder, trust=trust)

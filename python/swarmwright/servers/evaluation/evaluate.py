@@ -83,6 +83,15 @@ def evaluate(
             needs a second simulation (multi_fidelity, transferability), or the experiment cannot be run as
             it is.
         RunError: no broker or no fitting server.
+
+    Examples:
+        >>> experiment = swarmwright.Experiment.load("experiments/minisim.yaml")
+        >>> genomes = np.zeros((2, experiment.genome_size), np.float32)
+        >>> swarmwright.evaluate(experiment, genomes, servers="in-process")
+        array([-6., -6.])
+
+    See also: `evaluate_episodes`, for the fitness and metrics of each episode; `post_evaluate`, for a
+    candidate of a run.
     """
     experiment = experiment_of(experiment)
     _check_ranking(experiment, generation)
@@ -145,6 +154,22 @@ def evaluate_episodes(
     Raises:
         InputError: as in `evaluate`; or there is no such metric.
         RunError: no broker or no fitting server.
+
+    Examples:
+        >>> experiment = swarmwright.Experiment.from_mapping(
+        ...     {
+        ...         "simulation": "arena",
+        ...         "parameters": {"mission": "aggregation", "duration": 5},
+        ...         "ranking": {"episodes": 3},
+        ...         "servers": "in-process",
+        ...     }
+        ... )
+        >>> genomes = np.zeros((2, experiment.genome_size))
+        >>> evaluated = swarmwright.evaluate_episodes(experiment, genomes, metrics=["largest_group"])
+        >>> evaluated.episodes.shape, evaluated.metrics[0, :, 0]
+        ((2, 3), array([6., 4., 6.]))
+
+    See also: `evaluate`, for the fitness alone.
     """
     experiment = experiment_of(experiment)
     _check_ranking(experiment, generation)
@@ -241,6 +266,12 @@ def simulate(
         InputError: the controller does not fit the simulation, or the experiment cannot be run as it is.
         SimulationError: the episode failed in the code of the simulation.
         RunError: no broker, no fitting server, or the episode failed for another reason.
+
+    Examples:
+        >>> swarmwright.simulate("experiments/minisim.yaml", run.best.controller, servers="in-process")
+        -...
+
+    See also: `Run.replay`, to watch an episode; `Episodes`, to steer the agents by your own code.
     """
     experiment = experiment_of(experiment)
     if controller is not None:
