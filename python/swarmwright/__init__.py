@@ -83,19 +83,19 @@ if TYPE_CHECKING:
     from swarmwright.export import environments
     from swarmwright.export.bundle import Bundle, export_bundle
     from swarmwright.export.bundle_verification import BundleVerification, verify_bundle
-    from swarmwright.export.exporting import Exported, export_controller
+    from swarmwright.export.exporting import ExportResult, export_controller
     from swarmwright.interop import frevo
     from swarmwright.methods import rankings
     from swarmwright.runs import callbacks
     from swarmwright.runs.learning_curve import LearningCurve, learning_curve
     from swarmwright.runs.optimization.optimize import Generation, optimize, resume
     from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, post_evaluate
-    from swarmwright.runs.repeat import Repeated, repeat
+    from swarmwright.runs.repeat import Repetition, repeat
     from swarmwright.runs.run import Run
     from swarmwright.runs.validation import Validation
     from swarmwright.servers.evaluation.episodes import Episodes
     from swarmwright.servers.evaluation.evaluate import (
-        EvaluatedEpisodes,
+        EpisodeResults,
         evaluate,
         evaluate_episodes,
         simulate,
@@ -116,10 +116,10 @@ __all__ = [
     "Controller",
     "ControllerComparison",
     "ControllerEvaluation",
+    "EpisodeResults",
     "Episodes",
-    "EvaluatedEpisodes",
     "Experiment",
-    "Exported",
+    "ExportResult",
     "Generation",
     "Group",
     "InputError",
@@ -128,7 +128,7 @@ __all__ = [
     "Physics",
     "PlugInError",
     "PostEvaluation",
-    "Repeated",
+    "Repetition",
     "Run",
     "RunError",
     "Simulation",
@@ -175,9 +175,9 @@ _LAZY = {
     "Controller": "controllers.controller",
     "ControllerComparison": "analysis.paired",
     "Episodes": "servers.evaluation.episodes",
-    "EvaluatedEpisodes": "servers.evaluation.evaluate",
+    "EpisodeResults": "servers.evaluation.evaluate",
     "Experiment": "experiment.experiment",
-    "Exported": "export.exporting",
+    "ExportResult": "export.exporting",
     "Generation": "runs.optimization.optimize",
     "Group": "simulations.base",
     "LearningCurve": "runs.learning_curve",
@@ -185,7 +185,7 @@ _LAZY = {
     "Physics": "simulations.physics",
     "ControllerEvaluation": "runs.post_evaluation",
     "PostEvaluation": "runs.post_evaluation",
-    "Repeated": "runs.repeat",
+    "Repetition": "runs.repeat",
     "Run": "runs.run",
     "Simulation": "simulations.base",
     "SweepResult": "analysis.sweep.result",

@@ -29,7 +29,7 @@ from swarmwright.cli._output import Output, show_warnings
 from swarmwright.common.untrusted import one_line
 
 if TYPE_CHECKING:
-    from swarmwright import ControllerEvaluation, Experiment, PostEvaluation, Repeated, Run
+    from swarmwright import ControllerEvaluation, Experiment, PostEvaluation, Repetition, Run
     from swarmwright.cli._options import Servers
     from swarmwright.common.statistics import Estimate
 
@@ -500,7 +500,7 @@ def _fitness(value: float) -> str:
     return "failed" if math.isnan(value) else repr(value)
 
 
-def _verdict(found: "Repeated") -> str:
+def _verdict(found: "Repetition") -> str:
     """Say whether an evaluation and its repetition are the same."""
     if not found.failed_again:
         return "The fitness is the same, to the bit." if found.same else "The fitness is NOT the same."

@@ -20,7 +20,7 @@ PREFIX = "controller"
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportResult:
     """What was exported, and how it compares with the simulation."""
 
     files: list[Path]
@@ -43,7 +43,7 @@ def export_controller(
     prefix: str | None = None,
     verify: bool = False,
     force: bool = False,
-) -> Exported:
+) -> ExportResult:
     """Write a controller as source code or as a model, for robots and other programs.
 
     The same run and candidate give the same bytes. The controller keeps its state between steps, as it does
@@ -93,7 +93,7 @@ def export_controller(
     except RunError:
         write(files, folder, force=force)  # to look at what does not compile
         raise
-    return Exported(write(files, folder, force=force), subject, found)
+    return ExportResult(write(files, folder, force=force), subject, found)
 
 
 def _prefix_of(group: str) -> str:

@@ -29,7 +29,7 @@ _VARYING = re.compile(r"\b0x[0-9a-fA-F]+\b|\bserver \d+|[^\s(]*/(?=[^\s/])")
 
 
 @dataclass(frozen=True, eq=False)
-class Repeated(ComparedByValue):
+class Repetition(ComparedByValue):
     """A recorded evaluation and its repetition."""
 
     number: int
@@ -80,7 +80,7 @@ def repeat(
     broker: str | None = None,
     servers: Servers | None = None,
     simulation: str | type | None = None,
-) -> Repeated:
+) -> Repetition:
     """Evaluate a candidate of a run once more, with the seeds of its record.
 
     Args:
@@ -121,7 +121,7 @@ def repeat(
         controllers = Controllers.of(representation, recorded.genome[np.newaxis])
         results = backend.evaluate(controllers, seeds, lambda *_: None)
         tell_failures(backend, results)
-    return Repeated(
+    return Repetition(
         recorded.number,
         recorded.generation,
         recorded.candidate,

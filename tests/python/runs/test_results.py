@@ -57,7 +57,7 @@ def test_results_are_compared_by_their_values(results: dict[str, Any]) -> None:
             assert one == other, name
             with pytest.raises(TypeError, match="unhashable"):
                 hash(one)
-    for name in ("EvaluatedEpisodes", "Validation", "Exported", "Best", "Session"):
+    for name in ("EpisodeResults", "Validation", "ExportResult", "Best", "Session"):
         assert results[name] == deepcopy(results[name]), name
 
 

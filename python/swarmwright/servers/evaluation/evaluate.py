@@ -105,7 +105,7 @@ def evaluate(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EvaluatedEpisodes(ComparedByValue):
+class EpisodeResults(ComparedByValue):
     """What came out of the episodes of some genomes.
 
     Candidates are in the order of the genomes, episodes in that of `seeds`. Fitness and metrics are in the
@@ -135,7 +135,7 @@ def evaluate_episodes(
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
-) -> EvaluatedEpisodes:
+) -> EpisodeResults:
     """Return fitness and metrics of genomes in each episode, for optimizers that need more than `evaluate`.
 
     Methods of quality diversity take descriptors from the metrics, those with several objectives the
@@ -198,7 +198,7 @@ def _evaluated(
     broker: str | None,
     servers: Servers | None,
     on_progress: Progress | None,
-) -> EvaluatedEpisodes:
+) -> EpisodeResults:
     check_finite(rows)
     with reported():
         _warn_of_edits(experiment)
@@ -214,7 +214,7 @@ def _evaluated(
             else:
                 results = _empty_results(len(seeds), len(backend.metrics))
         tell_failures(backend, results)
-        return EvaluatedEpisodes(
+        return EpisodeResults(
             fitness=ranking.score(results.fitness) if len(rows) else np.empty(0),
             episodes=results.fitness + 0.0,
             metrics=results.metrics + 0.0,
