@@ -60,7 +60,7 @@ def test_the_table_has_medians_of_fitness_and_of_what_is_lost() -> None:
 
 def test_the_page_has_what_was_measured(root: Path) -> None:
     losses = list(read(root / "benchmarks" / "data" / "gap.json", Loss))
-    page = (root / "docs" / "explanation" / "designs.md").read_text("utf-8")
+    page = (root / "docs" / "studies" / "designs.md").read_text("utf-8")
     assert {one.design for one in losses} == set(DESIGNS)
     for line in table(losses):
         assert line in page

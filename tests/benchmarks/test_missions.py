@@ -72,7 +72,7 @@ def test_unknown_names_are_refused(root: Path, tmp_path: Path) -> None:
 
 def test_the_page_has_what_was_measured(root: Path) -> None:
     cells = list(read(root / "benchmarks" / "data" / "missions.json", Cell))
-    page = (root / "docs" / "explanation" / "one-mission.md").read_text("utf-8")
+    page = (root / "docs" / "studies" / "one-mission.md").read_text("utf-8")
     assert {cell.simulator for cell in cells} == {place.name for place in PLACES}
     for line in (*speeds(cells), *table(cells)):
         assert line in page
