@@ -69,15 +69,15 @@ class Machine:
         width = 4 + 5 * transitions
         self.rows = [weights[1 + at * width :][:width] for at in range(states)]
         self.transitions = transitions
-        self.state, self.entered, self.turn = 0, True, 0
+        self.state, self.activate, self.turn = 0, True, 0
 
     def step(self, sensors: Sequence[Single]) -> list[Single]:
         """The speeds of both wheels."""
         row = self.rows[self.state]
         words = self.words(sensors)
         speeds = self.act(row, sensors, _sixteen(words[0], words[1]))
-        if self.entered:
-            self.entered = False
+        if self.activate:
+            self.activate = False
             return speeds
         count = min(int(_limited(row[3], 0, 4)), self.transitions)
         holding = [
@@ -88,7 +88,7 @@ class Machine:
         if holding:
             chosen = holding[_sixteen(words[2], words[3]) * len(holding) >> 16]
             self.state = min(int(_limited(chosen[0], 0, 16)), self.count - 1)
-            self.entered, self.turn = True, 0
+            self.activate, self.turn = True, 0
         return speeds
 
     def words(self, sensors: Sequence[Single]) -> list[int]:

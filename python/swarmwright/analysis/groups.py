@@ -14,7 +14,7 @@ from swarmwright.common.values import flat
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.robots import mission_name, mission_of, robot_of
 from swarmwright.runs.run import Run
-from swarmwright.simulations.catalogue import ARENA, built_in, description
+from swarmwright.simulations.catalogue import ARENA, description, find_built_in
 from swarmwright.simulations.user_code.copying import Copy, digest_of, display_name
 
 _NO_GROUP = ELSEWHERE | {"seed"}
@@ -131,7 +131,7 @@ def names_in_sweep(groups: Sequence[tuple[Mapping[str, Any], Sequence[Run]]]) ->
 
 def _robot(experiment: Experiment) -> str | None:
     """Return the name of the arena's robot where none is given; None where it has none."""
-    if built_in(experiment.simulation) != ARENA:
+    if find_built_in(experiment.simulation) != ARENA:
         return None
     robot = robot_of(experiment.parameters)
     return robot if isinstance(robot, str) else None
@@ -180,7 +180,7 @@ def _within(key: str, what: str) -> bool:
 def _title_of(what: str, experiment: Experiment) -> str:
     """Return what an experiment's mission or robot is called, in words; nothing where it has none."""
     given = experiment.parameters.get(what)
-    if given is None and (what == "robot" or built_in(experiment.simulation) != ARENA):
+    if given is None and (what == "robot" or find_built_in(experiment.simulation) != ARENA):
         return ""
     if what == "robot":
         return f"robot {given.get('preset', 'of its own') if isinstance(given, Mapping) else given}"
@@ -247,7 +247,7 @@ def written_missions(runs: Iterable[Run]) -> dict[str, str]:
     found: dict[str, str] = {}
     for run in runs:
         simulation = run.experiment.simulation
-        if built_in(simulation) != ARENA:
+        if find_built_in(simulation) != ARENA:
             continue
         given = run.experiment.parameters.get("mission")
         if given is None:
@@ -264,7 +264,7 @@ def as_written(values: Mapping[str, Any], run: Run, missions: Mapping[str, str])
     """
     key = "parameters.mission"
     name = values.get(key)
-    if not isinstance(name, str) or built_in(run.experiment.simulation) != ARENA:
+    if not isinstance(name, str) or find_built_in(run.experiment.simulation) != ARENA:
         return dict(values)
     return {**values, key: missions.get(name, name)}
 
@@ -286,7 +286,7 @@ def flattened_of(run: Run, *, missions: bool = False, parts: bool = True) -> dic
         mapping["code"] = code[max(code)][:12] if found is None else found
     # A parameter that is not given has its default; defaults of an external simulation are not known.
     parameters = {**_defaults(experiment.simulation), **mapping.get("parameters", {})}
-    if built_in(experiment.simulation) == ARENA:
+    if find_built_in(experiment.simulation) == ARENA:
         given = parameters.get("mission")
         # `aac` and `aggregation` are one mission.
         parameters["mission"] = (mission_of(given) if missions else None) or mission_name(given)
@@ -315,7 +315,7 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - any value of a file
 
 
 def _defaults(simulation: str) -> dict[str, Any]:
-    if built_in(simulation) is None:
+    if find_built_in(simulation) is None:
         return {}
     parameters = description(simulation)["parameters"]
     return {name: parameter.get("default") for name, parameter in parameters.items()}

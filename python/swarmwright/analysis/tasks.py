@@ -10,7 +10,7 @@ from swarmwright.common.formatting import shortened
 from swarmwright.experiment.robots import robot_of
 from swarmwright.experiment.settings import ANNOUNCED
 from swarmwright.runs.run import Run
-from swarmwright.simulations.catalogue import ARENA, built_in
+from swarmwright.simulations.catalogue import ARENA, find_built_in
 
 _FAILED = "ranking.failed"
 """Where it is a number, that is the fitness of a failed episode, in the run and on held-out seeds."""
@@ -197,7 +197,7 @@ def _of_task(distinguished: Distinguished) -> dict[str, Any]:
     differs = distinguished.differs
     if isinstance(differs.get(_FAILED), str):  # last and stop do not change what fitness is
         differs = {**differs, _FAILED: "last"}
-    if built_in(experiment.simulation) != ARENA or not differs.keys() & _ROBOTS:
+    if find_built_in(experiment.simulation) != ARENA or not differs.keys() & _ROBOTS:
         return differs
     robot = robot_of(experiment.parameters)
     name = robot.get("preset") if isinstance(robot, Mapping) else robot

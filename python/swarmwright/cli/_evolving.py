@@ -296,10 +296,10 @@ def _hint(output: Output, run: "Run", broker: str | None) -> None:
 
     simulation = run.experiment.simulation
     folder = shlex.quote(str(run.path))
-    here = catalogue.is_here(simulation)
+    here = catalogue.is_local(simulation)
     if here:
         try:
-            catalogue.shown_as(simulation)
+            catalogue.choose_display(simulation)
         except SwarmwrightError:
             return  # it has nothing to show
     output.text()

@@ -123,7 +123,7 @@ def broker_of(simulation: str, broker: str | None, of_experiment: str | None) ->
     """
     from swarmwright.simulations import catalogue
 
-    if broker is not None or catalogue.is_here(simulation):
+    if broker is not None or catalogue.is_local(simulation):
         return broker
     return experiment_broker(None, of_experiment, None)
 

@@ -87,7 +87,7 @@ def _described(simulation: str | None, parameters: dict[str, Any] | None = None)
     """Return the description of a simulation with parameters; None if it is not available here."""
     from swarmwright.simulations import catalogue
 
-    if simulation is None or not catalogue.is_described(simulation):
+    if simulation is None or not catalogue.has_description(simulation):
         return None
     described = catalogue.description(simulation, parameters)
     groups = catalogue.groups(simulation, parameters or {})

@@ -145,7 +145,7 @@ def _experiment(simulation: str, settings: tuple[str, ...], *, proxy: bool) -> "
     """Return the experiment of the argument. Raises InputError."""
     from swarmwright import Experiment
     from swarmwright.common.errors import InputError
-    from swarmwright.simulations.catalogue import is_described, parameter_names, titles
+    from swarmwright.simulations.catalogue import has_description, parameter_names, titles
 
     if simulation in titles():
         for setting in settings:
@@ -164,7 +164,7 @@ def _experiment(simulation: str, settings: tuple[str, ...], *, proxy: bool) -> "
                 f"{simulation}: is no built-in simulation ({known}), and there is no experiment file of this "
                 f"name{'; ' + kinds.rstrip('; ') if kinds else ''}"
             )
-        if not is_described(simulation) and not any(
+        if not has_description(simulation) and not any(
             assignment.startswith("requirements") for assignment in settings
         ):
             # What a server of another make offers is not known here.

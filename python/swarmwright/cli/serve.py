@@ -226,14 +226,14 @@ def _title(simulation: str) -> str:
     if is_python(simulation):
         return catalogue.title(simulation)
     if simulation.endswith(".py"):
-        from swarmwright.simulations.near_names import class_missing
+        from swarmwright.simulations.near_names import describe_missing_class
 
-        raise click.UsageError(class_missing(simulation))
+        raise click.UsageError(describe_missing_class(simulation))
     if simulation not in catalogue.titles():
-        from swarmwright.simulations.near_names import unknown_simulation
+        from swarmwright.simulations.near_names import describe_unknown_simulation
 
         raise click.UsageError(
-            f"{unknown_simulation(simulation)}; a class in Python is named like file.py:Class"
+            f"{describe_unknown_simulation(simulation)}; a class in Python is named like file.py:Class"
         )
     return simulation
 

@@ -56,10 +56,10 @@ def check_parameters(simulation: str | None, parameters: dict[str, Any], report:
 
 def _report_parameter(mistake: ParameterMistake, given: Mapping[str, Any], report: Report) -> None:
     """Report why a parameter is refused, at its place in the file."""
-    if mistake.place == "mission.robots" and _has_own_radius(given):
+    if mistake.field == "mission.robots" and _has_own_radius(given):
         mistake = ParameterMistake("robot.radius", f"{mistake.reason}, or a smaller radius")
     if mistake.parameter in given:
-        report(("parameters", *path_of(mistake.place)), mistake.reason)
+        report(("parameters", *path_of(mistake.field)), mistake.reason)
     else:  # that of its default, with other parameters
         report(("parameters", mistake.parameter), f"parameter {mistake}")
 
@@ -198,7 +198,7 @@ def _check_measured(simulation: str | None, report: Report) -> None:
 
     simulation: None where it is not here, or its code is not to be imported.
     """
-    problem = None if simulation is None else catalogue.unmeasured(simulation)
+    problem = None if simulation is None else catalogue.explain_missing_measure(simulation)
     if problem is not None:
         report(("simulation",), problem)
 
@@ -244,9 +244,9 @@ def _check_groups(checked: Checked, here: bool, report: Report) -> None:
         if declared:
             checked["controller"] = with_groups(options, declared, checked["simulation"])
             return
-        if here and catalogue.built_in(checked["simulation"]) is not None:
+        if here and catalogue.find_built_in(checked["simulation"]) is not None:
             raise FieldError(("controller", "kind"), _no_groups(checked["simulation"]))
-        if here or not catalogue.is_described(checked["simulation"]):
+        if here or not catalogue.has_description(checked["simulation"]):
             check_counts(options)
         for name in ("sensors", "actuators"):
             if checked[name] is None:
@@ -261,7 +261,7 @@ def _no_groups(simulation: str) -> str:
     hint = {
         "minisim": "set the parameter defenderSteering: controller, so that defenders are steered, too",
         "arena": "make the parameter robots a list of kinds of robots",
-    }.get(catalogue.built_in(simulation) or "", "all its agents are alike")
+    }.get(catalogue.find_built_in(simulation) or "", "all its agents are alike")
     return (
         f"a team needs several kinds of agents, but {simulation} has one with these "
         f"parameters; {hint}, or take another kind of controller"

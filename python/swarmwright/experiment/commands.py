@@ -26,7 +26,7 @@ from swarmwright.simulations.command.definition import CommandOptions, Definitio
 from swarmwright.simulations.command.fmu_definition import FmuOptions
 from swarmwright.simulations.command.placeholders import IN_A_COMMAND, Template, Values, is_choice, names_in
 from swarmwright.simulations.command.ros_definition import OF_AN_INSTANCE, RosOptions
-from swarmwright.simulations.fitness import OWN, ExpressionError, FitnessExpression
+from swarmwright.simulations.fitness import FITNESS_NAME, ExpressionError, FitnessExpression
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
@@ -62,7 +62,12 @@ def name_of(
         own = _expression(text)
         if isinstance(own, str) and key:
             note(("fitness",), own)
-        elif isinstance(own, FitnessExpression) and not key and "fitness" not in given and not own.uses_own:
+        elif (
+            isinstance(own, FitnessExpression)
+            and not key
+            and "fitness" not in given
+            and not own.uses_simulation_fitness
+        ):
             given["fitness"] = own.text
     if "fmu" in given and "actuators" not in given and not _steers(values):
         given["actuators"] = []
@@ -120,7 +125,7 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
     announced = catalogue.description(name)["metrics"]
     if options.fitness is None and checked["fitness"] is None and not reports_fitness:
         measured = list(options.metrics) or list(announced)
-        if measured and OWN not in measured:
+        if measured and FITNESS_NAME not in measured:
             report(
                 ("fitness",),
                 f"is missing; write it as an expression over the metrics {', '.join(measured)}, such as "
@@ -333,7 +338,7 @@ def _unknown_metrics(options: RosOptions | FmuOptions, names: list[str]) -> list
         if isinstance(expression, str) and key == "done":
             unknown_metrics.append((key, expression))
         elif isinstance(expression, FitnessExpression):
-            used = (*expression.metrics, *([OWN] if expression.uses_own else []))
+            used = (*expression.metrics, *([FITNESS_NAME] if expression.uses_simulation_fitness else []))
             for name in used:
                 if name not in names:
                     hint = did_you_mean(name, names)

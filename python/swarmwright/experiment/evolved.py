@@ -87,7 +87,7 @@ def _refusals(
         if not mistakes:
             continue
         # Where another parameter is named, the value that was changed is what makes it wrong.
-        wrong, reason = mistakes[0] if mistakes[0].place in evolved else (name, str(mistakes[0]))
+        wrong, reason = mistakes[0] if mistakes[0].field in evolved else (name, str(mistakes[0]))
         # One that is wrong by itself is so beside each value of the others.
         found.setdefault((wrong, repr(values[wrong])), (values[wrong], reason))
     for (wrong, _), (refused, reason) in found.items():

@@ -38,7 +38,7 @@ from swarmwright.methods.rankings import Ranking, RankingOptions
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import name_of
-from swarmwright.simulations.near_names import no_experiment
+from swarmwright.simulations.near_names import describe_other_file
 
 if TYPE_CHECKING:
     from swarmwright.runs.store import StoreReader
@@ -63,7 +63,7 @@ def check_fits(experiment: "Experiment", source: Source) -> None:
     kept = all(values.get(name) == size for name, size in sizes.items())
     if not (kept and isinstance(simulation, str) and isinstance(parameters, Mapping)):
         return
-    if catalogue.built_in(simulation) is None or None in sizes.values() or not steers_agents(experiment):
+    if catalogue.find_built_in(simulation) is None or None in sizes.values() or not steers_agents(experiment):
         return
     found = announced_sizes(simulation, dict(parameters))
     if found is None or found == sizes:
@@ -85,7 +85,7 @@ def announced_sizes(simulation: str, parameters: dict[str, Any]) -> dict[str, in
 
     That is for simulations that others offer, and for parameters that are wrong.
     """
-    if not catalogue.is_described(simulation):
+    if not catalogue.has_description(simulation):
         return None
     try:
         announced = catalogue.description(simulation, parameters)
@@ -179,7 +179,7 @@ class Experiment:
         """
         file = path_of("path", path, "an experiment file")
         listed("settings", settings, "settings such as method.generations=50")
-        other = no_experiment(file) if file.is_file() else None
+        other = describe_other_file(file) if file.is_file() else None
         if other is not None:
             raise InputError(other)
         return cls._checked(apply(read(file), parse_settings(settings)), file)

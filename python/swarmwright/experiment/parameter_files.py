@@ -169,14 +169,14 @@ def _read_yaml(path: Path) -> yaml.Source:
 
 
 def _has_missions(simulation: str, *, ask: bool) -> bool:
-    return catalogue.built_in(simulation) == catalogue.ARENA or (
+    return catalogue.find_built_in(simulation) == catalogue.ARENA or (
         ask and is_python(simulation) and catalogue.has_missions(simulation)
     )
 
 
 def _objects(simulation: str, *, ask: bool) -> Iterator[tuple[str, bool]]:
     """Yield the names of parameters that are objects, each with whether it may be a name instead."""
-    known = catalogue.built_in(simulation) is not None
+    known = catalogue.find_built_in(simulation) is not None
     if known or (ask and is_python(simulation) and catalogue.has_missions(simulation)):
         for name, parameter in catalogue.description(simulation)["parameters"].items():
             if parameter["type"] in ("object", "name or object"):

@@ -48,7 +48,7 @@ def subject_of(simulation: str, label: str, parameters: Mapping[str, Any]) -> st
         parameters: of the experiment.
     """
     given = parameters.get("mission")
-    if catalogue.built_in(simulation) == catalogue.ARENA:
+    if catalogue.find_built_in(simulation) == catalogue.ARENA:
         found = mission_of(given)
         given = (found or {}).get("title") or (given if isinstance(given, str) else None)
     return f"{label}, {given}" if isinstance(given, str) and given else label
@@ -77,7 +77,7 @@ def written_out(
     simulation, parameters = values.get("simulation"), values.get("parameters") or {}
     if not any(map(is_part, set_)) or any(map(_is_other, set_)):
         return values
-    if not isinstance(simulation, str) or catalogue.built_in(simulation) != catalogue.ARENA:
+    if not isinstance(simulation, str) or catalogue.find_built_in(simulation) != catalogue.ARENA:
         return values
     if not isinstance(parameters, Mapping):
         return values
@@ -107,7 +107,7 @@ def kinds_instead(
     simulation, parameters = values.get("simulation"), values.get("parameters") or {}
     if not any(map(is_part, set_)) or any(map(_is_other, set_)) or (*_KEY, "radius") in set_:
         return None
-    if not isinstance(simulation, str) or catalogue.built_in(simulation) != catalogue.ARENA:
+    if not isinstance(simulation, str) or catalogue.find_built_in(simulation) != catalogue.ARENA:
         return None
     if not isinstance(parameters, Mapping) or parameters.get("robot") is not None:
         return None

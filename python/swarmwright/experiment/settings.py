@@ -240,7 +240,7 @@ def _other_simulation(source: Source, setting: Setting) -> None:
     """Drop what the file says that its own simulation announces, where the other one can be asked itself."""
     if setting.value == source.values.get("simulation") or not isinstance(setting.value, str):
         return
-    if catalogue.is_described(setting.value):
+    if catalogue.has_description(setting.value):
         for name in ANNOUNCED:
             source.values.pop(name, None)
             _forget(source, (name,))
@@ -302,7 +302,7 @@ def _with_parts(source: Source, path: Path_, name: str) -> Any:  # noqa: ANN401 
     simulation = source.values.get("simulation")
     if path[:1] != ("parameters",) or not isinstance(simulation, str):
         return name
-    if catalogue.built_in(simulation) is None:
+    if catalogue.find_built_in(simulation) is None:
         return name
     if len(path) != 2:
         of_kind = path[-1] == "robot" and path[1] in {"mission", "robots"}
@@ -318,7 +318,7 @@ def _with_parts(source: Source, path: Path_, name: str) -> Any:  # noqa: ANN401 
     )
     if wrong:  # reported when the experiment is checked
         return name
-    if parameter == "mission" and catalogue.built_in(simulation) == catalogue.ARENA:
+    if parameter == "mission" and catalogue.find_built_in(simulation) == catalogue.ARENA:
         return mission_of(found[parameter]) or name
     return found[parameter]
 

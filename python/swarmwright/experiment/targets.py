@@ -192,7 +192,7 @@ def alone(experiment: Experiment) -> Experiment:
 
 def _with_sizes(changed: Experiment, experiment: Experiment) -> Experiment:
     """Return it with the controllers' sizes, to which servers' are compared, where its own are not known."""
-    if changed.sensors is not None or catalogue.is_described(changed.simulation):
+    if changed.sensors is not None or catalogue.has_description(changed.simulation):
         return changed
     return dataclasses.replace(changed, sensors=experiment.sensors, actuators=experiment.actuators)
 
@@ -237,7 +237,7 @@ def _described(
     experiment: Experiment, options: TransferabilityOptions, source: Source
 ) -> TransferabilityOptions:
     """Return options with the metrics that describe behaviour. Raises InputError with its place."""
-    if not catalogue.is_described(experiment.simulation):
+    if not catalogue.has_description(experiment.simulation):
         return options
     there = list(catalogue.description(experiment.simulation, experiment.parameters)["metrics"])
     for index, name in enumerate(options.descriptor):

@@ -146,7 +146,7 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
     if not isinstance(simulation, str):
         return False
     if not is_python(simulation):
-        return catalogue.built_in(simulation) is not None
+        return catalogue.find_built_in(simulation) is not None
     find = of_run if (folder / STORE).exists() else absolute
     values["simulation"] = find(simulation, folder)
     if ask:

@@ -55,10 +55,10 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
     period = 1.0
     groups: Sequence[DeclaredGroup] = ()
     ranges: dict[str | None, Mapping[str, Any]] = {}
-    if catalogue.is_described(simulation):
+    if catalogue.has_description(simulation):
         groups = catalogue.groups(simulation, dict(parameters))
         description: Mapping[str, Any] = catalogue.description(simulation, dict(parameters))
-        limited = catalogue.built_in(simulation) is not None
+        limited = catalogue.find_built_in(simulation) is not None
         known = parameters_of(description, base, have_limits=limited)
         names: list[str | None] = [group.name for group in groups]
         ranges.update(catalogue.ranges_by_group(simulation, dict(parameters), names or [None]))
@@ -66,9 +66,9 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
         description = _announced(experiment, address)
         told = {"parameters": {name: _declaration_of_value(value) for name, value in base.items()}}
         known = parameters_of(told, base, have_limits=False)
-    if catalogue.is_here(simulation) and description["actuators"]:
+    if catalogue.is_local(simulation) and description["actuators"]:
         found, _, period = started(
-            catalogue.playable(simulation),
+            catalogue.make_playable(simulation),
             base,
             seed,
             int(description["actuators"]),

@@ -124,7 +124,7 @@ class Model:
                 hint = did_you_mean(name, list(description["parameters"])) or ""
                 raise InputError(f"parameters.{name}: {title} has no such parameter{hint}")
         start = started(
-            catalogue.playable(title),
+            catalogue.make_playable(title),
             base,
             seed,
             int(description["actuators"]),

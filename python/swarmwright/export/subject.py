@@ -293,7 +293,7 @@ def subject_of(
     if "sensors" not in specification:
         return _parameter_set(run, chosen, facts)
     topics, real_time = _of_ros(run.experiment.simulation)
-    if not catalogue.is_here(run.experiment.simulation):
+    if not catalogue.is_local(run.experiment.simulation):
         reason = f"the simulation {run.experiment.label!r} is not available in this process"
     elif real_time:
         reason = "its robots move in real time, and are not driven for that"
@@ -369,7 +369,7 @@ def _of_part(channels: Mapping[str, Any], part: Member | None) -> Mapping[str, A
 def _of_arena(run: "Run", subject: Subject) -> Subject:
     """Return a subject with what sensors and actuators of the arena's robots stand for."""
     experiment = run.experiment
-    if catalogue.built_in(experiment.simulation) != catalogue.ARENA or not subject.description:
+    if catalogue.find_built_in(experiment.simulation) != catalogue.ARENA or not subject.description:
         return subject
     robot = robot_in(experiment.parameters)
     meanings = {

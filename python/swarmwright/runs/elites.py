@@ -14,7 +14,7 @@ from swarmwright.common.statistics import means
 from swarmwright.methods.archive import Archive, Axis, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
-from swarmwright.simulations.catalogue import built_in, description
+from swarmwright.simulations.catalogue import description, find_built_in
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -168,7 +168,7 @@ class Elites:
         """Return what figures call the metrics: in words, with the unit where it is known."""
         known: dict[str, dict[str, str]] = {}
         simulation, parameters = self.experiment.simulation, self.experiment.parameters
-        if built_in(simulation) is not None:
+        if find_built_in(simulation) is not None:
             known = description(simulation, parameters)["metrics"]
         units = [known.get(name, {}).get("unit", "") for name in self.goals]
         words = (name.replace("_", " ") for name in self.goals)

@@ -49,7 +49,7 @@ def names_of(runs: Sequence[Run], names: Names) -> list[str]:
 
 def _label(run: Run, name: str) -> str:
     """Return what a metric is called on an axis: with its unit, if that is known."""
-    if name == _FITNESS or not catalogue.is_described(run.experiment.simulation):
+    if name == _FITNESS or not catalogue.has_description(run.experiment.simulation):
         return name
     found = catalogue.description(run.experiment.simulation, run.experiment.parameters)["metrics"]
     unit = found.get(name, {}).get("unit")

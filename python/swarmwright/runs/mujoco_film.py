@@ -21,7 +21,7 @@ from swarmwright.simulations.loading import load
 from swarmwright.simulations.mujoco import undrawable
 from swarmwright.simulations.mujoco._library import cannot_draw
 from swarmwright.simulations.mujoco._robots import Robots
-from swarmwright.simulations.parameters import declared, filled_in
+from swarmwright.simulations.parameters import fill_parameters, parse_parameters
 
 # After swarmwright.simulations.mujoco, which imports it also where it cannot draw.
 import mujoco  # isort: skip
@@ -91,7 +91,7 @@ def write(run: Run, path: Path, *, episode: int = 0, size: tuple[int, int] = (48
         raise InputError(f"{run.path}: {run.experiment.label} is not a MuJoCo robot simulation")
     parameters = dict(run.experiment.parameters)
     parameters.pop("seed", None)
-    values = filled_in(declared(kind.parameters, kind.__name__), parameters)
+    values = fill_parameters(parse_parameters(kind.parameters, kind.__name__), parameters)
     seeds = run.seeds(run.best.generation)
     if not 0 <= episode < len(seeds):
         raise InputError(

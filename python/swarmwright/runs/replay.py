@@ -324,7 +324,7 @@ def _broker_of(run: "Run", simulation: str | type | None) -> str | None:
     simulation: instead of the run's.
     """
     title, broker = simulation or run.experiment.simulation, run.experiment.broker
-    if isinstance(title, type) or catalogue.is_here(title):
+    if isinstance(title, type) or catalogue.is_local(title):
         return None
     if broker is not None:
         return broker

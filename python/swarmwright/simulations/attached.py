@@ -1,8 +1,8 @@
 """Environments of other libraries as simulations: `gymnasium:CartPole-v1`, `pettingzoo:mpe2.simple_v3`.
 
-An adapter's name is used like a simulation's title or class, in experiments and in `swarmwright serve`:
-the library, a colon, the environment as that library names it, and then, as in a web address, options that
-its constructor gets: `pettingzoo:mpe2.simple_spread_v3?N=5&local_ratio=0.2`.
+Experiments and `swarmwright serve` accept an adapter's name like a simulation's title or class. It consists
+of the library, a colon, the library's name of the environment, and, as in a URL, arguments of its
+constructor: `pettingzoo:mpe2.simple_spread_v3?N=5&local_ratio=0.2`.
 """
 
 from functools import cache
@@ -17,7 +17,7 @@ from swarmwright.simulations.environments import NEW_EACH_EPISODE
 if TYPE_CHECKING:
     from swarmwright.simulations.base import BatchSimulation, Simulation
 
-__all__ = ["simulation"]
+__all__ = ["load_adapter"]
 
 _EXAMPLES = {
     "gymnasium": "as gymnasium:CartPole-v1",
@@ -26,21 +26,21 @@ _EXAMPLES = {
 }
 
 
-def simulation(name: str) -> "type[Simulation | BatchSimulation]":
-    """Return the class of simulations with an adapter's name.
+def load_adapter(name: str) -> "type[Simulation | BatchSimulation]":
+    """Return the simulation class for an adapter's name.
 
-    Raises InputError: the library is not installed, or has no such environment.
+    Raises InputError if the library is not installed, or has no such environment.
     """
     if is_command(name):
         from swarmwright.simulations.command.checking import definition_of_name
         from swarmwright.simulations.user_code.command_sources import digest
 
-        return _command(name, digest(definition_of_name(name)))
-    return _of_library(name)
+        return _make_command_class(name, digest(definition_of_name(name)))
+    return _make_library_class(name)
 
 
 @cache
-def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
+def _make_library_class(name: str) -> "type[Simulation | BatchSimulation]":
     parsed = SimulationName.parse(name)
     library, environment, options = parsed.library, parsed.place, parsed.options()
     if not environment:
@@ -48,8 +48,8 @@ def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
     file, colon, member = environment.partition(":")
     if library != "vmas" and file.endswith(".py"):
         raise InputError(
-            f"{name}: {file} is a file where a module is expected, which has no .py and is found in the "
-            f"working folder or where it is installed; write {library}:{Path(file).stem}{colon}{member}"
+            f"{name}: {file} is a file, expected a module in the working folder or an installed one; "
+            f"write {library}:{Path(file).stem}{colon}{member}"
         )
     try:
         module = import_module(f"swarmwright.simulations.{library}")
@@ -60,7 +60,7 @@ def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
             f"{name}: {error.name} is not installed; pip install 'swarmwright[{library}]'"
         ) from error
     base: type[Simulation | BatchSimulation] = getattr(module, LIBRARIES[library])
-    attributes = _of_adapter(name, base, options) | {
+    attributes = _pop_class_options(name, base, options) | {
         "environment": environment,
         "options": options,
         "title": name.partition(":")[2],
@@ -71,10 +71,10 @@ def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
     return type(base.__name__, (base,), attributes)
 
 
-def _of_adapter(
+def _pop_class_options(
     name: str, base: "type[Simulation | BatchSimulation]", options: dict[str, Any]
 ) -> dict[str, Any]:
-    """Take out of options the one that is not for the environment; return it as the class's attribute."""
+    """Remove options that are attributes of the class from the environment's options; return them."""
     if not hasattr(base, NEW_EACH_EPISODE) or NEW_EACH_EPISODE not in options:
         return {}
     value = options.pop(NEW_EACH_EPISODE)
@@ -84,8 +84,8 @@ def _of_adapter(
 
 
 @cache
-def _command(name: str, digest: str) -> "type[Simulation]":
-    """Return the class of a command; another one when a file of it has changed."""
+def _make_command_class(name: str, digest: str) -> "type[Simulation]":
+    """Return the class of a command; `digest` makes it a new class after a file has changed."""
     parsed = SimulationName.parse(name)
     base: type[Simulation]
     if parsed.prefix == SimulationName.ROS:

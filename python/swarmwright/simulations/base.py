@@ -1,9 +1,4 @@
-"""The classes that simulations in Python derive from.
-
-Kinds of agents in one simulation, as its class declares them.
-
-Simulations in Python that step many episodes at once, with numpy.
-"""
+"""Base classes of simulations in Python, and the groups of agents that they declare."""
 
 import operator
 from abc import ABC, abstractmethod
@@ -24,47 +19,47 @@ if TYPE_CHECKING:
 
 
 _LARGEST_COUNT = 1_000_000
-"""Agents, sensors or actuators of a group, at most."""
+"""Most agents, sensors or actuators of a group."""
 
 
 @dataclass(frozen=True)
 class Group:
-    """Agents of one kind, of a simulation with several: a value of its `groups`.
+    """A kind of agent in a simulation with several kinds: a value of its `groups`.
 
     groups = {"predators": Group(agents="numPredators", sensors=4, actuators=2),
               "prey": Group(agents=1, sensors=6, actuators=1)}
     """
 
     agents: int | str
-    """How many there are, or the parameter that says it."""
+    """Number of agents, or the name of the parameter that sets it."""
     sensors: int
-    """Sensor values of an agent, at least 1."""
+    """Number of sensor values of an agent, at least 1."""
     actuators: int
-    """Actuator values of an agent, at least 1."""
+    """Number of actuator values of an agent, at least 1."""
     sensor_names: Sequence[str] = ()
-    """Names of an agent's sensors, one for each, or none at all."""
+    """Names of all sensors of an agent; empty for no names."""
     actuator_names: Sequence[str] = ()
-    """Names of an agent's actuators, in the same way."""
+    """Names of all actuators of an agent; empty for no names."""
     sensor_ranges: Sequence[tuple[float, float] | tuple[float, float, str] | None] = field(
         default=(), compare=False
     )
-    """What -1 and 1 of an agent's sensors stand for, see `Simulation`."""
+    """The values that -1 and 1 of an agent's sensors stand for, see `Simulation`."""
     actuator_ranges: Sequence[tuple[float, float] | tuple[float, float, str] | None] = field(
         default=(), compare=False
     )
-    """What -1 and 1 of an agent's actuators stand for, in the same way."""
+    """The values that -1 and 1 of an agent's actuators stand for."""
 
     def __post_init__(self) -> None:
-        """Take NumPy's integers for Python's."""
+        """Convert NumPy's integers to Python's."""
         for name in ("agents", "sensors", "actuators"):
-            given = getattr(self, name)
-            if not isinstance(given, bool | str) and hasattr(given, "__index__"):
-                object.__setattr__(self, name, operator.index(given))
+            value = getattr(self, name)
+            if not isinstance(value, bool | str) and hasattr(value, "__index__"):
+                object.__setattr__(self, name, operator.index(value))
 
     def count(self, parameters: Mapping[str, Any]) -> int:
-        """Return how many there are with these parameters, in which none is missing.
+        """Return the number of agents; parameters must include defaults.
 
-        Raises InputError, `name: why`, for a parameter that is no number of agents.
+        Raises InputError, "name: reason", for a parameter that is not a number of agents.
         """
         if isinstance(self.agents, int):
             return self.agents
@@ -76,18 +71,18 @@ class Group:
         return value
 
 
-def declared(groups: Any, parameters: Mapping[str, Parameter], where: str) -> dict[str, Group]:  # noqa: ANN401 - whatever the class says
-    """Return the groups of a class, checked.
+def check_groups(groups: Any, parameters: Mapping[str, Parameter], where: str) -> dict[str, Group]:  # noqa: ANN401 - whatever the class says
+    """Check the groups of a class and return them.
 
     Args:
         groups: name -> Group, in the order of the agents.
-        parameters: those of the class.
-        where: its name, for messages.
+        parameters: the parameters of the class.
+        where: the class's name, for messages.
 
-    Raises InputError, naming class and attribute.
+    Raises InputError, with class and attribute.
     """
     if not isinstance(groups, Mapping):
-        raise InputError(f"{where}.groups: {groups!r} found, expected names with Group(..) for each")
+        raise InputError(f"{where}.groups: {groups!r} found, expected a mapping from names to Group(..)")
     for name, group in groups.items():
         if not isinstance(name, str) or not name:
             raise InputError(f"{where}.groups: the name {name!r} found, expected text")
@@ -111,8 +106,8 @@ def _check(group: Any, parameters: Mapping[str, Parameter], at: str) -> None:  #
             raise InputError(f"{at}.{key[:-1]}_ranges: {error}") from None
     if isinstance(group.agents, str):
         if group.agents not in parameters:
-            known = ", ".join(parameters) or "none"
-            raise InputError(f"{at}.agents: there is no parameter {group.agents!r}; there are: {known}")
+            available = ", ".join(parameters) or "none"
+            raise InputError(f"{at}.agents: there is no parameter {group.agents!r}; available: {available}")
         if parameters[group.agents].kind != "integer":
             raise InputError(f"{at}.agents: the parameter {group.agents!r} is not an integer")
     elif (
@@ -126,8 +121,8 @@ def _check(group: Any, parameters: Mapping[str, Parameter], at: str) -> None:  #
         )
 
 
-def counted(groups: Mapping[str, Group], parameters: Mapping[str, Any]) -> list[DeclaredGroup]:
-    """Return the groups with numbers of agents. Raises InputError as `Group.count`."""
+def count_groups(groups: Mapping[str, Group], parameters: Mapping[str, Any]) -> list[DeclaredGroup]:
+    """Return the groups with their numbers of agents. Raises InputError like `Group.count`."""
     return [
         DeclaredGroup(
             name,
@@ -142,66 +137,67 @@ def counted(groups: Mapping[str, Group], parameters: Mapping[str, Any]) -> list[
 
 
 class Described(ABC):
-    """The description of a simulation."""
+    """The attributes that describe a simulation."""
 
     title: str = ""
-    """The name in discovery, which experiments may give; default: the name of the class in small letters."""
+    """The name in discovery and in experiments; default: the class's name in lower case."""
     dimensions: int = 2
     """Spatial dimensions, which experiments may require."""
     max_agents: int | None = None
-    """Most agents that are possible; None: no limit."""
+    """Largest number of agents; None: no limit."""
     sensors: int
-    """Sensor values of an agent. 0, as `actuators`, if the simulation controls its agents itself and only
-    its parameters are optimized (`controller: {kind: parameter_set}`): `reset` and `step` return nothing."""
+    """Number of sensor values of an agent. 0, like `actuators`, if the simulation controls its agents itself
+    and only its parameters are optimized (`controller: {kind: parameter_set}`); `reset` and `step` then
+    return nothing."""
     actuators: int
-    """Actuator values of an agent; 0 if `sensors` is 0."""
+    """Number of actuator values of an agent; 0 if `sensors` is 0."""
     groups: Mapping[str, "Group"] = {}
     """Kinds of agents that differ in sensors, actuators or controllers: name -> Group(agents, sensors,
-    actuators), the first one having the agents from 0 on. `sensors` and `actuators` then follow from them:
-    the most of any. Experiments have `controller: {kind: team, groups: {..}}`."""
+    actuators). The agents of the first group come first. `sensors` and `actuators` are then the maxima over
+    the groups. Experiments use `controller: {kind: team, groups: {..}}`."""
     sensor_names: Sequence[str] = ()
-    """Names of an agent's sensors, one for each, for drawings of controllers; empty: they are numbered."""
+    """Names of all sensors of an agent, for drawings of controllers; empty: they are numbered."""
     actuator_names: Sequence[str] = ()
-    """Names of an agent's actuators, in the same way."""
+    """Names of all actuators of an agent; empty: they are numbered."""
     sensor_units: Sequence[str] = ()
-    """Units of an agent's sensors, one for each, such as m or rad, for exported controllers."""
+    """Units of all sensors of an agent, such as m or rad, for exported controllers."""
     actuator_units: Sequence[str] = ()
-    """Units of an agent's actuators, in the same way."""
+    """Units of all actuators of an agent."""
     sensor_ranges: Sequence[tuple[float, float] | tuple[float, float, str] | None] = ()
-    """For exported controllers: what -1 and 1 of an agent's sensors stand for, where values are scaled, one
-    for each: (low, high) in its unit, or (low, high, unit); None for values that are what they are."""
+    """For exported controllers: the values that -1 and 1 of each sensor stand for, if it is scaled: (low,
+    high) in its unit, or (low, high, unit); None for a sensor that is not scaled."""
     actuator_ranges: Sequence[tuple[float, float] | tuple[float, float, str] | None] = ()
-    """What -1 and 1 of an agent's actuators stand for, in the same way."""
+    """The values that -1 and 1 of each actuator stand for."""
     parameters: Mapping[str, Any] = {}
-    """What can be set in an experiment: name -> default, or name -> Parameter(default, description, ..).
+    """Parameters that an experiment can set: name -> default, or name -> Parameter(default, description, ..).
 
-    Where any are declared, an experiment that names the class cannot set others."""
+    If a class declares any, an experiment that names the class cannot set others."""
     metrics: Sequence[str] | Mapping[str, str] = ()
-    """What `measure` returns: names, or name -> description. Experiments can define fitness from them."""
+    """The metrics that `measure` returns: names, or name -> description. Experiments can define fitness from
+    them."""
     determinism: Literal["bitwise", "statistical", "none"] | None = None
-    """How far two evaluations of one episode with one controller agree on any server: bit-identical, within
-    `tolerance`, or not at all. None: not known. Where it is bitwise or statistical, experiments can have
-    results audited on another server (`faults: {audit: 0.01}`)."""
+    """How far two evaluations of the same episode and controller agree on any server: bit-identical, within
+    `tolerance`, or not at all. None: unknown. If it is bitwise or statistical, experiments can have results
+    audited on another server (`faults: {audit: 0.01}`)."""
     tolerance: float = 0.0
-    """Where `determinism` is statistical: how far fitness and metrics may differ, as a part of the larger
-    one, absolute below 1."""
+    """If `determinism` is statistical: the largest difference of fitness and metrics, relative to the larger
+    value, absolute for values below 1."""
     copies: bool = True
-    """Whether one process can have several objects of this class, whose episodes are then stepped side by
-    side in the mode `batched`. False for those that hold something there is only one of: a window, a robot, a
-    port."""
+    """Whether a process can have several objects of this class, whose episodes are then stepped side by side
+    in the mode `batched`. False if objects hold a unique resource: a window, a robot, a port."""
     most_steps: int | None = 1_000_000
-    """Steps of an episode at most: one that is not done after them has failed. None: no limit."""
+    """Most steps of an episode; an episode that is not done after them fails. None: no limit."""
     frame_seconds: float = 0.1
-    """Seconds between two frames when shown."""
+    """Seconds between two frames when displayed."""
     step_seconds: float | None = None
-    """Seconds of a step in the world that is simulated, above 0: how often exported controllers are to be
-    stepped. None: `frame_seconds` where the class sets it, else not known."""
+    """Simulated seconds of a step, above 0, which is the step time of exported controllers. None:
+    `frame_seconds` if the class sets it, else unknown."""
 
     @classmethod
     def notice_before_run(cls, parameters: Mapping[str, Any]) -> str | None:  # noqa: ARG003 - for those that override it
-        """Return what a user is told before a run with these parameters; None, the default, for nothing.
+        """Return a notice for the user before a run; None, the default, for no notice.
 
-        parameters: those that the experiment gives, which have not been checked.
+        parameters: the experiment's parameters, unchecked.
         """
         return None
 
@@ -228,13 +224,13 @@ class Simulation(Described):
             def fitness(self):
                 return -float(np.abs(self.x).mean())
 
-    `swarmwright serve file.py:Gather` makes simulation servers of it; an experiment names it by its title, or
-    as `simulation: file.py:Gather` and then starts the servers by itself.
+    `swarmwright serve file.py:Gather` starts simulation servers for it. An experiment names it by its title,
+    or as `simulation: file.py:Gather`, which starts the servers automatically.
 
-    One object runs one episode at a time, any number in turn: `reset`, then `step` until `done`, then
-    `fitness`. It is made without arguments. An exception ends the episode: its evaluation has failed, the
-    next one begins with `reset`. For runs that can be repeated, whatever happens must follow from the
-    parameters and the seed, which `swarmwright.testing.check_simulation` tries.
+    The constructor takes no arguments. An object runs one episode after the other: `reset`, then `step` until
+    `done`, then `fitness`. An exception ends the episode and fails its evaluation; the next episode begins
+    with `reset`. For reproducible runs, episodes must depend only on the parameters and the seed;
+    `swarmwright.testing.check_simulation` tests this.
     """
 
     @abstractmethod
@@ -242,18 +238,18 @@ class Simulation(Described):
         """Start an episode and return the first observations.
 
         Args:
-            parameters: those of the experiment; those that are declared have been checked, and have their
-                defaults when they were left out.
-            seed: of the episode, 0 to 2**64 - 1; the only source of chance.
+            parameters: the experiment's parameters. Declared parameters have been checked, and defaults
+            added.
+            seed: seed of the episode, 0 to 2**64 - 1; the only source of randomness.
 
         Returns:
             Observations, (agents, sensors), finite: a row for each agent. Numbers are rounded to binary32.
-            With `groups`, rows may be as long as each agent's group says; they are filled up with 0.
+            With `groups`, a row may be as long as its agent's group declares, and is padded with 0.
             None if `sensors` is 0.
 
         Raises:
-            swarmwright.InputError: the parameters cannot be used, "name: why"; no other episode is tried with
-                them.
+            swarmwright.InputError: the parameters are not valid, "name: reason"; no further episodes are run
+                with them.
         """
 
     @abstractmethod
@@ -261,12 +257,12 @@ class Simulation(Described):
         """Advance the episode by one step.
 
         Args:
-            actions: (agents, actuators), float32, -1 to 1; rows of agents that did not act are 0, and with
-                `groups` what a row has beyond the actuators of the agent's group.
+            actions: (agents, actuators), float32, -1 to 1. Rows of agents that did not act are 0, and with
+                `groups` also the columns beyond the actuators of an agent's group.
 
         Returns:
-            Observations as from `reset`, with as many rows. Rows of agents that do not act next do not count,
-            and none does when the episode is done.
+            Observations as from `reset`, with the same number of rows. Rows of agents that do not act next
+            are ignored, and all rows when the episode is done.
         """
 
     @abstractmethod
@@ -277,53 +273,52 @@ class Simulation(Described):
     def fitness(self) -> float:
         """Return the fitness of the episode: finite, higher is better. Called when it has ended.
 
-        `swarmwright.environments` asks after every step, since rewards are how it changes. Where it fails
-        before the end, or is not a finite number, the reward comes later, at the end at the latest.
+        `swarmwright.environments` calls it after every step, because rewards are its changes. If it fails
+        before the end, or is not finite, the reward comes later, at the latest at the end.
         """
 
     def measure(self) -> Mapping[str, float]:
-        """Return the metrics of the episode: all that `metrics` names.
+        """Return the metrics of the episode: all names in `metrics`.
 
-        Asked when the episode has ended, only where an experiment wants them. A metric may be NaN or
-        infinite, where there is nothing to measure; the episode fails only where the fitness is computed from
-        it.
+        Called when the episode has ended, if an experiment uses them. A metric may be NaN or infinite if
+        there is nothing to measure; the episode fails only if its fitness is computed from it.
         """
         return {}
 
     def truncated(self) -> bool:
         """Return whether the episode ended only because its time was over, which agents do not sense.
 
-        Asked at the end by `swarmwright.environments`, so that learning does not take the last state for one
-        after which nothing can be gained. The default is False.
+        Called at the end by `swarmwright.environments`, so that learning does not take the last state for a
+        terminal state. The default is False.
         """
         return False
 
     def acting(self) -> ArrayLike | None:
-        """Return which agents act next: indices, or (agents,) booleans; None, the default, for all.
+        """Return the agents that act next: indices, or (agents,) booleans; None, the default, for all.
 
-        Leave out agents that have dropped out. Where agents act one after the other, return one at a time.
-        While no agent acts the simulation is stepped without actions until it is done.
+        Leave out agents that have dropped out. If agents take turns, return a single agent each time. While
+        no agent acts, the simulation is stepped without actions until it is done.
         """
         return None
 
     def scene(self) -> "Scene | None":
-        """Return the scene to display now; None, the default, for nothing.
+        """Return the scene to display; None, the default, for nothing.
 
-        `swarmwright replay` draws it, and so does a server that is asked to (`simulate --visual`).
+        `swarmwright replay` draws it, and `simulate --visual` on a server.
         """
         return None
 
     def picture(self) -> NDArray[np.uint8] | None:
-        """Return the picture to display now, (height, width, 3), red, green, blue from 0 to 255.
+        """Return the picture to display, (height, width, 3), red, green, blue from 0 to 255.
 
-        None, the default, for nothing to show. `swarmwright replay` uses it for videos and pages when the
-        class has no `scene`.
+        None, the default, for nothing. `swarmwright replay` uses it for videos and pages if the class has no
+        `scene`.
         """
         return None
 
 
 class BatchSimulation(Described):
-    """A simulation whose methods take and return arrays of many episodes: one numpy call steps them all.
+    """A simulation whose methods take and return arrays for many episodes, stepped together with NumPy.
 
         class Gather(BatchSimulation):
             title, dimensions, sensors, actuators = "gather", 1, 1, 1
@@ -345,16 +340,16 @@ class BatchSimulation(Described):
             def fitness(self):
                 return -np.abs(self.x).mean(axis=(1, 2))
 
-    All episodes have the same parameters and as many agents; each has a seed and controllers.
-    Wherever a `Simulation` can be used, this can be, too. Offloaded controllers are
-    evaluated with up to `lanes` others at once, and a batch has up to `lanes` or 256 episodes; in the mode
-    stepwise, and for offloaded parameter sets, there is one episode in the arrays. For the same result in
-    every mode, no episode may depend on how many there are: `swarmwright.testing.check_batch_simulation`
-    tries that. When a method raises, episodes are repeated one by one, so that only those fail that do alone.
+    It can be used wherever a `Simulation` can. All episodes have the same parameters and number of agents,
+    and each has its own seed and controllers. Up to `lanes` offloaded controllers are evaluated at once, and
+    a batch has up to `lanes` or 256 episodes; in the mode stepwise, and for offloaded parameter sets, the
+    arrays hold a single episode. For the same result in every mode, an episode must not depend on the others:
+    `swarmwright.testing.check_batch_simulation` tests this. If a method raises, the episodes are repeated one
+    by one, so that only those fail that cause the error.
     """
 
     lanes: int = 1024
-    """Most episodes at once."""
+    """Most episodes in a call."""
 
     @abstractmethod
     def reset(self, parameters: dict[str, Any], seeds: NDArray[np.uint64]) -> ArrayLike:
@@ -362,7 +357,7 @@ class BatchSimulation(Described):
 
         Args:
             parameters: as in `Simulation.reset`.
-            seeds: (episodes,), the only source of chance.
+            seeds: (episodes,), the only source of randomness.
 
         Returns:
             Observations, (episodes, agents, sensors), finite.
@@ -380,32 +375,32 @@ class BatchSimulation(Described):
                 episodes that have ended.
 
         Returns:
-            Observations as from `reset`; those of episodes that have ended, and of agents that do not act
-            next, do not count.
+            Observations as from `reset`. Those of episodes that have ended, and of agents that do not act
+            next, are ignored.
         """
 
     @abstractmethod
     def done(self) -> ArrayLike:
         """Return which episodes have ended, (episodes,) booleans.
 
-        Asked after `reset` and after every step.
+        Called after `reset` and after every step.
         """
 
     @abstractmethod
     def fitness(self) -> ArrayLike:
-        """Return how well each went, (episodes,), more is better.
+        """Return the fitness of each episode, (episodes,), higher is better.
 
-        Asked as often as an episode has ended, when only those that ended with this step count.
+        Called after each step in which episodes have ended; only the values of these are used.
         """
 
     def measure(self) -> Mapping[str, ArrayLike]:
-        """Return the metrics, name -> (episodes,), as `fitness`."""
+        """Return the metrics, name -> (episodes,); called like `fitness`."""
         return {}
 
     def acting(self) -> ArrayLike | None:
-        """Return who acts next, (episodes, agents) booleans; None, the default, for all."""
+        """Return the agents that act next, (episodes, agents) booleans; None, the default, for all."""
         return None
 
     def scene(self) -> Any:  # noqa: ANN401 - a swarmwright.Scene
-        """Return what the first episode looks like now, a `swarmwright.display.Scene`; None for nothing."""
+        """Return the scene of the first episode, a `swarmwright.display.Scene`; None for nothing."""
         return None

@@ -12,17 +12,16 @@ from swarmwright.common import metric_names
 from swarmwright.common.errors import InputError
 from swarmwright.common.ranges import Range, ranges_of
 from swarmwright.common.suggestions import similar
-from swarmwright.simulations.base import BatchSimulation, Described, Group, Simulation
-from swarmwright.simulations.base import declared as declared_groups
-from swarmwright.simulations.parameters import Parameter, declared
+from swarmwright.simulations.base import BatchSimulation, Described, Group, Simulation, check_groups
+from swarmwright.simulations.parameters import Parameter, parse_parameters
 
 _LARGEST_COUNT = 1_000_000
-"""Agents, sensors or actuators, at most."""
+"""Most agents, sensors or actuators."""
 _MOST_STEPS = 10**15
-"""Steps of an episode."""
+"""Largest `most_steps`."""
 _DETERMINISMS = ("bitwise", "statistical", "none")
 _MISSPELT_LIKENESS = 0.85
-"""From which likeness on an attribute is taken for another one that is misspelt, 1 being the same."""
+"""Smallest similarity of names, up to 1, at which an attribute counts as a misspelling of another."""
 
 
 @dataclass(frozen=True)
@@ -49,18 +48,18 @@ class Description:
     most_steps: int | None
     frame_seconds: float
     step_seconds: float | None
-    """Of a step in the world that is simulated; None where it is not known."""
+    """Simulated seconds of a step; None if unknown."""
     takes_controller: bool
-    """Whether `reset` gets the controller, which the simulation runs itself."""
+    """Whether `reset` receives the controller, because the simulation runs it itself."""
     groups: Mapping[str, Group]
-    """Kinds of agents, in the order of the agents; empty where all are alike."""
+    """Kinds of agents, in the order of the agents; empty if all are alike."""
     padded: bool
-    """Whether rows of all agents have the same length in messages, whatever the groups say."""
+    """Whether the rows of all agents are padded to the same length in messages."""
     steers_itself: bool | None
-    """Whether no agent is steered from outside; None: it depends on the parameters."""
+    """Whether no agent is controlled from outside; None: it depends on the parameters."""
 
     def plain(self) -> dict[str, Any]:
-        """Return what `_engine.describe` says of a built-in simulation."""
+        """Return the description as a dictionary with the keys of `_engine.describe`."""
         return {
             "title": self.title,
             "dimensions": self.dimensions,
@@ -85,28 +84,29 @@ class Description:
 
 
 def describe(simulation: Described | Any, where: str = "") -> Description:  # noqa: ANN401 - or what acts like one
-    """Read a simulation's attributes. Raises InputError, naming class (`where`) and attribute."""
+    """Read and check a simulation's attributes. Raises InputError, with class (`where`) and attribute."""
     where = where or type(simulation).__name__
     title: Any = simulation.title or where.lower()
     if not isinstance(title, str) or len(title) > 1000:
         raise InputError(f"{where}.title: {title!r} found, expected text of at most 1000 characters")
-    parameters = declared(simulation.parameters, where)
+    parameters = parse_parameters(simulation.parameters, where)
     for name, parameter in parameters.items():
         try:
             json.dumps(parameter.default, allow_nan=False)
         except (TypeError, ValueError):
             raise InputError(
-                f"{where}.parameters[{name!r}]: default: {parameter.default!r} found, expected what JSON "
-                "can hold"
+                f"{where}.parameters[{name!r}]: default: {parameter.default!r} found, expected a JSON value"
             ) from None
-    most, steps = simulation.max_agents, getattr(simulation, "most_steps", Described.most_steps)
-    groups = declared_groups(getattr(simulation, "groups", {}), parameters, where)
-    sensors, actuators = (_widest(where, simulation, groups, name) for name in ("sensors", "actuators"))
+    max_agents, steps = simulation.max_agents, getattr(simulation, "most_steps", Described.most_steps)
+    groups = check_groups(getattr(simulation, "groups", {}), parameters, where)
+    sensors, actuators = (
+        _count_channels(where, simulation, groups, name) for name in ("sensors", "actuators")
+    )
     if (sensors == 0) != (actuators == 0):
-        name, other = ("sensors", "actuators") if sensors == 0 else ("actuators", "sensors")
+        name, counterpart = ("sensors", "actuators") if sensors == 0 else ("actuators", "sensors")
         raise InputError(
-            f"{where}.{name}: 0 found, expected 1 or more, or {other} = 0, too, if the simulation controls "
-            "its agents itself"
+            f"{where}.{name}: 0 found, expected at least 1; if the simulation controls its agents itself, "
+            f"set {counterpart} to 0, too"
         )
 
     def channels(name: str, count: int) -> tuple[str, ...]:
@@ -121,7 +121,7 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
     return Description(
         title=title,
         dimensions=_count(where, "dimensions", simulation.dimensions, least=0),
-        max_agents=None if most is None else _count(where, "max_agents", most),
+        max_agents=None if max_agents is None else _count(where, "max_agents", max_agents),
         sensors=sensors,
         actuators=actuators,
         sensor_names=channels("sensor_names", sensors),
@@ -146,10 +146,10 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
     )
 
 
-def misspelt(kind: type[Described]) -> list[str]:
-    """Return sentences on attributes that are probably misspelt, since the class lacks one spelt alike.
+def find_misspelt_attributes(kind: type[Described]) -> list[str]:
+    """Return messages about attributes that are probably misspelt names of a simulation's attributes.
 
-    Only attributes with the kind of value that the other one has count: `sensor_range = 0.5` is a user's own.
+    The values must be of the same type: `sensor_range = 0.5` is not a misspelling of `sensor_ranges`.
     """
     base = BatchSimulation if issubclass(kind, BatchSimulation) else Simulation
     users = [
@@ -157,27 +157,27 @@ def misspelt(kind: type[Described]) -> list[str]:
         for base_class in kind.__mro__
         if not f"{base_class.__module__}.".startswith(("swarmwright.", "abc."))
     ]
-    given = {name: value for user in reversed(users) for name, value in vars(user).items()}
-    known = {
+    attributes = {name: value for user in reversed(users) for name, value in vars(user).items()}
+    base_attributes = {
         name: getattr(base, name, 0)  # sensors and actuators have no default
         for name in (*dir(base), "sensors", "actuators")
-        if not name.startswith("_") and name not in given
+        if not name.startswith("_") and name not in attributes
     }
-    found = []
-    for name, value in given.items():
+    messages = []
+    for name, value in attributes.items():
         if name.startswith("_") or hasattr(base, name):
             continue
-        near = similar(name, known, _MISSPELT_LIKENESS)
-        if near is not None and _sort(value) == _sort(known[near]):
-            found.append(
-                f"{kind.__name__}.{name}: is not an attribute of {base.__name__}, and has no effect by "
-                f"itself; did you mean {near!r}?"
+        suggestion = similar(name, base_attributes, _MISSPELT_LIKENESS)
+        if suggestion is not None and _classify_value(value) == _classify_value(base_attributes[suggestion]):
+            messages.append(
+                f"{kind.__name__}.{name}: is not an attribute of {base.__name__} and has no effect; "
+                f"did you mean {suggestion!r}?"
             )
-    return found
+    return messages
 
 
-def _sort(value: object) -> str:
-    """Return what sort of value an attribute has, as far as attributes of simulations differ."""
+def _classify_value(value: object) -> str:
+    """Return the type of an attribute's value: method, values, text or value."""
     if callable(value) or isinstance(value, classmethod | staticmethod):
         return "method"
     if isinstance(value, Iterable) and not isinstance(value, str):
@@ -185,32 +185,32 @@ def _sort(value: object) -> str:
     return "text" if isinstance(value, str) else "value"
 
 
-def _widest(where: str, simulation: Any, groups: Mapping[str, Group], name: str) -> int:  # noqa: ANN401 - as above
-    """Return the number of sensors or actuators: with groups, the most of any."""
-    given = getattr(simulation, name, None)
+def _count_channels(where: str, simulation: Any, groups: Mapping[str, Group], name: str) -> int:  # noqa: ANN401 - as above
+    """Return the number of sensors or actuators, with groups the largest."""
+    declared = getattr(simulation, name, None)
     if not groups:
-        return _count(where, name, given, least=int(isinstance(simulation, BatchSimulation)))
+        return _count(where, name, declared, least=int(isinstance(simulation, BatchSimulation)))
     most = max(getattr(group, name) for group in groups.values())
-    if given is not None and given != most:
-        raise InputError(f"{where}.{name}: {given!r} found, but groups have up to {most}; leave it out")
+    if declared is not None and declared != most:
+        raise InputError(f"{where}.{name}: {declared!r} found, but groups have up to {most}; leave it out")
     return int(most)
 
 
 def _channels(where: str, name: str, value: Any, count: int) -> tuple[str, ...]:  # noqa: ANN401 - whatever it says
-    """Return names or units of sensors or actuators: one for each, or none at all."""
-    what = name.partition("_")[2]
+    """Return names or units of sensors or actuators: all of them, or none."""
+    noun = name.partition("_")[2]
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise InputError(f"{where}.{name}: {value!r} found, expected a list of {count} {what}")
+        raise InputError(f"{where}.{name}: {value!r} found, expected a list of {count} {noun}")
     names = tuple(value)
-    if not all(isinstance(given, str) for given in names):
+    if not all(isinstance(name_, str) for name_ in names):
         raise InputError(f"{where}.{name}: {list(names)!r} found, expected text only")
     if names and len(names) != count:
-        raise InputError(f"{where}.{name}: {len(names)} {what} found, expected {count}")
+        raise InputError(f"{where}.{name}: {len(names)} {noun} found, expected {count}")
     return names
 
 
 def check_determinism(where: str, name: Any, tolerance: Any) -> tuple[str | None, float]:  # noqa: ANN401 - whatever the class says
-    """Return what a class declares. Raises InputError, naming class (`where`) and attribute."""
+    """Check `determinism` and `tolerance`. Raises InputError, with class (`where`) and attribute."""
     return _determinism(where, name), _tolerance(where, tolerance)
 
 
@@ -228,12 +228,12 @@ def _tolerance(where: str, value: Any, name: str = "tolerance") -> float:  # noq
 
 
 def _step_seconds(where: str, simulation: Any) -> float | None:  # noqa: ANN401 - as above
-    """Return the seconds of a step: as the class says, or those of a frame that it has set."""
-    given = getattr(simulation, "step_seconds", None)
-    if given is not None:
-        seconds = _tolerance(where, given, "step_seconds")
+    """Return the class's `step_seconds`, or else its `frame_seconds` if it sets that."""
+    declared = getattr(simulation, "step_seconds", None)
+    if declared is not None:
+        seconds = _tolerance(where, declared, "step_seconds")
         if seconds == 0:
-            raise InputError(f"{where}.step_seconds: {given!r} found, expected seconds above 0, or None")
+            raise InputError(f"{where}.step_seconds: {declared!r} found, expected seconds above 0, or None")
         return seconds
     owners = [vars(simulation), *(vars(kind) for kind in type(simulation).__mro__ if kind is not Described)]
     if any("frame_seconds" in owner for owner in owners):
@@ -248,9 +248,7 @@ def _metrics(where: str, metrics: Any) -> dict[str, str]:  # noqa: ANN401 - what
     named = dict(metrics) if isinstance(metrics, Mapping) else dict.fromkeys(metrics, "")
     for name, text in named.items():
         if name == "fitness":
-            raise InputError(
-                f"{where}.metrics: {name!r} found, which is the name of the fitness; take another one"
-            )
+            raise InputError(f"{where}.metrics: {name!r} is the name of the fitness; choose another name")
         if metric_names.problem_of(name):
             raise InputError(
                 f"{where}.metrics: {name!r} found, expected a letter (A-Z, a-z) or _, then letters, digits "

@@ -1,13 +1,11 @@
-"""Fitness from metrics: an expression of the experiment over what simulations measure (D6.1, section 4.1.3).
+"""Fitness expressions over the metrics of a simulation (D6.1, section 4.1.3).
 
-Every operation is one of IEEE 754 binary64 in the order written, so that the fitness is the same to the bit
-on every machine. That is why there is no exp and no log, whose last bits differ between mathematics
-libraries, and why an exponent is a whole number: x ** 3 is x * x * x.
+Every operation is an IEEE 754 binary64 operation in the order written, so that the fitness is bit-identical
+on every machine. Therefore exp and log are missing, whose last bits differ between mathematics libraries, and
+exponents are integers: x ** 3 is x * x * x.
 
-What a fitness expression may be made of.
-
-The syntax is Python's, read as a tree of which only the parts listed here are allowed. Nothing of an
-expression is ever executed as Python.
+The syntax is Python's. The text is parsed into a tree in which only the elements listed here are allowed; it
+is never executed as Python.
 """
 
 import ast
@@ -21,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.simulations.ros.expression import parsed
+from swarmwright.simulations.ros.expression import parse_expression
 
 if TYPE_CHECKING:
     from swarmwright._engine import Episode
@@ -38,28 +36,25 @@ Numbers = NDArray[np.float64]
 
 
 class ExpressionError(ValueError):
-    """The text is not a valid fitness expression.
-
-    The message says what is wrong and what would be right.
-    """
+    """The text is not a valid fitness expression."""
 
 
 def parse(text: str) -> ast.expr:
-    """Return the expression as a tree. Raises ExpressionError where it is not one, or too long."""
+    """Parse an expression. Raises ExpressionError if it is not valid, or too long."""
     if len(text) > LONGEST:
         raise ExpressionError(f"has {len(text)} characters; at most {LONGEST} are possible")
     try:
-        tree: ast.expr = parsed(text.strip())
+        tree: ast.expr = parse_expression(text.strip())
         return tree
     except SyntaxError as error:
         message = str(error.msg).split(". Perhaps")[0]
-        place = f" (column {error.offset})" if error.offset else ""
-        raise ExpressionError(f"{_shortened(text)!r} is not a valid expression: {message}{place}") from None
+        column = f" (column {error.offset})" if error.offset else ""
+        raise ExpressionError(f"{_shorten(text)!r} is not a valid expression: {message}{column}") from None
     except (ValueError, RecursionError, MemoryError):
-        raise ExpressionError(f"{_shortened(text)!r} is not a valid expression") from None
+        raise ExpressionError(f"{_shorten(text)!r} is not a valid expression") from None
 
 
-# What may stand in an expression; each line is one IEEE operation, or chooses among numbers.
+# The operators of expressions; each is a single IEEE operation or a selection.
 BINARY: dict[type[ast.operator], Callable[[Numbers, Numbers], Numbers]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -77,28 +72,28 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Numbers, Numbers], NDArray[np.bool_
 _OPERATORS = "+ - * / **, < <= > >= == !=, and or not, a if condition else b"
 
 
-def _least(first: Numbers, *others: Numbers) -> Numbers:
-    # Python's min: of equals the first, which tells 0.0 and -0.0 apart where np.minimum does not.
+def _minimum(first: Numbers, *others: Numbers) -> Numbers:
+    # Returns the first among equals, as Python's min does, which distinguishes 0.0 and -0.0.
     for other in others:
         first = np.where(other < first, other, first)
     return first
 
 
-def _largest(first: Numbers, *others: Numbers) -> Numbers:
+def _maximum(first: Numbers, *others: Numbers) -> Numbers:
     for other in others:
         first = np.where(other > first, other, first)
     return first
 
 
 def _clip(value: Numbers, low: Numbers, high: Numbers) -> Numbers:
-    return _least(_largest(value, low), high)
+    return _minimum(_maximum(value, low), high)
 
 
 @dataclass(frozen=True)
 class _Function:
     compute: Callable[..., Numbers]
     least: int
-    """Arguments, at least."""
+    """Fewest arguments."""
     most: int
     usage: str
 
@@ -106,15 +101,15 @@ class _Function:
 FUNCTIONS: dict[str, _Function] = {
     "abs": _Function(np.abs, 1, 1, "abs(x)"),
     "clip": _Function(_clip, 3, 3, "clip(x, low, high)"),
-    "max": _Function(_largest, 2, 20, "max(a, b, ...)"),
-    "min": _Function(_least, 2, 20, "min(a, b, ...)"),
+    "max": _Function(_maximum, 2, 20, "max(a, b, ...)"),
+    "min": _Function(_minimum, 2, 20, "min(a, b, ...)"),
     "sqrt": _Function(np.sqrt, 1, 1, "sqrt(x)"),
 }
 """The functions that an expression may call."""
 
 
 def check(node: ast.expr, text: str, names: set[str], depth: int) -> None:
-    """Refuse whatever is not on the lists; collect the names."""
+    """Raise ExpressionError for elements that are not allowed; collect the names."""
     if depth > _DEEPEST_NESTING:
         raise ExpressionError(f"is nested too deeply; at most {_DEEPEST_NESTING} levels are possible")
     inner: list[ast.expr] = []
@@ -154,7 +149,7 @@ def _refuse(node: ast.expr, text: str) -> NoReturn:
 
 
 def number_of(value: object) -> float:
-    """Return a constant of an expression. Raises ExpressionError for all that is not a number."""
+    """Return a constant as a float. Raises ExpressionError if it is not a number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ExpressionError(f"{value!r} is not a number; use names of metrics, and numbers such as 0.5")
     try:
@@ -167,15 +162,15 @@ def number_of(value: object) -> float:
 
 
 def exponent_of(node: ast.expr, text: str) -> int:
-    """Return an exponent. Raises ExpressionError where it is not a small whole number."""
+    """Return an exponent. Raises ExpressionError if it is not a small integer."""
     negative = isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub)
     constant = node.operand if isinstance(node, ast.UnaryOp) and negative else node
     value = constant.value if isinstance(constant, ast.Constant) else None
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST_EXPONENT:
         raise ExpressionError(
             f"the exponent {source(node, text)!r} must be a whole number from -{_LARGEST_EXPONENT} to "
-            f"{_LARGEST_EXPONENT} (of others the last bits differ from machine to machine); "
-            "sqrt(x) is the square root"
+            f"{_LARGEST_EXPONENT}, because the last bits of other powers differ between machines; "
+            "write sqrt(x) for the square root"
         )
     return -value if negative else value
 
@@ -185,28 +180,28 @@ def _arguments(
 ) -> list[ast.expr]:
     name = function.id if isinstance(function, ast.Name) else None
     if name not in FUNCTIONS:
-        known = ", ".join(entry.usage for entry in FUNCTIONS.values())
+        usages = ", ".join(entry.usage for entry in FUNCTIONS.values())
         hint = did_you_mean(name, FUNCTIONS) if name else ""
         raise ExpressionError(
-            f"there is no function {source(function, text)!r}{hint or ';'} available: {known}"
+            f"there is no function {source(function, text)!r}{hint or ';'} available: {usages}"
         )
-    known_function = FUNCTIONS[name]
+    usage = FUNCTIONS[name]
     starred = any(isinstance(argument, ast.Starred) for argument in arguments)
-    if keywords or starred or not known_function.least <= len(arguments) <= known_function.most:
-        raise ExpressionError(f"{name} is used as {known_function.usage}, with numbers in their places")
+    if keywords or starred or not usage.least <= len(arguments) <= usage.most:
+        raise ExpressionError(f"{name} is used as {usage.usage}, with numbers as arguments")
     return arguments
 
 
 def source(node: ast.expr, text: str) -> str:
-    """The part of the expression that a node stands for, shortened."""
-    return _shortened(ast.get_source_segment(text.strip(), node) or text)
+    """Return the source text of a node, shortened."""
+    return _shorten(ast.get_source_segment(text.strip(), node) or text)
 
 
-def _shortened(text: str) -> str:
+def _shorten(text: str) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-OWN = "fitness"
+FITNESS_NAME = "fitness"
 """The name of the simulation's own fitness."""
 
 
@@ -215,7 +210,7 @@ class Fault:
     """An evaluation for which the expression has no value."""
 
     index: int
-    """Which of the evaluations."""
+    """Index of the evaluation."""
     reason: str
 
 
@@ -234,22 +229,25 @@ class FitnessExpression:
         self._root = parse(text)
         names: set[str] = set()
         check(self._root, text, names, 0)
-        self.metrics = tuple(sorted(names - {OWN}))
-        """Names of the metrics that it needs, sorted."""
-        self.uses_own = OWN in names
-        """Whether it needs the simulation's own fitness."""
+        self.metrics = tuple(sorted(names - {FITNESS_NAME}))
+        """Names of the metrics that the expression uses, sorted."""
+        self.uses_simulation_fitness = FITNESS_NAME in names
+        """Whether the expression uses the simulation's own fitness."""
         if not names:
-            raise ExpressionError("uses no metric, so that it is the same for every controller")
+            raise ExpressionError("uses no metric, so it is the same for every controller")
 
-    def unknown(self, known: Sequence[str], whose: str) -> str | None:
-        """Return what is wrong with the names when there are the metrics `known`; None if nothing."""
-        strange = [name for name in self.metrics if name not in known]
+    def unknown(self, available: Sequence[str], simulation: str) -> str | None:
+        """Return a message about metrics that are not in `available`; None if all are.
+
+        simulation: its name, for the message.
+        """
+        strange = [name for name in self.metrics if name not in available]
         if not strange:
             return None
-        there = [*known, OWN]
-        hints = [f"{name!r} is not a metric of {whose}{did_you_mean(name, there)}" for name in strange]
-        said = "; ".join(hints)
-        return f"{said}{' ' if said.endswith('?') else '; '}available: {', '.join(there)}"
+        names = [*available, FITNESS_NAME]
+        hints = [f"{name!r} is not a metric of {simulation}{did_you_mean(name, names)}" for name in strange]
+        message = "; ".join(hints)
+        return f"{message}{' ' if message.endswith('?') else '; '}available: {', '.join(names)}"
 
     def __call__(self, fitness: Numbers, metrics: Numbers) -> tuple[Numbers, list[Fault]]:
         """Compute the expression for some evaluations.
@@ -259,9 +257,9 @@ class FitnessExpression:
             metrics: (evaluations, len(self.metrics)), finite.
 
         Returns:
-            (evaluations,), NaN where it has no finite value, and for those the reasons, by index.
+            The values, (evaluations,), NaN where there is no finite value; and the faults, by index.
         """
-        columns = {OWN: fitness, **dict(zip(self.metrics, metrics.T, strict=True))}
+        columns = {FITNESS_NAME: fitness, **dict(zip(self.metrics, metrics.T, strict=True))}
         run = _Evaluation(self.text, columns, len(fitness))
         with np.errstate(all="ignore"):
             values = run.value(self._root, np.arange(len(fitness)))
@@ -271,7 +269,7 @@ class FitnessExpression:
 
 
 class JudgedEpisode:
-    """An episode run in this process whose fitness is the experiment's, NaN where it has no value."""
+    """An episode in this process with the fitness of an expression; NaN if it has no value."""
 
     def __init__(self, episode: "Episode | PlayedEpisode", expression: FitnessExpression) -> None:
         self._episode = episode
@@ -295,19 +293,19 @@ class JudgedEpisode:
         return self._episode.step_size
 
     def step(self) -> None:
-        """Move on by one step."""
+        """Advance by one step."""
         self._episode.step()
 
     def step_observed(self) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]:
-        """Move on by one step; agents, what they sensed and what they did."""
+        """Advance by one step; return the agents that acted, their sensors and their actuators."""
         return self._episode.step_observed()
 
     def machine_states(self) -> NDArray[np.int32] | None:
-        """The state of each agent's state machine, -1 where it has none; None for other controllers."""
+        """Return the state of each agent's state machine, -1 without one; None for other controllers."""
         return self._episode.machine_states()
 
     def metrics(self, names: list[str]) -> list[float]:
-        """The named metrics so far."""
+        """Return the named metrics so far."""
         return self._episode.metrics(names)
 
     @property
@@ -316,27 +314,27 @@ class JudgedEpisode:
         return self._episode.metric_names
 
     def scene(self) -> "SceneFields":
-        """The scene."""
+        """Return the scene."""
         return self._episode.scene()
 
     def scene_arrays(self) -> "SceneArrays":
-        """The scene as arrays."""
+        """Return the scene as arrays."""
         return self._episode.scene_arrays()
 
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
-        """The scene as lines of text."""
+        """Return the scene as lines of text."""
         return self._episode.text(columns, color, rows, unicode)
 
 
 class _Evaluation:
-    """One computation for many evaluations; what if, and, or do not choose is not computed, as in Python."""
+    """A computation for many evaluations. Branches that if, and, or skip are not computed, as in Python."""
 
     def __init__(self, text: str, columns: Mapping[str, Numbers], count: int) -> None:
         self._text = text
         self._columns = columns
         self._broken = np.zeros(count, dtype=bool)
         self.reasons: dict[int, str] = {}
-        """By index of the evaluation: the first thing computed that has no finite value."""
+        """Index of an evaluation -> its first operation without a finite value."""
 
     def value(self, node: ast.expr, rows: NDArray[np.intp]) -> Numbers:
         """Return the value of a node for the evaluations of the given indices."""
@@ -352,23 +350,23 @@ class _Evaluation:
                 return -number if isinstance(operation, ast.USub) else number
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
                 base = self.value(left, rows)
-                return self._seen(node, rows, _power(base, exponent_of(right, self._text)), base)
+                return self._record_faults(node, rows, _power(base, exponent_of(right, self._text)), base)
             case ast.BinOp(left=left, op=operator_, right=right):
                 first, second = self.value(left, rows), self.value(right, rows)
                 result = BINARY[type(operator_)](first, second)
-                return self._seen(node, rows, result, second)
+                return self._record_faults(node, rows, result, second)
             case ast.BoolOp(op=connective, values=[first_node, *others]):
-                return self._connected(isinstance(connective, ast.And), first_node, others, rows)
+                return self._evaluate_boolean(isinstance(connective, ast.And), first_node, others, rows)
             case ast.Compare(left=left, ops=operations, comparators=comparators):
-                return self._compared(self.value(left, rows), operations, comparators, rows)
+                return self._evaluate_comparison(self.value(left, rows), operations, comparators, rows)
             case ast.IfExp(test=test, body=body, orelse=orelse):
-                return self._chosen(self.value(test, rows) != 0.0, body, orelse, rows)
+                return self._evaluate_conditional(self.value(test, rows) != 0.0, body, orelse, rows)
             case ast.Call(func=ast.Name(id=name), args=arguments):
                 numbers = [self.value(argument, rows) for argument in arguments]
-                return self._seen(node, rows, FUNCTIONS[name].compute(*numbers), numbers[0])
+                return self._record_faults(node, rows, FUNCTIONS[name].compute(*numbers), numbers[0])
         raise AssertionError(ast.dump(node))
 
-    def _chosen(
+    def _evaluate_conditional(
         self, condition: NDArray[np.bool_], body: ast.expr, orelse: ast.expr, rows: NDArray[np.intp]
     ) -> Numbers:
         result = np.empty(len(rows))
@@ -377,7 +375,7 @@ class _Evaluation:
                 result[mask] = self.value(branch, rows[mask])
         return result
 
-    def _connected(
+    def _evaluate_boolean(
         self, both: bool, first: ast.expr, others: list[ast.expr], rows: NDArray[np.intp]
     ) -> Numbers:
         result = self.value(first, rows).copy()
@@ -387,7 +385,7 @@ class _Evaluation:
                 result[goes_on] = self.value(other, rows[goes_on])
         return result
 
-    def _compared(
+    def _evaluate_comparison(
         self,
         left: Numbers,
         operations: list[ast.cmpop],
@@ -401,11 +399,13 @@ class _Evaluation:
             left = right
         return result.astype(np.float64)
 
-    def _seen(self, node: ast.expr, rows: NDArray[np.intp], result: Numbers, operand: Numbers) -> Numbers:
-        """Note for which evaluations an operation has no finite result; `operand` tells why."""
+    def _record_faults(
+        self, node: ast.expr, rows: NDArray[np.intp], result: Numbers, operand: Numbers
+    ) -> Numbers:
+        """Record the evaluations for which an operation has no finite result; `operand` is the cause."""
         bad = ~np.isfinite(result) & ~self._broken[rows]
-        for place in np.flatnonzero(bad).tolist():
-            self.reasons[int(rows[place])] = f"{_why(node, operand[place])} in {source(node, self._text)!r}"
+        for index in np.flatnonzero(bad).tolist():
+            self.reasons[int(rows[index])] = f"{_why(node, operand[index])} in {source(node, self._text)!r}"
         self._broken[rows[bad]] = True
         return result
 
@@ -422,7 +422,7 @@ def _why(node: ast.expr, operand: float) -> str:
 
 
 def _power(base: Numbers, exponent: int) -> Numbers:
-    """Multiply from left to right; a negative exponent is one over that."""
+    """Multiply from left to right; a negative exponent gives the reciprocal."""
     result = np.ones_like(base)
     for _ in range(abs(exponent)):
         result = result * base

@@ -1,9 +1,4 @@
-"""Runs the code of a user's simulation for the engine: checks what it returns, explains what it raises.
-
-Checks what the code of a BatchSimulation returns, for many episodes at once.
-
-What the class of a simulation can show: scenes, which are drawn here, or pictures that it draws itself.
-"""
+"""Runs a user's simulation for the engine, checks its results and explains its exceptions."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -18,69 +13,69 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.groups import DeclaredGroup
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.warn_once import warn_once
-from swarmwright.simulations.base import BatchSimulation, Described, Simulation, counted
-from swarmwright.simulations.calls import OBSERVATIONS_ALONE, Calls, is_of_gymnasium, short
+from swarmwright.simulations.base import BatchSimulation, Described, Simulation, count_groups
+from swarmwright.simulations.calls import OBSERVATIONS_ALONE, Calls, is_gymnasium_result, summarize
 from swarmwright.simulations.description import Description, describe
-from swarmwright.simulations.parameters import filled_in
+from swarmwright.simulations.parameters import fill_parameters
 
 if TYPE_CHECKING:
     from swarmwright.common.engine_types import SceneFields
 
 
 @cache
-def shown_as(kind: type[Simulation] | type[BatchSimulation]) -> Literal["scene", "picture"]:
-    """Return what a class can show, scenes where it has both.
+def choose_display(kind: type[Simulation] | type[BatchSimulation]) -> Literal["scene", "picture"]:
+    """Return what a class can display: scenes, or else pictures that it draws itself.
 
-    Raises InputError with the reason where there is nothing to show.
+    Raises InputError with the reason if it has nothing to display.
     """
-    if defines(kind, "scene"):
+    if overrides(kind, "scene"):
         return "scene"
-    if issubclass(kind, Simulation) and defines(kind, "picture"):
-        unshown = getattr(kind, "unshown", None)  # of environments of libraries
-        reason = None if unshown is None else unshown()
+    if issubclass(kind, Simulation) and overrides(kind, "picture"):
+        explain = getattr(kind, "explain_missing_display", None)  # of environments of libraries
+        reason = None if explain is None else explain()
         if reason is not None:
             raise InputError(reason)
         return "picture"
     if hasattr(kind, "runVisual"):
-        raise InputError(f"{kind.__name__} is a command, whose episodes cannot be drawn here")
+        raise InputError(f"{kind.__name__} is a command, whose episodes Swarmwright cannot draw")
     raise InputError(
-        f"{kind.__name__} has nothing to show: give it a method scene() that returns a "
+        f"{kind.__name__} has nothing to display; add a method scene() that returns a "
         "swarmwright.display.Scene, or picture() that returns an image"
     )
 
 
 @cache
-def drawing(kind: type[Simulation]) -> type[Simulation]:
-    """Return the class whose objects draw pictures: environments of libraries render only when asked to.
+def make_drawing_class(kind: type[Simulation]) -> type[Simulation]:
+    """Return the class whose objects draw pictures, which environments of libraries do only on request.
 
-    Raises InputError where the environment cannot.
+    Raises InputError if the environment cannot.
     """
     rendered = getattr(kind, "rendered", None)
-    made: type[Simulation] = kind if rendered is None else rendered()
-    return made
+    drawing_class: type[Simulation] = kind if rendered is None else rendered()
+    return drawing_class
 
 
-def defines(kind: type[Described], method: str) -> bool:
+def overrides(kind: type[Described], method: str) -> bool:
     """Return whether a class overrides a method."""
-    found = getattr(kind, method, None)
-    return found is not None and all(
-        found is not getattr(base, method, None) for base in (Simulation, BatchSimulation)
+    attribute = getattr(kind, method, None)
+    return attribute is not None and all(
+        attribute is not getattr(base, method, None) for base in (Simulation, BatchSimulation)
     )
 
 
-Many = tuple[NDArray[np.bool_], NDArray[np.float32], NDArray[np.bool_]]
-"""Who acts next, (episodes, agents); (episodes, agents, sensors); which episodes have ended, (episodes,)."""
+BatchStepResult = tuple[NDArray[np.bool_], NDArray[np.float32], NDArray[np.bool_]]
+"""Agents that act next, (episodes, agents); observations, (episodes, agents, sensors); ended, (episodes,)."""
 Call = Callable[..., Any]
 
 
 class BatchChecks:
-    """Episodes that are stepped together.
+    """Checks of the results of a BatchSimulation.
 
     Args:
-        sensors: of an agent.
-        episodes: how many.
-        most: agents of an episode, None for no limit.
-        fail: raises SimulationError with a reason, "method: why".
+        sensors: number of sensors of an agent.
+        episodes: number of episodes.
+        most: most agents of an episode; None for no limit.
+        fail: raises SimulationError with a message, "method: reason".
     """
 
     def __init__(
@@ -90,8 +85,8 @@ class BatchChecks:
         self._agents: int | None = None
         self._over = np.zeros(episodes, bool)
 
-    def seen(self, method: str, returned: Any, call: Call) -> Many:  # noqa: ANN401 - whatever it returns
-        """Check observations; ask which episodes have ended, and who acts."""
+    def check_step(self, method: str, returned: Any, call: Call) -> BatchStepResult:  # noqa: ANN401 - whatever it returns
+        """Check observations; call `done` and `acting`."""
         rows = self._rows(method, returned)
         self._over = self._over | self._flags("done", call("done"), (self._episodes,))
         acting = call("acting")
@@ -110,35 +105,35 @@ class BatchChecks:
         return acts, rows, self._over
 
     def results(self, metrics: Sequence[str], call: Call) -> NDArray[np.float64]:
-        """Ask for fitness and metrics, (1 + metrics, episodes)."""
-        found = np.empty((1 + len(metrics), self._episodes))
-        found[0] = self._numbers("fitness", call("fitness"))
+        """Return fitness and metrics, (1 + metrics, episodes)."""
+        results = np.empty((1 + len(metrics), self._episodes))
+        results[0] = self._numbers("fitness", call("fitness"))
         if metrics:
             measured = call("measure")
             if not isinstance(measured, Mapping) or not set(metrics) <= set(measured):
                 self._fail(f"measure: expected a mapping with {', '.join(metrics)}")
             for index, name in enumerate(metrics, 1):
-                found[index] = self._numbers(f"measure: {name!r}", measured[name])
-        return found
+                results[index] = self._numbers(f"measure: {name!r}", measured[name])
+        return results
 
     def _rows(self, method: str, returned: Any) -> NDArray[np.float32]:  # noqa: ANN401
         agents = "agents" if self._agents is None else self._agents
         expected = f"({self._episodes}, {agents}, {self._sensors})"
-        if is_of_gymnasium(returned):
-            self._fail(f"{method}: {short(returned)} returned, {OBSERVATIONS_ALONE}")
-        given = _array(returned)
-        fits = given.ndim == 3 and (given.shape[0], given.shape[2]) == (self._episodes, self._sensors)
-        if given.dtype.kind not in "biuf" or not fits or given.shape[1] != (self._agents or given.shape[1]):
-            self._fail(f"{method}: observations of the shape {given.shape} returned, expected {expected}")
+        if is_gymnasium_result(returned):
+            self._fail(f"{method}: {summarize(returned)} returned, {OBSERVATIONS_ALONE}")
+        array = _array(returned)
+        fits = array.ndim == 3 and (array.shape[0], array.shape[2]) == (self._episodes, self._sensors)
+        if array.dtype.kind not in "biuf" or not fits or array.shape[1] != (self._agents or array.shape[1]):
+            self._fail(f"{method}: observations of the shape {array.shape} returned, expected {expected}")
         if self._agents is None:
-            self._agents = given.shape[1]
+            self._agents = array.shape[1]
             if not self._agents or (self._most is not None and self._agents > self._most):
                 limit = (
                     "" if self._most is None else f" and at most {self._most}, the simulation's max_agents"
                 )
                 self._fail(f"{method}: {self._agents} agents returned, expected at least 1{limit}")
         with np.errstate(over="ignore"):
-            return np.ascontiguousarray(given, dtype=np.float32)
+            return np.ascontiguousarray(array, dtype=np.float32)
 
     def _flags(self, method: str, returned: Any, shape: tuple[int, ...]) -> NDArray[np.bool_]:  # noqa: ANN401
         flags = _array(returned)
@@ -148,10 +143,10 @@ class BatchChecks:
             )
         return flags
 
-    def _numbers(self, what: str, returned: Any) -> NDArray[np.float64]:  # noqa: ANN401
+    def _numbers(self, label: str, returned: Any) -> NDArray[np.float64]:  # noqa: ANN401
         numbers = _array(returned)
         if numbers.dtype.kind not in "biuf" or numbers.shape != (self._episodes,):
-            self._fail(f"{what}: the shape {numbers.shape} returned, expected ({self._episodes},) numbers")
+            self._fail(f"{label}: the shape {numbers.shape} returned, expected ({self._episodes},) numbers")
         return numbers.astype(np.float64)
 
 
@@ -162,24 +157,23 @@ def _array(returned: Any) -> NDArray[Any]:  # noqa: ANN401 - whatever the code r
         return np.empty(0, object)
 
 
-Seen = tuple[NDArray[np.uint32], NDArray[np.float32], bool]
-"""The agents that act next, ascending, (agents, sensors), and whether the episode has ended."""
+StepResult = tuple[NDArray[np.uint32], NDArray[np.float32], bool]
+"""The agents that act next, ascending; observations, (agents, sensors); whether the episode has ended."""
 
 
 _MANY_STEPS = 10_000
-"""Steps of an episode after which a user is asked whether it has an end."""
+"""Steps of an episode after which the user is warned that it may not end."""
 
 
 class Host(Calls[Simulation | BatchSimulation]):
-    """One object of a simulation's class, as the engine steps it.
+    """An object of a simulation's class, for use by the engine.
 
     Args:
         kind: the class.
-        report: gets (reason, traceback) of a failure, once for each reason.
-        description: of the class; default: asked.
+        report: called with (reason, traceback) of a failure, once for each reason.
+        description: the class's description; default: read from an object.
 
-    Raises InputError when the class does not describe itself properly.
-
+    Raises InputError if the class's attributes are not valid.
     """
 
     _beginning = "reset"
@@ -195,13 +189,13 @@ class Host(Calls[Simulation | BatchSimulation]):
     ) -> None:
         super().__init__(kind, report)
         if description is None:
-            self._object = self._made()
+            self._object = self._make_object()
             description = describe(self._object, kind.__name__)
         self.description = description
         self.title = description.title
         self.dimensions = description.dimensions
         self.max_agents = description.max_agents
-        # The engine's agents have sensors and actuators. One that is never asked for actions stands for none.
+        # The engine's agents always have sensors and actuators; an agent that never acts stands for none.
         self._steered = description.sensors > 0
         self.sensors = description.sensors or 1
         self.actuators = description.actuators or 1
@@ -214,7 +208,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         self.takes_controller = description.takes_controller
         self.has_groups = bool(description.groups)
         self.steers_itself = description.steers_itself
-        self.has_scenes = defines(kind, "scene")
+        self.has_scenes = overrides(kind, "scene")
         is_declared = any("most_steps" in vars(base) for base in kind.__mro__ if base is not Described)
         self._declares_most_steps = is_declared or description.most_steps != Described.most_steps
         self._agents = 0
@@ -222,158 +216,155 @@ class Host(Calls[Simulation | BatchSimulation]):
         self._groups: list[DeclaredGroup] = []  # of the episode
 
     def groups(self) -> list[tuple[str, int, int, int, bool]]:
-        """Return the kinds of agents of the episode.
-
-        Name, agents, sensors, actuators, and whether rows of all agents have the same length.
-        """
+        """Return the groups of the episode: name, agents, sensors, actuators, and whether rows are padded."""
         padded = self.description.padded
         return [(group.name, group.agents, group.sensors, group.actuators, padded) for group in self._groups]
 
     def another(self) -> "Host":
-        """Return a host with another object, which is made when it is reset."""
+        """Return a host with another object, which is created at its first reset."""
         other = Host(self._kind, self._report, self.description)
-        other._reports_with(self)
+        other._share_reports(self)
         return other
 
-    def reset(self, parameters: dict[str, Any], controller: str | None = None) -> Seen:
+    def reset(self, parameters: dict[str, Any], controller: str | None = None) -> StepResult:
         """Start an episode.
 
-        parameters: values of JSON's kinds; `seed` is the episode's, default 0. controller: its specification,
-        where the simulation runs controllers itself. Raises the engine's InputError for parameters that are
-        refused, SimulationError when the code fails.
+        parameters: JSON values; `seed` is the episode's seed, default 0. controller: the specification, if
+        the simulation runs controllers itself. Raises the engine's InputError for parameters that are
+        refused, and SimulationError if the code fails.
         """
         values, seed = self._parameters(parameters)
         self._steps = 0
         if self.takes_controller:
-            return self._seen("reset", self._call("reset", values, seed, controller), first=True)
+            return self._check_step("reset", self._call("reset", values, seed, controller), first=True)
         if isinstance(self._object, BatchSimulation):
-            return self._only(self._started(values, np.array([seed], np.uint64)))
-        return self._seen("reset", self._call("reset", values, seed), first=True)
+            return self._select_single(self._start_batch(values, np.array([seed], np.uint64)))
+        return self._check_step("reset", self._call("reset", values, seed), first=True)
 
-    def step(self, actions: NDArray[np.float32]) -> Seen:
-        """Advance by one step; actions: (agents, actuators). Raises SimulationError when the code fails."""
+    def step(self, actions: NDArray[np.float32]) -> StepResult:
+        """Advance by one step; actions: (agents, actuators). Raises SimulationError if the code fails."""
         if isinstance(self._object, BatchSimulation):
-            return self._only(self.go(actions[None]))
-        given = actions if self._steered else actions[:, :0]
-        seen = self._seen("step", self._call("step", given), first=False)
-        self._count_step(ended=seen[2])
-        return seen
+            return self._select_single(self.go(actions[None]))
+        used_actions = actions if self._steered else actions[:, :0]
+        result = self._check_step("step", self._call("step", used_actions), first=False)
+        self._count_step(ended=result[2])
+        return result
 
     def _count_step(self, *, ended: bool) -> None:
-        """Fail an episode that seems to have no end; warn before that, as it may take hours until then."""
+        """Fail an episode with too many steps, and warn much earlier, as reaching them may take hours."""
         self._steps += 1
         if self._steps == _MANY_STEPS and not ended and not self._declares_most_steps:
             name = self._kind.__name__
             warn_once(
                 f"{name}: an episode has not ended after {_MANY_STEPS:,} steps; does done() become true? "
-                f"Declare {name}.most_steps, the steps of the longest episode, where this many are meant"
+                f"If episodes are this long, declare {name}.most_steps, the steps of the longest"
             )
         most = self.description.most_steps
         if most is not None and self._steps >= most and not ended:
             self._fail(
-                f"done: not true after {self._steps} steps; does it become true? An episode may have "
-                f"{self._kind.__name__}.most_steps steps, or any number where that is None"
+                f"done: not true after {self._steps} steps; does it become true? The limit is "
+                f"{self._kind.__name__}.most_steps; None removes it"
             )
 
     def fitness(self) -> float:
-        """Return the fitness. Raises SimulationError when the code fails."""
+        """Return the fitness. Raises SimulationError if the code fails."""
         batch = isinstance(self._object, BatchSimulation)
         returned = self.results(metrics=False)[0, 0] if batch else self._call("fitness")
-        value = _number(returned)
+        value = _to_float(returned)
         if not math.isfinite(value):
-            self._fail(f"fitness: {short(returned)} returned, expected a finite number")
+            self._fail(f"fitness: {summarize(returned)} returned, expected a finite number")
         return value
 
     def truncated(self) -> bool:
-        """Return whether the episode has ended since its time was over, see `Simulation.truncated`.
+        """Return whether the episode ended because its time was over, see `Simulation.truncated`.
 
-        Raises SimulationError when the code fails.
+        Raises SimulationError if the code fails.
         """
         if not isinstance(self._object, Simulation):
             return False
-        # Classes that were written before there was the method may have a flag of this name.
-        given: Any = self._object.truncated
-        returned = self._call("truncated") if callable(given) else given
+        # A class may have a flag of this name instead of the method.
+        attribute: Any = self._object.truncated
+        returned = self._call("truncated") if callable(attribute) else attribute
         if not isinstance(returned, bool | np.bool_):
-            self._fail(f"truncated: {short(returned)} returned, expected True or False")
+            self._fail(f"truncated: {summarize(returned)} returned, expected True or False")
         return bool(returned)
 
     def measure(self) -> list[float]:
         """Return the metrics, in the order of `metrics`; they may be NaN or infinite.
 
-        Raises SimulationError when the code fails.
+        Raises SimulationError if the code fails.
         """
         if isinstance(self._object, BatchSimulation):
-            return self._measured(dict(zip(self._names, self.results(metrics=True)[1:, 0], strict=True)))
+            return self._check_metrics(dict(zip(self._names, self.results(metrics=True)[1:, 0], strict=True)))
         returned = self._call("measure")
         if not isinstance(returned, Mapping):
-            self._fail(f"measure: {short(returned)} returned, expected a mapping from names to numbers")
-        return self._measured(returned)
+            self._fail(f"measure: {summarize(returned)} returned, expected a mapping from names to numbers")
+        return self._check_metrics(returned)
 
-    def _measured(self, returned: Mapping[str, Any]) -> list[float]:
+    def _check_metrics(self, returned: Mapping[str, Any]) -> list[float]:
         values = []
         for name, _ in self.metrics:
             if name not in returned:
-                self._fail(f"measure: {short(dict(returned))} returned, which lacks {name!r}")
-            values.append(_number(returned[name]))
+                self._fail(f"measure: {summarize(dict(returned))} returned, which lacks {name!r}")
+            values.append(_to_float(returned[name]))
             if math.isnan(values[-1]) and not isinstance(returned[name], float | np.floating):
-                self._fail(f"measure: {name!r} is {short(returned[name])}, expected a number")
+                self._fail(f"measure: {name!r} is {summarize(returned[name])}, expected a number")
         return values
 
     def scene(self) -> "SceneFields | None":
-        """Return what it looks like; None for nothing. Raises SimulationError when the code fails."""
+        """Return the scene; None for nothing. Raises SimulationError if the code fails."""
         from swarmwright.display import Scene  # noqa: PLC0415 - only where scenes are drawn
 
         scene = self._call("scene")
         if scene is None:
             return None
         if not isinstance(scene, Scene):
-            self._fail(f"scene: {short(scene)} returned, expected a swarmwright.display.Scene or None")
+            self._fail(f"scene: {summarize(scene)} returned, expected a swarmwright.display.Scene or None")
         try:
             return scene.plain()
         except (TypeError, ValueError) as error:
-            self._fail(f"scene: {short(scene)} returned: {error}")
+            self._fail(f"scene: {summarize(scene)} returned: {error}")
 
     def picture(self) -> NDArray[np.uint8]:
-        """Return what it looks like, (height, width, 3). Raises SimulationError when the code fails."""
+        """Return the picture, (height, width, 3). Raises SimulationError if the code fails."""
         picture = self._call("picture")
         try:
             drawn = np.asarray(picture)
         except (TypeError, ValueError):  # ragged
             drawn = np.empty(0)
         if drawn.ndim != 3 or drawn.shape[2] != 3 or drawn.dtype != np.uint8 or not drawn.size:
-            found = f"{drawn.dtype} of the shape {drawn.shape}" if drawn.ndim else short(picture)
-            self._fail(f"picture: {found} returned, expected uint8 of the shape (height, width, 3)")
+            description = f"{drawn.dtype} of the shape {drawn.shape}" if drawn.ndim else summarize(picture)
+            self._fail(f"picture: {description} returned, expected uint8 of the shape (height, width, 3)")
         return drawn
 
-    def start(self, parameters: dict[str, Any], seeds: NDArray[np.uint64]) -> Many:
-        """Start many episodes of a BatchSimulation; raises as `reset`.
+    def start(self, parameters: dict[str, Any], seeds: NDArray[np.uint64]) -> BatchStepResult:
+        """Start many episodes of a BatchSimulation; raises like `reset`.
 
-        parameters: as for `reset`; the seed in them does not count. seeds: (episodes,).
+        parameters: as for `reset`, but their seed is ignored. seeds: (episodes,).
         """
         values, _ = self._parameters(parameters)
-        return self._started(values, seeds)
+        return self._start_batch(values, seeds)
 
-    def _started(self, values: dict[str, Any], seeds: NDArray[np.uint64]) -> Many:
+    def _start_batch(self, values: dict[str, Any], seeds: NDArray[np.uint64]) -> BatchStepResult:
         self._steps = 0
         self._many = BatchChecks(self.sensors, len(seeds), self.max_agents, self._fail)
-        return self._many.seen("reset", self._call("reset", values, seeds), self._call)
+        return self._many.check_step("reset", self._call("reset", values, seeds), self._call)
 
-    def go(self, actions: NDArray[np.float32]) -> Many:
+    def go(self, actions: NDArray[np.float32]) -> BatchStepResult:
         """Advance by one step; actions: (episodes, agents, actuators). Raises SimulationError."""
-        many = self._many.seen("step", self._call("step", actions), self._call)
+        many = self._many.check_step("step", self._call("step", actions), self._call)
         self._count_step(ended=bool(many[2].all()))
         return many
 
-    def _only(self, many: Many) -> Seen:
-        """What is seen of the only episode of a BatchSimulation."""
+    def _select_single(self, many: BatchStepResult) -> StepResult:
+        """Return the result of the only episode of a BatchSimulation."""
         acts, rows, over = many
         return np.flatnonzero(acts[0]).astype(np.uint32), rows[0], bool(over[0])
 
     def results(self, metrics: bool) -> NDArray[np.float64]:
-        """Return fitness and, where wanted, all metrics of all episodes, (1 + metrics, episodes).
+        """Return fitness and, if `metrics`, all metrics of all episodes, (1 + metrics, episodes).
 
-        Those of episodes that have not ended may be anything. Raises SimulationError when the code fails.
+        Values of episodes that have not ended are arbitrary. Raises SimulationError if the code fails.
         """
         return self._many.results(self._names if metrics else [], self._call)
 
@@ -382,45 +373,45 @@ class Host(Calls[Simulation | BatchSimulation]):
         return [name for name, _ in self.metrics]
 
     def _parameters(self, parameters: dict[str, Any]) -> tuple[dict[str, Any], int]:
-        """Make the object where there is none; return what it is reset with, and the seed."""
-        given = dict(parameters)
+        """Create the object if necessary; return the parameters for `reset`, and the seed."""
+        received = dict(parameters)
         try:
-            seed = _seed(given.pop("seed", 0))
-            self._notice_unknown(given)
-            known = self.description.parameters
-            values = filled_in(
-                known,
-                {name: given_value for name, given_value in given.items() if not known or name in known},
+            seed = _check_seed(received.pop("seed", 0))
+            self._warn_of_unknown(received)
+            declarations = self.description.parameters
+            values = fill_parameters(
+                declarations,
+                {name: value for name, value in received.items() if not declarations or name in declarations},
                 sent=True,
             )
             if self.has_groups:
-                self._groups = counted(self.description.groups, values)
+                self._groups = count_groups(self.description.groups, values)
             if self._object is None:
-                self._object = self._made()
+                self._object = self._make_object()
         except InputError as error:
             raise _engine.InputError(str(error)) from None
         return values, seed
 
-    def _notice_unknown(self, given: Mapping[str, Any]) -> None:
-        """Warn of parameters that the class does not declare, once for each; they do not reach it.
+    def _warn_of_unknown(self, received: Mapping[str, Any]) -> None:
+        """Warn once of each parameter that the class does not declare, and that is therefore ignored.
 
-        Tools that have the class refuse them; those that know its title alone cannot. By the protocol servers
-        ignore what they do not know, so that they are no reason to refuse the work.
+        Tools that have the class refuse such parameters, but tools that only know its title cannot. The
+        protocol requires servers to ignore unknown parameters.
         """
-        known = self.description.parameters
-        if not known:  # any are possible
+        declarations = self.description.parameters
+        if not declarations:  # the class takes any parameters
             return
-        for name in sorted(given.keys() - known.keys()):
+        for name in sorted(received.keys() - declarations.keys()):
             warn_once(
                 f"{self.description.title}: a tool has set the parameter {name!r}, which "
-                f"{self._kind.__name__} does not declare{did_you_mean(name, known)}"
+                f"{self._kind.__name__} does not declare{did_you_mean(name, declarations)}"
             )
 
-    def _seen(self, method: str, returned: Any, *, first: bool) -> Seen:  # noqa: ANN401 - whatever it returns
-        """Check observations; ask who acts."""
+    def _check_step(self, method: str, returned: Any, *, first: bool) -> StepResult:  # noqa: ANN401 - whatever it returns
+        """Check observations; call `done` and `acting`."""
         done = self._call("done")
         if not isinstance(done, bool | np.bool_):
-            self._fail(f"done: {short(done)} returned, expected True or False")
+            self._fail(f"done: {summarize(done)} returned, expected True or False")
         if done and not first:
             return np.empty(0, np.uint32), np.empty((self._agents, self.sensors), np.float32), True
         rows = self._rows(method, returned, first=first)
@@ -440,24 +431,24 @@ class Host(Calls[Simulation | BatchSimulation]):
         if not self._steered:
             self._agents = 1
             return np.zeros((1, 1), np.float32)
-        if is_of_gymnasium(returned):
-            self._fail(f"{method}: {short(returned)} returned, {OBSERVATIONS_ALONE}")
+        if is_gymnasium_result(returned):
+            self._fail(f"{method}: {summarize(returned)} returned, {OBSERVATIONS_ALONE}")
         if self.has_groups:
-            returned = self._filled_up(method, returned)
+            returned = self._pad_rows(method, returned)
         expected = f"({'agents' if first else self._agents}, {self.sensors})"
         try:
-            given = np.asarray(returned)
+            array = np.asarray(returned)
         except (TypeError, ValueError):  # ragged
-            given = np.empty(0, object)
-        if given.dtype.kind not in "biuf":
-            self._fail(f"{method}: {short(returned)} returned, expected numbers of the shape {expected}")
-        if given.ndim != 2 or given.shape[1] != self.sensors or not (first or len(given) == self._agents):
+            array = np.empty(0, object)
+        if array.dtype.kind not in "biuf":
+            self._fail(f"{method}: {summarize(returned)} returned, expected numbers of the shape {expected}")
+        if array.ndim != 2 or array.shape[1] != self.sensors or not (first or len(array) == self._agents):
             self._fail(
-                f"{method}: observations of the shape {given.shape} returned, expected {expected}: "
+                f"{method}: observations of the shape {array.shape} returned, expected {expected}: "
                 f"a row of {self.sensors} for each agent"
             )
         with np.errstate(over="ignore"):
-            rows = np.ascontiguousarray(given, dtype=np.float32)
+            rows = np.ascontiguousarray(array, dtype=np.float32)
         if first:
             self._agents = len(rows)
             most = self.max_agents
@@ -466,24 +457,24 @@ class Host(Calls[Simulation | BatchSimulation]):
                 self._fail(f"{method}: {self._agents} agents returned, expected at least 1{limit}")
         return rows
 
-    def _filled_up(self, method: str, returned: Any) -> Any:  # noqa: ANN401 - whatever it returns
-        """Return rows of the same length where each is as long as the agent's group says."""
-        wanted = [group.sensors for group in self._groups for _ in range(group.agents)]
+    def _pad_rows(self, method: str, returned: Any) -> Any:  # noqa: ANN401 - whatever it returns
+        """Pad rows that are as long as their agents' groups declare to the same length."""
+        widths = [group.sensors for group in self._groups for _ in range(group.agents)]
         try:
             rows = [np.asarray(row) for row in returned]
         except (TypeError, ValueError):
             return returned
-        if len(rows) != len(wanted):
+        if len(rows) != len(widths):
             groups = ", ".join(f"{group.agents} {group.name}" for group in self._groups)
-            self._fail(f"{method}: {len(rows)} rows returned, expected {len(wanted)}: {groups}")
+            self._fail(f"{method}: {len(rows)} rows returned, expected {len(widths)}: {groups}")
         filled = np.zeros((len(rows), self.sensors), np.float64)
-        for agent, (row, own) in enumerate(zip(rows, wanted, strict=True)):
-            if row.dtype.kind not in "biuf" or row.shape not in {(own,), (self.sensors,)}:
+        for agent, (row, width) in enumerate(zip(rows, widths, strict=True)):
+            if row.dtype.kind not in "biuf" or row.shape not in {(width,), (self.sensors,)}:
                 self._fail(
-                    f"{method}: agent {agent} senses {short(row.tolist())}, expected {own} numbers, as its "
-                    "group says"
+                    f"{method}: agent {agent} senses {summarize(row.tolist())}, expected {width} numbers, as "
+                    "its group declares"
                 )
-            filled[agent, :own] = row[:own]
+            filled[agent, :width] = row[:width]
         return filled
 
     def _acting(self) -> NDArray[np.uint32]:
@@ -502,33 +493,33 @@ class Host(Calls[Simulation | BatchSimulation]):
             return np.empty(0, np.uint32)
         if agents.dtype.kind not in "iu" or agents.ndim != 1:
             self._fail(
-                f"acting: {short(returned)} returned, "
+                f"acting: {summarize(returned)} returned, "
                 f"expected indices of agents, ({self._agents},) booleans or None"
             )
         if agents.min() < 0 or agents.max() >= self._agents:
             self._fail(
-                f"acting: {short(returned)} returned, "
+                f"acting: {summarize(returned)} returned, "
                 f"but there are {self._agents} agents, from 0 to {self._agents - 1}"
             )
         indices = np.unique(agents)
         if agents.size == self._agents > indices.size and indices[-1] <= 1:
             self._fail(
-                f"acting: {short(returned)} returned, which names agents twice: "
+                f"acting: {summarize(returned)} returned, which names agents twice: "
                 "indices of agents are expected, and flags are booleans"
             )
         return indices.astype(np.uint32)
 
 
-def _number(value: Any) -> float:  # noqa: ANN401 - whatever the code returns
-    """Return a number, NaN for anything else."""
+def _to_float(value: Any) -> float:  # noqa: ANN401 - whatever the code returns
+    """Return a number as a float, NaN for anything else."""
     try:
         return math.nan if isinstance(value, str | bytes | bytearray | memoryview) else float(value)
     except (TypeError, ValueError, OverflowError):
         return math.nan
 
 
-def _seed(value: Any) -> int:  # noqa: ANN401 - any JSON value
+def _check_seed(value: Any) -> int:  # noqa: ANN401 - any JSON value
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not 0 <= value < 2**64 or value != int(value):
-        raise InputError(f"seed: {short(value)} found, expected an integer from 0 to 2**64 - 1")
+        raise InputError(f"seed: {summarize(value)} found, expected an integer from 0 to 2**64 - 1")
     return int(value)

@@ -14,39 +14,38 @@ from typing import Any
 _lock = threading.RLock()
 
 
-class Apart:
-    """Modules of a folder, which import one another, and the rest as any module does.
+class IsolatedModules:
+    """The modules of a folder, isolated from modules of the same names in the rest of the process.
 
-    Elsewhere in the process their names keep their meaning: other code that imports `helper` does not get the
-    folder's, and the folder's modules never get another one, not even by imports within functions, which run
-    later. Neither `sys.path` nor, in the end, `sys.modules` holds anything of it.
+    Code outside that imports `helper` does not get the folder's module, and the folder's modules always get
+    their own `helper`, even in imports within functions, which run later. `sys.path` and `sys.modules` are
+    restored after each import.
 
     Args:
-        folder: where they are.
-        names: of modules and packages in it, at its top.
-        importable: returns the name by which a module can be imported elsewhere, of its name in the folder.
-            The module knows that name, and the process knows the module by it, so that what it defines can be
-            pickled. Packages keep their own names.
+        folder: folder of the modules.
+        names: names of the top-level modules and packages in it.
+        importable: maps the name of a module in the folder to the name by which the process can import it,
+            so that objects it defines can be pickled. Packages keep their own names.
     """
 
     def __init__(self, folder: Path, names: set[str], importable: Callable[[str], str] | None = None) -> None:
         self._folder = folder
         self.names = names
-        """Of the modules and packages that are the folder's."""
+        """Names of the folder's modules and packages."""
         self.importable = importable
         self._modules: dict[str, ModuleType] = {}
         self._inside = False
         self.builtins = {**vars(builtins), "__import__": self._import}
-        """What the modules find as their built-ins, by which their import statements come here."""
+        """The modules' built-ins, whose `__import__` handles their import statements."""
 
     @contextmanager
-    def entered(self) -> Iterator[None]:
-        """Let the names mean this folder's modules for the time of a `with` block."""
+    def activate(self) -> Iterator[None]:
+        """Bind the names to this folder's modules within a `with` block."""
         with _lock:
             if self._inside:
                 yield
                 return
-            others = self._taken()
+            outside_modules = self._pop_modules()
             sys.modules.update(self._modules)
             sys.meta_path.insert(0, self)
             self._inside = True
@@ -55,16 +54,16 @@ class Apart:
             finally:
                 self._inside = False
                 sys.meta_path.remove(self)
-                self._modules = self._taken()
-                sys.modules.update(others)
+                self._modules = self._pop_modules()
+                sys.modules.update(outside_modules)
 
     def load(self, name: str, path: Path) -> ModuleType:
-        """Return the module of a file; its name stays known to the process. Raises whatever its code does."""
+        """Import a file, and keep it in `sys.modules`. Raises any exception of its code."""
         spec = spec_from_file_location(name, path, loader=_Loader(name, str(path), self))
         assert spec is not None
         assert spec.loader is not None
         module = module_from_spec(spec)
-        with self.entered():
+        with self.activate():
             sys.modules[name] = module
             try:
                 spec.loader.exec_module(module)
@@ -76,7 +75,7 @@ class Apart:
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Find a module of the folder, as `sys.meta_path` asks for it."""
+        """Find a module of the folder; called through `sys.meta_path`."""
         if name.partition(".")[0] not in self.names:
             return None
         spec = PathFinder.find_spec(name, [str(self._folder)] if path is None else path, target)
@@ -84,8 +83,8 @@ class Apart:
             spec.loader = _Loader(name, spec.loader.path, self)
         return spec
 
-    def _taken(self) -> dict[str, ModuleType]:
-        """Take all modules of these names out of `sys.modules`."""
+    def _pop_modules(self) -> dict[str, ModuleType]:
+        """Remove all modules of these names from `sys.modules` and return them."""
         names = [name for name in sys.modules if name.partition(".")[0] in self.names]
         return {name: sys.modules.pop(name) for name in names}
 
@@ -99,15 +98,15 @@ class Apart:
     ) -> ModuleType:
         if level == 0 and name.partition(".")[0] not in self.names:
             return __import__(name, globals, locals, fromlist, level)
-        with self.entered():
+        with self.activate():
             return __import__(name, globals, locals, fromlist, level)
 
 
 class FromSource(SourceFileLoader):
-    """Loads a module from its source, without leaving or reading bytecode.
+    """A loader that neither reads nor writes bytecode.
 
-    Python takes bytecode for that of a file whose size and second of change are the same, so that an edit
-    may have no effect.
+    Python uses cached bytecode if a file's size and modification time in seconds match, so that an edit may
+    have no effect.
     """
 
     def get_code(self, fullname: str) -> CodeType:  # noqa: ARG002 - as Python calls it
@@ -118,9 +117,9 @@ class FromSource(SourceFileLoader):
 
 
 class _Loader(FromSource):
-    """Loads a module of such a folder."""
+    """Loader of an isolated module."""
 
-    def __init__(self, name: str, path: str, apart: Apart) -> None:
+    def __init__(self, name: str, path: str, apart: IsolatedModules) -> None:
         super().__init__(name, path)
         self._apart = apart
 

@@ -125,7 +125,7 @@ def load(name: str, folder: Path | None = None) -> Kind:
         # By name, as plug-ins are: adapters are simulations, above this module.
         adapted: type[Simulation | BatchSimulation] = importlib.import_module(
             "swarmwright.simulations.attached"
-        ).simulation(name)
+        ).load_adapter(name)
         return adapted
     wanted = parsed.member
     if not parsed.place or not wanted:
@@ -192,10 +192,10 @@ def _kept_environment(name: str, copy: Copy, kept: Kept) -> type[Simulation]:
     if name not in _environments:
         if not _is_started_by_another():  # which has asked
             require_copy(copy, kept, choose(copy, kept))
-        base = importlib.import_module("swarmwright.simulations.attached").simulation(kept.component)
+        base = importlib.import_module("swarmwright.simulations.attached").load_adapter(kept.component)
         attributes = {
             "adapted": name,
-            "apart": _apart(copy.folder / kept.name, _top(set(kept.digests) - kept.data)),
+            "isolated_modules": _apart(copy.folder / kept.name, _top(set(kept.digests) - kept.data)),
             "__module__": base.__module__,
             "__doc__": base.__doc__,
         }
@@ -208,9 +208,9 @@ def _top(places: Iterable[str]) -> set[str]:
     return {place.partition("/")[0].partition(".")[0] for place in places}
 
 
-def _apart(folder: Path, names: set[str]) -> isolation.Apart:
+def _apart(folder: Path, names: set[str]) -> isolation.IsolatedModules:
     """Return the modules of a folder, isolated; what they define can be pickled."""
-    return isolation.Apart(folder, names, partial(module_name_beside, folder))
+    return isolation.IsolatedModules(folder, names, partial(module_name_beside, folder))
 
 
 def module_named(name: str) -> ModuleType:
@@ -230,7 +230,7 @@ def module_named(name: str) -> ModuleType:
     if not inside:
         return _from_file(path)
     names = {neighbour.stem for neighbour in path.iterdir() if neighbour.suffix in {"", ".py"}}
-    with _explained(str(file)), _apart(path, names).entered():
+    with _explained(str(file)), _apart(path, names).activate():
         importlib.import_module(inside)
     return sys.modules[name]
 
@@ -309,7 +309,7 @@ def _import_copy(copy: Copy, kept: Kept) -> ModuleType:
     places = [path for path in code if kept.module is not None or path != kept.main]
     apart = _apart(copy.folder / kept.name, _top(places))
     if kept.module is not None and "." in kept.module:
-        with apart.entered():
+        with apart.activate():
             files[place] = _module(kept.module)
     else:
         with _explained(place):

@@ -1,4 +1,4 @@
-"""What was probably meant by the name of a simulation that is not known here."""
+"""Suggestions for unknown names of simulations."""
 
 import ast
 from collections.abc import Iterator
@@ -12,85 +12,85 @@ from swarmwright.simulations import catalogue
 from swarmwright.simulations.loading import classes_of_file
 
 
-def class_missing(name: str, folder: Path | None = None) -> str:
-    """Say that a class has to be named, and which ones the file has.
+def describe_missing_class(name: str, folder: Path | None = None) -> str:
+    """Return a message that the name lacks a class, with the classes in the file.
 
     Args:
-        name: the path of the file, as it was given.
-        folder: that it is relative to; default: the working folder.
+        name: path of the file, as the user wrote it.
+        folder: folder that it is relative to; default: the working folder.
 
-    Raises InputError when there is no such file, or it cannot be imported.
+    Raises InputError if the file does not exist or cannot be imported.
     """
     classes = classes_of_file((folder or Path()) / name)
-    there = (
+    content = (
         f"{name} has {', '.join(classes)}" if classes else f"{name} has no subclass of swarmwright.Simulation"
     )
     write = f": write {name}:{classes[0]}" if classes else ""
-    return f"a simulation in Python is named by its file and its class; {there}{write}"
+    return f"the name of a simulation in Python consists of its file and its class; {content}{write}"
 
 
 _MOST_FILES = 200
-"""Files of a folder in which classes are looked for."""
+"""Most files of a folder that are searched for classes."""
 _LARGEST_FILE = 1 << 20
-"""Bytes."""
+"""Bytes of a file that is searched for classes, at most."""
 
 
-def unknown_simulation(name: str, folder: Path | None = None) -> str:
-    """Say that no simulation has this title here, with the name that was probably meant, and all titles.
+def describe_unknown_simulation(name: str, folder: Path | None = None) -> str:
+    """Return a message about an unknown title, with a suggestion and all titles.
 
-    folder: in which classes are looked for, without importing them; default: the working folder.
+    folder: folder whose files are searched for classes, without importing them; default: the working folder.
     """
-    of_a_simulator = simulator_file(name)
-    if of_a_simulator is not None:
-        return f"{name!r} {of_a_simulator}"
-    meant = _meant(name, folder or Path())
-    if meant is None and name in SIMULATORS:
+    note = simulator_file(name)
+    if note is not None:
+        return f"{name!r} {note}"
+    full_name = _find_full_name(name, folder or Path())
+    if full_name is None and name in SIMULATORS:
         return f"{name!r} is not built in: servers of another simulator offer it, see {SIMULATORS[name]}"
-    near = alike(name) or ";" if meant is None else f"; did you mean {meant!r}?"
-    return f"unknown simulation {name!r}{near} available: {', '.join(catalogue.titles())}"
+    hint = suggest_title(name) or ";" if full_name is None else f"; did you mean {full_name!r}?"
+    return f"unknown simulation {name!r}{hint} available: {', '.join(catalogue.titles())}"
 
 
-def alike(simulation: str) -> str:
-    """Return "; did you mean 'x'?" for a title near a known one: built in, or of another simulator.
+def suggest_title(simulation: str) -> str:
+    """Return "; did you mean 'x'?" for a misspelt title of a built-in simulation or another simulator.
 
-    Empty for a title that is known, and where none is near.
+    Empty for a known title, and if no title is similar.
     """
-    known = (*catalogue.titles(), *SIMULATORS)
-    return "" if catalogue.is_here(simulation) or simulation in known else did_you_mean(simulation, known)
+    titles = (*catalogue.titles(), *SIMULATORS)
+    return "" if catalogue.is_local(simulation) or simulation in titles else did_you_mean(simulation, titles)
 
 
-def no_experiment(path: Path) -> str | None:
-    """Say what a file is instead of an experiment; None where its name does not tell."""
-    of_a_simulator = simulator_file(path.name)
-    if of_a_simulator is not None:
-        return f"{path}: {of_a_simulator}"
+def describe_other_file(path: Path) -> str | None:
+    """Return a message about a file that is not an experiment; None if its name does not tell."""
+    note = simulator_file(path.name)
+    if note is not None:
+        return f"{path}: {note}"
     if path.suffix != ".py":
         return None
-    found = next((f"{path.name}:{name}" for name, _ in _classes(path)), f"{path.name}:CLASS")
+    class_name = next((f"{path.name}:{name}" for name, _ in _classes(path)), f"{path.name}:CLASS")
     return (
-        f"{path}: is a program in Python, not an experiment; write an experiment file with the line "
-        f"'simulation: {found}'"
+        f"{path}: a Python program is not an experiment; write an experiment file with the line "
+        f"'simulation: {class_name}'"
     )
 
 
-def _meant(name: str, folder: Path) -> str | None:
-    """Return the whole name of a class or an environment of which a name is a part; None without one."""
-    library, _, rest = name.partition(":")
-    near = nearest(library, LIBRARIES)
-    if rest and near is not None:
-        return f"{near}:{rest}"
+def _find_full_name(name: str, folder: Path) -> str | None:
+    """Return the full name of a class or environment if `name` is a part of it, else None."""
+    library, _, environment = name.partition(":")
+    suggestion = nearest(library, LIBRARIES)
+    if environment and suggestion is not None:
+        return f"{suggestion}:{environment}"
     for path in sorted(folder.glob("*.py"))[:_MOST_FILES]:
         for kind, title in _classes(path):
             if name in {kind, title}:
                 return f"{path.name}:{kind}"
-    return f"gymnasium:{name}" if _in_gymnasium(name) else None
+    return f"gymnasium:{name}" if _is_registered_in_gymnasium(name) else None
 
 
-def _in_gymnasium(name: str) -> bool:
-    """Whether Gymnasium has an environment of this name."""
+def _is_registered_in_gymnasium(name: str) -> bool:
+    """Return whether Gymnasium has an environment of this name."""
     if find_spec("gymnasium") is None:
         return False
-    with suppress(Exception):  # a damaged installation is no reason for another message
+    with suppress(Exception):  # ignore a damaged installation
         from gymnasium import registry  # noqa: PLC0415 - only for this message
 
         return name in registry
@@ -98,7 +98,7 @@ def _in_gymnasium(name: str) -> bool:
 
 
 def _classes(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield name and `title` of the derived classes of a file; none of one that cannot be read."""
+    """Yield name and `title` of the classes with bases in a file; nothing if it cannot be read."""
     with suppress(OSError, SyntaxError, ValueError):
         if path.stat().st_size > _LARGEST_FILE:
             return
@@ -108,7 +108,7 @@ def _classes(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def _title(kind: ast.ClassDef) -> str:
-    """Return what a class assigns to `title`, empty where that is no text."""
+    """Return the string that a class assigns to `title`; empty if there is none."""
     for statement in kind.body:
         if isinstance(statement, ast.Assign) and isinstance(statement.value, ast.Constant):
             named = any(isinstance(target, ast.Name) and target.id == "title" for target in statement.targets)

@@ -1,6 +1,6 @@
-"""Runs a trial of a simulation in other processes, each with a hash seed of its own.
+"""Trials of a simulation's determinism: episodes with random actions, run in several processes.
 
-Episodes with random actions, to see whether a simulation computes the same again.
+Each process has its own hash seed.
 """
 
 import json
@@ -19,98 +19,102 @@ import numpy as np
 from swarmwright.common import processes
 from swarmwright.common.errors import InputError, SwarmwrightError
 from swarmwright.common.temporary import TemporaryFolder
-from swarmwright.simulations.host import Host, Seen
+from swarmwright.simulations.host import Host, StepResult
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.names import name_of
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an episode returned."""
+    """Results of an episode."""
 
     trace: list[tuple[str, str]]
-    """In its order: what was returned where, and the SHA-256 of its bytes."""
+    """Label and SHA-256 of each returned value, in order."""
     results: list[float]
-    """Fitness and metrics; empty where the episode did not end."""
+    """Fitness and metrics; empty if the episode did not end."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An episode with random actions, the same whatever runs it."""
+    """An episode with random actions that are the same in every process."""
 
     parameters: Mapping[str, Any]
     seed: int
-    """Of the episode and of its actions."""
+    """Seed of the episode and of its actions."""
     steps: int
-    """At most."""
+    """Most steps."""
 
-    def run(self, host: Host, seed: int | None = None, *, shown: bool = False) -> Outcome:
+    def run(self, host: Host, seed: int | None = None, *, with_scenes: bool = False) -> Outcome:
         """Run the episode.
 
-        seed: instead of the trial's. shown: whether scenes are asked for.
+        seed: replaces the trial's seed. with_scenes: whether to request a scene after each step.
         """
         seed = self.seed if seed is None else seed
         random = np.random.default_rng(seed)
-        seen = host.reset({**self.parameters, "seed": seed})
+        state = host.reset({**self.parameters, "seed": seed})
         trace: list[tuple[str, str]] = []
         for step in range(self.steps):
-            _note(trace, step, seen)
-            if shown:
+            _append_trace(trace, step, state)
+            if with_scenes:
                 host.scene()
-            acting, rows, over = seen
+            acting, rows, over = state
             if over:
                 break
             actions = np.zeros((len(rows), host.actuators), np.float32)
             actions[acting] = random.uniform(-1, 1, (len(acting), host.actuators))
-            seen = host.step(actions)
-        if not seen[2]:
+            state = host.step(actions)
+        if not state[2]:
             return Outcome(trace, [])
         host.truncated()
         return Outcome(trace, [host.fitness(), *(host.measure() if host.metrics else ())])
 
 
-def _note(trace: list[tuple[str, str]], step: int, seen: Seen) -> None:
-    """Note what is seen after a step; rows of agents that do not act do not count."""
-    acting, rows, over = seen
+def _append_trace(trace: list[tuple[str, str]], step: int, state: StepResult) -> None:
+    """Append the observations after a step, without the rows of agents that do not act."""
+    acting, rows, over = state
     after = "at its start" if step == 0 else f"after {step} step{'s' if step > 1 else ''}"
-    found = {f"end {after}": bytes([over])}
+    values = {f"end {after}": bytes([over])}
     if not over:
-        found[f"agents that act {after}"] = acting.tobytes()
-        found[f"observations {after}"] = rows[acting].tobytes()
-    trace += [(what, sha256(value).hexdigest()) for what, value in found.items()]
+        values[f"agents that act {after}"] = acting.tobytes()
+        values[f"observations {after}"] = rows[acting].tobytes()
+    trace += [(label, sha256(value).hexdigest()) for label, value in values.items()]
 
 
-def difference(now: Outcome, before: Outcome, host: Host) -> str | None:
-    """Return the first difference between two episodes that should be the same, in words; None without one.
+def difference(repeated: Outcome, original: Outcome, host: Host) -> str | None:
+    """Describe the first difference between two episodes that should be the same; None without one.
 
-    host: of the simulation, which declares what has to be the same.
+    host: host of the simulation, whose declared determinism decides what must agree.
     """
     is_statistical = host.determinism == "statistical"
     if not is_statistical:
-        for (what, digest), (_, first) in zip(now.trace, before.trace, strict=False):
+        for (label, digest), (_, first) in zip(repeated.trace, original.trace, strict=False):
             if digest != first:
-                return f"other {what}"
+                return f"different {label}"
     tolerance = host.tolerance if is_statistical else 0.0
     names = ["fitness", *(f"metric {name!r}" for name, _ in host.metrics)]
-    for name, result, other in zip(names, now.results, before.results, strict=False):
-        margin = tolerance * max(1.0, abs(result), abs(other))
-        if not (result == other or abs(result - other) <= margin or (np.isnan(result) and np.isnan(other))):
-            return f"another {name}, {result!r} instead of {other!r}"
+    for name, result, previous in zip(names, repeated.results, original.results, strict=False):
+        margin = tolerance * max(1.0, abs(result), abs(previous))
+        if not (
+            result == previous
+            or abs(result - previous) <= margin
+            or (np.isnan(result) and np.isnan(previous))
+        ):
+            return f"different {name}, {result!r} instead of {previous!r}"
     return None
 
 
 _CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from swarmwright.simulations import other_process; other_process.main(sys.argv[2])"  # noqa: E501 - one line of a command
 
-_is_other = False
-"""Whether this process was started here."""
+_is_child = False
+"""Whether this process was started by `outcomes`."""
 
 
 class NotRunError(Exception):
-    """The simulation cannot be imported in another process, or fails there."""
+    """The simulation cannot be imported or fails in another process."""
 
 
 def _name(simulation: type | str) -> str:
-    """Return the name by which another process finds a simulation. Raises NotRunError where it has none."""
+    """Return the name by which another process finds a simulation. Raises NotRunError without one."""
     if isinstance(simulation, str):
         return simulation
     try:
@@ -123,13 +127,14 @@ def _name(simulation: type | str) -> str:
 
 
 def outcomes(simulation: type | str, trial: Trial, seeds: Sequence[str]) -> list[Outcome]:
-    """Return what a trial returns in processes that run at the same time, one for each hash seed.
+    """Run a trial in concurrent processes, one for each hash seed; return their outcomes.
 
-    Raises NotRunError where the class cannot be imported there, or its code fails.
+    Raises NotRunError if a process cannot import the class, or its code fails.
     """
-    if _is_other:
+    if _is_child:
         raise NotRunError(
-            'this process imports it to check it; put what its file runs under `if __name__ == "__main__":`'
+            "its file starts this check itself when it is imported; put that code under "
+            '`if __name__ == "__main__":`'
         )
     named = _name(simulation)
     values = {"parameters": dict(trial.parameters), "seed": trial.seed, "steps": trial.steps}
@@ -158,29 +163,29 @@ def outcomes(simulation: type | str, trial: Trial, seeds: Sequence[str]) -> list
             process.stdin.flush()
             process.stdin.close()
             process.stdin = None
-        said = [process.communicate()[1] for process in started]
-        return [_read(folder / str(index), said[index]) for index in range(len(started))]
+        messages = [process.communicate()[1] for process in started]
+        return [_read(folder / str(index), messages[index]) for index in range(len(started))]
 
 
-def _read(file: Path, said: str) -> Outcome:
+def _read(file: Path, stderr: str) -> Outcome:
     if not file.exists():
-        lines = said.strip().splitlines() or ["the process ended without a message"]
+        lines = stderr.strip().splitlines() or ["the process ended without a message"]
         raise NotRunError(lines[-1])
-    found: dict[str, Any] = json.loads(file.read_text())
-    if "failed" in found:
-        raise NotRunError(found["failed"])
-    return Outcome([(what, digest) for what, digest in found["trace"]], found["results"])
+    record: dict[str, Any] = json.loads(file.read_text())
+    if "failed" in record:
+        raise NotRunError(record["failed"])
+    return Outcome([(label, digest) for label, digest in record["trace"]], record["results"])
 
 
 def main(file: str) -> None:
-    """Run the trial that standard input describes; write what it returns to a file."""
-    global _is_other  # noqa: PLW0603 - of the whole process
-    _is_other = True
+    """Run the trial described on standard input; write its outcome to a file."""
+    global _is_child  # noqa: PLW0603 - of the whole process
+    _is_child = True
     task = json.load(sys.stdin)
     try:
         kind: Any = load(task["simulation"])
         outcome = Trial(**task["trial"]).run(Host(kind))
-        found = {"trace": outcome.trace, "results": outcome.results}
+        record = {"trace": outcome.trace, "results": outcome.results}
     except SwarmwrightError as error:
-        found = {"failed": str(error)}
-    Path(file).write_text(json.dumps(found))
+        record = {"failed": str(error)}
+    Path(file).write_text(json.dumps(record))

@@ -16,22 +16,22 @@ _KINDS = {bool: "boolean", int: "integer", float: "number", str: "string", list:
 class Parameter:
     """A parameter of a simulation.
 
-    Its type is that of its default: integer, number, boolean, string, list or object; a default of None takes
-    any.
+    Its type is that of its default: integer, number, boolean, string, list or object. A default of None
+    permits any type.
 
         parameters = {"gravity": Parameter(9.81, "Metres per second squared.", minimum=0.0)}
     """
 
     default: Any
-    """What it is when left out; a value that JSON has."""
+    """The value if the experiment does not set it; a JSON value."""
     description: str = ""
     """Meaning and unit, in a sentence."""
     minimum: float | None = None
-    """The least value that is possible."""
+    """The smallest permitted value."""
     maximum: float | None = None
-    """The largest value that is possible."""
+    """The largest permitted value."""
     choices: Sequence[Any] | None = None
-    """All values that are possible."""
+    """All permitted values."""
 
     @property
     def kind(self) -> str:
@@ -40,7 +40,7 @@ class Parameter:
         return _KINDS.get(plain, "any")
 
     def problem(self, value: Any) -> str | None:  # noqa: ANN401 - any JSON value
-        """Return what is wrong with a value, None when nothing is."""
+        """Return what is wrong with a value; None if it is valid."""
         kind = self.kind
         fits = {
             "any": True,
@@ -61,8 +61,8 @@ class Parameter:
             return f"{value!r} found, expected at most {self.maximum}"
         return None
 
-    def taken(self, value: Any) -> Any:  # noqa: ANN401 - any JSON value
-        """Return a checked value as `reset` gets it: 3.0 as 3 for an integer, 3 as 3.0 for a number."""
+    def convert(self, value: Any) -> Any:  # noqa: ANN401 - any JSON value
+        """Convert a checked value for `reset`: 3.0 to 3 for an integer, 3 to 3.0 for a number."""
         if self.kind == "integer":
             return int(value)
         return float(value) if self.kind == "number" else value
@@ -77,71 +77,80 @@ def _is_number(value: Any) -> bool:  # noqa: ANN401 - any JSON value
         return False
 
 
-def declared(parameters: Mapping[str, Any], where: str) -> dict[str, Parameter]:
+def parse_parameters(parameters: Mapping[str, Any], where: str) -> dict[str, Parameter]:
     """Return a class's `parameters` as Parameter objects.
 
     Raises InputError, beginning with `where`, for a default that does not fit its declaration.
     """
     if not isinstance(parameters, Mapping):
         raise InputError(
-            f"{where}.parameters: {parameters!r} found, expected names with their defaults or Parameter(..)"
+            f"{where}.parameters: {parameters!r} found, expected a mapping from names to defaults or "
+            "Parameter(..)"
         )
-    found = {}
+    declarations = {}
     for name, value in parameters.items():
         if not isinstance(name, str):
             raise InputError(f"{where}.parameters: the name {name!r} found, expected text")
         if name == "seed":
-            raise InputError(f"{where}.parameters: 'seed' is given to reset by itself; leave it out")
+            raise InputError(f"{where}.parameters: leave out 'seed', which reset receives as an argument")
         declaration = value if isinstance(value, Parameter) else Parameter(value)
         problem = declaration.problem(declaration.default)
         if problem is not None:
             raise InputError(f"{where}.parameters[{name!r}]: default: {problem}")
-        found[name] = declaration
-    return found
+        declarations[name] = declaration
+    return declarations
 
 
-def filled_in(
-    known: Mapping[str, Parameter], given: Mapping[str, Any], *, sent: bool = False
+def fill_parameters(
+    declarations: Mapping[str, Parameter], values: Mapping[str, Any], *, sent: bool = False
 ) -> dict[str, Any]:
-    """Return what `reset` gets: what is given, checked, and the defaults of what is not.
+    """Check values and add defaults for missing parameters; return the parameters for `reset`.
 
-    sent: whether a tool has sent the values; those of booleans that are evolved are 0 and 1.
+    sent: whether a tool has sent the values; evolved booleans are then 0 and 1.
 
     Raises InputError, "name: what is wrong".
     """
     if sent:
-        given = {
+        values = {
             name: bool(value)
-            if name in known and known[name].kind == "boolean" and type(value) is int and value in (0, 1)
+            if name in declarations
+            and declarations[name].kind == "boolean"
+            and type(value) is int
+            and value in (0, 1)
             else value
-            for name, value in given.items()
+            for name, value in values.items()
         }
-    for mistake in mistakes_in(known, given):
+    for mistake in find_mistakes(declarations, values):
         raise InputError(str(mistake))
-    defaults = {name: copy.deepcopy(parameter.default) for name, parameter in known.items()}
-    taken = {name: known[name].taken(value) if name in known else value for name, value in given.items()}
-    return defaults | taken
+    defaults = {name: copy.deepcopy(parameter.default) for name, parameter in declarations.items()}
+    converted = {
+        name: declarations[name].convert(value) if name in declarations else value
+        for name, value in values.items()
+    }
+    return defaults | converted
 
 
 class ParameterMistake(NamedTuple):
-    """What is wrong with a parameter of a simulation."""
+    """An invalid parameter of a simulation."""
 
-    place: str
-    """The parameter, and the place in it: `mission.robots`, `robots[0].count`."""
+    field: str
+    """The parameter, or a field in it: `mission.robots`, `robots[0].count`."""
     reason: str
 
     @property
     def parameter(self) -> str:
         """The parameter's name."""
-        return re.split(r"[.[]", self.place, maxsplit=1)[0]
+        return re.split(r"[.[]", self.field, maxsplit=1)[0]
 
     def __str__(self) -> str:
-        return f"{self.place}: {self.reason}"
+        return f"{self.field}: {self.reason}"
 
 
-def mistakes_in(known: Mapping[str, Parameter], given: Mapping[str, Any]) -> Iterator[ParameterMistake]:
-    """Yield what is wrong with values for the parameters that a class declares."""
-    for name, value in given.items():
-        problem = known[name].problem(value) if name in known else None
+def find_mistakes(
+    declarations: Mapping[str, Parameter], values: Mapping[str, Any]
+) -> Iterator[ParameterMistake]:
+    """Yield mistakes in values of the parameters that a class declares."""
+    for name, value in values.items():
+        problem = declarations[name].problem(value) if name in declarations else None
         if problem is not None:
             yield ParameterMistake(name, problem)

@@ -1,7 +1,4 @@
-"""The class that simulators derive from which move the robots of missions.
-
-Runs the code of a user's simulator that moves the robots of missions: checks what it returns.
-"""
+"""Base class of simulators that move the robots of missions, and the host that runs and checks their code."""
 
 import math
 from abc import ABC, abstractmethod
@@ -15,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import MISSIONS
 from swarmwright.simulations.base import BatchSimulation, Simulation
-from swarmwright.simulations.calls import Calls, check_methods, short
+from swarmwright.simulations.calls import Calls, check_methods, summarize
 from swarmwright.simulations.description import check_determinism
 from swarmwright.simulations.host import Host
 
@@ -51,12 +48,12 @@ class Light:
     z: float
     """Height, metres."""
     intensity: float
-    """1 of the reference model's."""
+    """Relative to the reference model's lamp."""
 
 
 @dataclass(frozen=True)
 class RobotModel:
-    """What robots of a kind are."""
+    """Properties of a kind of robot."""
 
     radius: float
     """Metres."""
@@ -115,7 +112,7 @@ class WallBox:
 
 
 def _boxes(wall: Wall, left: float) -> Iterator[WallBox]:
-    """Yield a box for each side, that much to its left."""
+    """Yield a box for each side of a wall; left: thickness, to the left of the side's direction, metres."""
     for (x, y), (end_x, end_y) in zip(
         wall.points.tolist(), np.roll(wall.points, -1, 0).tolist(), strict=True
     ):
@@ -132,16 +129,16 @@ def _boxes(wall: Wall, left: float) -> Iterator[WallBox]:
 
 @dataclass(frozen=True)
 class World:
-    """What a simulator is to build for a mission; the same for all its episodes."""
+    """The world of a mission; the same in all its episodes."""
 
     tick: float
     """Seconds of a step."""
     grey: float
     """Of the floor beside the patches, 0 black to 1 white."""
     walls: Sequence[Wall]
-    """The first one is the outline, with the robots inside, the others are obstacles."""
+    """The first is the outline around the robots, the others are obstacles."""
     patches: Sequence[Patch]
-    """For pictures, and for sensors of the simulator's own; later ones lie on earlier ones."""
+    """For pictures, and for the simulator's own sensors; later patches cover earlier ones."""
     lights: Sequence[Light]
     """Lamps."""
     models: Sequence[RobotModel]
@@ -149,14 +146,14 @@ class World:
     robots: Sequence[int]
     """The model of each robot."""
     objects: Sequence[PushedObject]
-    """What can be pushed."""
+    """Objects that robots can push."""
 
     def model(self, robot: int) -> RobotModel:
         """Return the model of a robot."""
         return self.models[self.robots[robot]]
 
     def wall_boxes(self, thickness: float) -> list["WallBox"]:
-        """Return all walls as boxes of this thickness, metres: one behind each face that robots can touch."""
+        """Return all walls as boxes of this thickness, metres: a box behind each face that robots touch."""
         return [
             box
             for index, wall in enumerate(self.walls)
@@ -165,13 +162,13 @@ class World:
 
 
 class Physics(ABC):
-    """A simulator that moves robots, while missions, sensors and metrics are those of the simulation `arena`.
+    """A simulator that moves robots, with the missions, sensors and metrics of the simulation `arena`.
 
-    An experiment names the class as its simulation; parameters are those of the arena (mission, robots,
+    An experiment names the class as its simulation; its parameters are those of the arena (mission, robots,
     robot, duration, failures, seed).
 
-    An episode: `start`, then `step` and `poses` for each tick. It is made without arguments. An exception
-    ends the episode: its evaluation has failed, the next one begins with `start`.
+    The constructor takes no arguments. An episode is a call of `start`, then of `step` and `poses` for each
+    tick. An exception ends the episode and fails its evaluation; the next episode begins with `start`.
     """
 
     title: str = ""
@@ -181,7 +178,7 @@ class Physics(ABC):
     tolerance: float = 0.0
     """Where `determinism` is statistical: as in `Simulation`."""
     copies: bool = True
-    """Whether one process can have several objects of this class."""
+    """Whether a process can have several objects of this class."""
 
     @abstractmethod
     def start(
@@ -192,17 +189,18 @@ class Physics(ABC):
         objects: NDArray[np.float32],
         seed: int,
     ) -> None:
-        """Start an episode: all stand at these poses, at rest.
+        """Start an episode with robots and objects at rest.
 
         Args:
-            world: what is to be there.
-            changed: whether it differs from that of the episode before; that of the first one does.
-            robots: (robots, 3): x and y in metres, heading in radians counter-clockwise from x.
-            objects: (objects, 3), likewise.
-            seed: of the episode, 0 to 2**64 - 1; the only source of chance.
+            world: the world to simulate.
+            changed: whether the world differs from the previous episode's; true for the first episode.
+            robots: poses, (robots, 3): x and y in metres, heading in radians counter-clockwise from x.
+            objects: poses, (objects, 3), likewise.
+            seed: seed of the episode, 0 to 2**64 - 1; the only source of randomness.
 
         Raises:
-            swarmwright.InputError: the simulator cannot do this, "name of the parameter: why".
+            swarmwright.InputError: the simulator does not support this world; the message is
+                "name of the parameter: reason".
         """
 
     @abstractmethod
@@ -210,26 +208,26 @@ class Physics(ABC):
         """Advance the world by one tick.
 
         Args:
-            motions: (robots, 3): speed ahead and to the left in m/s, rotation in rad/s, noise of the drive
-                included. Wheels of a differential drive: the left one has the speed ahead - rotation *
-                wheel_base / 2, the right one ahead + rotation * wheel_base / 2.
+            motions: (robots, 3): speed ahead and to the left in m/s, rotation in rad/s, including noise of
+                the drive. In a differential drive, the speed of the left wheel is ahead - rotation *
+                wheel_base / 2, and of the right wheel ahead + rotation * wheel_base / 2.
         """
 
     @abstractmethod
     def poses(self) -> tuple[ArrayLike, ArrayLike]:
-        """Return where robots and objects are now, (robots, 3) and (objects, 3), as in `start`."""
+        """Return the poses of robots and objects, (robots, 3) and (objects, 3), as in `start`."""
 
     def rays(self) -> ArrayLike | None:
-        """Return how far proximity rays reach from where they begin, (robots, most rays of a model), metres.
+        """Return the lengths of proximity rays from their start, (robots, most rays of a model), metres.
 
-        A ray that meets nothing has the model's range. None, the default: they are computed from the poses,
-        as they are at the start of each episode.
+        A ray that hits nothing has the model's range. None, the default, lets the arena compute them from the
+        poses, as at the start of each episode.
         """
         return None
 
 
-def title_of(kind: type[Physics]) -> str:
-    """Return the name of a class in discovery."""
+def get_title(kind: type[Physics]) -> str:
+    """Return the title of a class in discovery."""
     return kind.title or f"{MISSIONS}{kind.__name__.lower()}"
 
 
@@ -239,36 +237,35 @@ _NEEDS = "a simulator of missions needs start, step and poses"
 
 
 def check(kind: type[Physics]) -> None:
-    """Raise InputError where a class has another name than one of missions, or lacks methods."""
-    title = title_of(kind)
+    """Raise InputError if a class lacks methods, or its title does not have the prefix of missions."""
+    title = get_title(kind)
     if not str(title).startswith(MISSIONS):
-        raise InputError(f"{kind.__name__}.title: {short(title)} found, expected {MISSIONS}NAME")
+        raise InputError(f"{kind.__name__}.title: {summarize(title)} found, expected {MISSIONS}NAME")
     check_methods(kind, _NEEDS)
 
 
 class PhysicsHost(Calls[Physics]):
-    """One object of a simulator's class, as the engine uses it.
+    """An object of a simulator's class, for use by the engine.
 
     Args:
         kind: the class.
-        report: gets (reason, traceback) of a failure, once for each reason.
+        report: called with (reason, traceback) of a failure, once for each reason.
 
-    Raises InputError when the class does not describe itself properly.
-
+    Raises InputError if the class's attributes are not valid.
     """
 
     _beginning = "start"
     _needs: ClassVar[str] = _NEEDS
     moves_robots = True
-    """Says to the engine which of both kinds of hosts this is."""
+    """Tells the engine that this host runs missions."""
 
     def __init__(self, kind: type[Physics], report: Callable[[str, str], None] | None = None) -> None:
         super().__init__(kind, report)
         check(kind)
-        self.title = title_of(kind)
+        self.title = get_title(kind)
         self.determinism, self.tolerance = check_determinism(kind.__name__, kind.determinism, kind.tolerance)
         self.copies = bool(kind.copies)
-        self._object = self._made()
+        self._object = self._make_object()
         self._world: World | None = None
         self._counts = (0, 0)
         self._most_rays = 0
@@ -276,15 +273,15 @@ class PhysicsHost(Calls[Physics]):
     def another(self) -> "PhysicsHost":
         """Return a host with another object."""
         other = PhysicsHost(self._kind, self._report)
-        other._reports_with(self)
+        other._share_reports(self)
         return other
 
     def start(
         self, world: Mapping[str, Any], changed: bool, robots: Numbers, objects: Numbers, seed: int
     ) -> None:
-        """Begin an episode; world: as the engine gives it.
+        """Start an episode; world: the engine's dictionary.
 
-        Raises the engine's InputError where the simulator refuses, SimulationError when the code fails.
+        Raises the engine's InputError if the simulator refuses, and SimulationError if its code fails.
         """
         if changed:
             self._world = _world(world)
@@ -297,30 +294,32 @@ class PhysicsHost(Calls[Physics]):
         self._call("step", motions)
 
     def poses(self) -> tuple[Numbers, Numbers]:
-        """Return where all are. Raises SimulationError when the code fails."""
+        """Return the poses of robots and objects. Raises SimulationError if the code fails."""
         returned = self._call("poses")
         if not isinstance(returned, tuple) or len(returned) != 2:
-            self._fail(f"poses: {short(returned)} returned, expected those of robots and those of objects")
+            self._fail(
+                f"poses: {summarize(returned)} returned, expected a tuple: poses of robots, poses of objects"
+            )
         robots, objects = self._counts
         return self._rows("poses", returned[0], (robots, 3)), self._rows("poses", returned[1], (objects, 3))
 
     def rays(self) -> Numbers | None:
-        """Return what rays measure; None for what is to be computed. Raises SimulationError."""
+        """Return the lengths of rays; None if the arena computes them. Raises SimulationError."""
         returned = self._call("rays") if self._most_rays else None
         return None if returned is None else self._rows("rays", returned, (self._counts[0], self._most_rays))
 
     def _rows(self, method: str, returned: Any, shape: tuple[int, int]) -> Numbers:  # noqa: ANN401 - whatever it returns
         try:
-            given = np.asarray(returned)
+            array = np.asarray(returned)
         except (TypeError, ValueError):  # ragged
-            given = np.empty(0, object)
-        if not shape[0] and not given.size:
+            array = np.empty(0, object)
+        if not shape[0] and not array.size:
             return np.empty(shape, np.float32)
-        if given.dtype.kind not in "biuf" or given.shape != shape:
-            found = f"{given.dtype} of the shape {given.shape}" if given.ndim else short(returned)
-            self._fail(f"{method}: {found} returned, expected numbers of the shape {shape}")
+        if array.dtype.kind not in "biuf" or array.shape != shape:
+            description = f"{array.dtype} of the shape {array.shape}" if array.ndim else summarize(returned)
+            self._fail(f"{method}: {description} returned, expected numbers of the shape {shape}")
         with np.errstate(over="ignore"):
-            rows = np.ascontiguousarray(given, dtype=np.float32)
+            rows = np.ascontiguousarray(array, dtype=np.float32)
         wrong = np.argwhere(~np.isfinite(rows))
         if len(wrong):
             row, column = wrong[0].tolist()
@@ -353,10 +352,10 @@ Kind: TypeAlias = type[Simulation] | type[BatchSimulation] | type[Physics]
 AnyHost: TypeAlias = Host | PhysicsHost
 
 
-def hosted(kind: Kind, report: Callable[[str, str], None] | None = None) -> AnyHost:
-    """Return a host of a class; report: as they take it.
+def make_host(kind: Kind, report: Callable[[str, str], None] | None = None) -> AnyHost:
+    """Return a host of a class; report: see `Host`.
 
-    Raises InputError when the class does not describe itself properly.
+    Raises InputError if the class's attributes are not valid.
     """
     if issubclass(kind, Physics):
         return PhysicsHost(kind, report)

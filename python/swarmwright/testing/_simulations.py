@@ -69,7 +69,7 @@ def check_simulation(
                 raise InputError(f"{kind.__name__}: {unknown('parameter', name, one.description.parameters)}")
         trial = Trial(dict(parameters or {}), seed, steps)
         if one.determinism == "none":
-            trial.run(one, shown=one.has_scenes)
+            trial.run(one, with_scenes=one.has_scenes)
             return
         check = _Check(kind.__name__, trial, trial.run(one))
         check.compare(other, "of another object", _OTHER_OBJECT)
@@ -99,7 +99,7 @@ class _Check:
 
     def compare(self, host: Host, which: str, cause: str, *, shown: bool = False) -> None:
         """Run the episode once more in this process."""
-        found = difference(self.trial.run(host, shown=shown), self.first, host)
+        found = difference(self.trial.run(host, with_scenes=shown), self.first, host)
         assert found is None, self._words(which, found, cause)
 
     def compare_processes(self, simulation: type | str, host: Host) -> None:

@@ -385,7 +385,7 @@ def test_an_edited_sketch_is_kept(minisim: Run, tmp_path: Path, caplog: pytest.L
 def test_a_simulation_that_only_servers_have(
     minisim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmwright.simulations.catalogue.is_here", lambda _: False)
+    monkeypatch.setattr("swarmwright.simulations.catalogue.is_local", lambda _: False)
     exported = swarmwright.export_controller(minisim, to="python", output=tmp_path, verify=True)
     assert exported.verification is not None
     assert exported.verification.ok

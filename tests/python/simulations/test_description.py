@@ -10,10 +10,10 @@ import pytest
 from swarmwright import Episodes, Experiment, InputError, Parameter, Simulation
 from swarmwright.common.simulation_names import is_python
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.description import describe, misspelt
+from swarmwright.simulations.description import describe, find_misspelt_attributes
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.names import absolute, name_of
-from swarmwright.simulations.parameters import declared, filled_in
+from swarmwright.simulations.parameters import fill_parameters, parse_parameters
 from tests.python.simulations import troubled
 from tests.python.simulations.troubled import Walk
 
@@ -79,8 +79,8 @@ def test_an_object_in_the_place_of_a_class() -> None:
     ("name", "value", "words"),
     [
         ("sensors", -1, "Walk.sensors: -1 found, expected an integer from 0"),
-        ("sensors", 0, "Walk.sensors: 0 found, expected 1 or more, or actuators = 0, too, if"),
-        ("actuators", 0, "Walk.actuators: 0 found, expected 1 or more, or sensors = 0, too, if"),
+        ("sensors", 0, "Walk.sensors: 0 found, expected at least 1; .* set actuators to 0, too"),
+        ("actuators", 0, "Walk.actuators: 0 found, expected at least 1; .* set sensors to 0, too"),
         ("sensors", 2.0, "Walk.sensors: 2.0 found"),
         ("actuators", None, "Walk.actuators: None found"),
         ("sensor_names", ["x"], "Walk.sensor_names: 1 names found, expected 2"),
@@ -103,16 +103,16 @@ def test_an_object_in_the_place_of_a_class() -> None:
         ("metrics", 7, "Walk.metrics: 7 found, expected names"),
         ("metrics", ["a-b"], "Walk.metrics: 'a-b' found, expected a letter .A-Z, a-z. or _"),
         ("metrics", ["ñandú_λ"], "letters, digits and _$"),
-        ("metrics", ["fitness"], "Walk.metrics: 'fitness' found, which is the name of the fitness"),
+        ("metrics", ["fitness"], "Walk.metrics: 'fitness' is the name of the fitness"),
         ("metrics", {"a": 1}, r"Walk.metrics\['a'\]: 1 found, expected a description"),
-        ("parameters", ["a"], r"Walk.parameters: \['a'\] found, expected names"),
-        ("parameters", {"seed": 1}, "Walk.parameters: 'seed' is given to reset by itself"),
+        ("parameters", ["a"], r"Walk.parameters: \['a'\] found, expected a mapping"),
+        ("parameters", {"seed": 1}, "Walk.parameters: leave out 'seed'"),
         (
             "parameters",
             {"a": Parameter(1, maximum=0)},
             r"Walk.parameters\['a'\]: default: 1 found, expected at most 0",
         ),
-        ("parameters", {"a": object()}, r"Walk.parameters\['a'\]: default: .* expected what JSON can hold"),
+        ("parameters", {"a": object()}, r"Walk.parameters\['a'\]: default: .* expected a JSON value"),
     ],
 )
 def test_what_cannot_be(name: str, value: Any, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,7 +121,7 @@ def test_what_cannot_be(name: str, value: Any, words: str, monkeypatch: pytest.M
         describe(Walk())
 
 
-KNOWN = declared(
+KNOWN = parse_parameters(
     {
         "count": Parameter(3, minimum=1),
         "speed": 0.5,
@@ -135,13 +135,13 @@ KNOWN = declared(
 
 
 def test_parameters_are_filled_in() -> None:
-    values = filled_in(KNOWN, {"count": 4.0, "speed": 2, "any": {"x": 1}, "other": "o"})
+    values = fill_parameters(KNOWN, {"count": 4.0, "speed": 2, "any": {"x": 1}, "other": "o"})
     assert values == {
         "count": 4, "speed": 2.0, "on": True, "kind": "a", "where": [0.0, 1.0], "any": {"x": 1}, "other": "o"
     }  # fmt: skip
     assert [type(values[name]) for name in ("count", "speed")] == [int, float]
     values["where"].append(2.0)
-    assert filled_in(KNOWN, {})["where"] == [0.0, 1.0]
+    assert fill_parameters(KNOWN, {})["where"] == [0.0, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -160,7 +160,7 @@ def test_parameters_are_filled_in() -> None:
 )
 def test_parameters_that_do_not_fit(given: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=f"^{words}$"):
-        filled_in(KNOWN, given)
+        fill_parameters(KNOWN, given)
 
 
 @pytest.mark.parametrize(
@@ -286,9 +286,9 @@ def test_an_attribute_that_is_probably_misspelt_is_named() -> None:
             return {}
 
     # Walk has a method measure itself.
-    found = misspelt(Typing)
+    found = find_misspelt_attributes(Typing)
     assert [text.partition(":")[0] for text in found] == ["Typing.sensor_name", "Typing.most_step"]
-    assert found[0].endswith("has no effect by itself; did you mean 'sensor_names'?")
+    assert found[0].endswith("has no effect; did you mean 'sensor_names'?")
 
 
 def test_attributes_of_ones_own_are_not() -> None:
@@ -300,8 +300,8 @@ def test_attributes_of_ones_own_are_not() -> None:
 
         def look(self) -> None: ...
 
-    assert misspelt(Own) == []
-    assert misspelt(Walk) == []
+    assert find_misspelt_attributes(Own) == []
+    assert find_misspelt_attributes(Walk) == []
 
 
 def test_metrics_without_measure_are_refused_in_new_runs(tmp_path: Path) -> None:
@@ -316,7 +316,7 @@ def test_metrics_without_measure_are_refused_in_new_runs(tmp_path: Path) -> None
         "    def fitness(self): return 1.0\n"
     )
     (tmp_path / "walk.yaml").write_text("simulation: walk.py:Walk\n")
-    words = r"Walk\.metrics names collisions, but the class has no method measure\(\)"
+    words = r"Walk\.metrics declares collisions, but the class has no method measure\(\)"
     with pytest.raises(InputError, match=rf"walk\.yaml:1: simulation: {words}"):
         Experiment.load(tmp_path / "walk.yaml")
     with pytest.raises(InputError, match=rf"^simulation: {words}"):

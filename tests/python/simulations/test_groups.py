@@ -188,7 +188,7 @@ def test_what_a_class_declares_is_checked() -> None:
         ({"a": Group("none", 1, 1)}, "there is no parameter 'none'"),
         ({"a": Group(1, 0, 1)}, r"groups\['a'\].sensors: 0 found"),
         ({"a": (1, 1)}, r"groups\['a'\]: \(1, 1\) found"),
-        ([1], "expected names with Group"),
+        ([1], "expected a mapping from names to Group"),
         ({"a": Group(1, 2, 1, sensor_names=["x"])}, "sensor_names: 1 found, expected 2"),
         ({"a": Group(1, 2, 1, sensor_ranges=[(0, 1)])}, "sensor_ranges: 1 ranges found, expected 2"),
     ]:

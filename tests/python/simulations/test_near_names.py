@@ -8,7 +8,7 @@ import pytest
 from swarmwright import Experiment, InputError, optimize, simulate
 from swarmwright.common.simulation_names import _SIMULATOR_FILES, SIMULATORS
 from swarmwright.interop.models._files import load
-from swarmwright.simulations.near_names import alike, unknown_simulation
+from swarmwright.simulations.near_names import describe_unknown_simulation, suggest_title
 
 SOURCE = """
 from swarmwright import Simulation
@@ -37,7 +37,7 @@ class Pursuit(Simulation):
 def test_the_whole_name_is_told(name: str, words: str, tmp_path: Path) -> None:
     (tmp_path / "chase.py").write_text(SOURCE)
     (tmp_path / "damaged.py").write_text("class")
-    assert words in unknown_simulation(name, tmp_path)
+    assert words in describe_unknown_simulation(name, tmp_path)
     (tmp_path / "one.yaml").write_text(f"simulation: {name}\n")
     with pytest.raises(InputError) as raised:
         optimize(Experiment.load(tmp_path / "one.yaml"), servers="local", out=tmp_path / "run")
@@ -53,7 +53,9 @@ def test_a_file_that_is_misspelt(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("source", "name"), [(SOURCE, "chase.py:Pursuit"), ("", "chase.py:CLASS")])
 def test_a_class_in_the_place_of_an_experiment(source: str, name: str, tmp_path: Path) -> None:
     (tmp_path / "chase.py").write_text(source)
-    with pytest.raises(InputError, match=rf"is a program in Python, .* the line 'simulation: {name}'$"):
+    with pytest.raises(
+        InputError, match=rf"a Python program is not an experiment; .* the line 'simulation: {name}'$"
+    ):
         Experiment.load(tmp_path / "chase.py")
 
 
@@ -107,15 +109,15 @@ def test_their_pages_tell_of_them(root: Path, title: str, page: str) -> None:
     ],
 )
 def test_titles_of_simulators_that_are_nearly_right(written: str, meant: str) -> None:
-    assert alike(written) == f"; did you mean '{meant}'?"
-    assert unknown_simulation(written).startswith(
+    assert suggest_title(written) == f"; did you mean '{meant}'?"
+    assert describe_unknown_simulation(written).startswith(
         f"unknown simulation {written!r}; did you mean '{meant}'? available: arena,"
     )
 
 
 @pytest.mark.parametrize("title", ["arena", "arena-gazebo", "stage", "file.py:Class"])
 def test_what_is_known_is_not_corrected(title: str) -> None:
-    assert alike(title) == ""
+    assert suggest_title(title) == ""
 
 
 def test_where_one_is_found_is_told() -> None:

@@ -112,7 +112,7 @@ def test_the_simulator_may_refuse_parameters(servers: Any) -> None:
 
 def test_rays_of_the_simulator_count() -> None:
     def sensed(kind: str, steps: int) -> np.ndarray[Any, Any]:
-        host = catalogue.playable(f"{FILE}:{kind}")
+        host = catalogue.make_playable(f"{FILE}:{kind}")
         robot = {"preset": "e-puck-rm1.1", "sensors": {"proximity": {"noise": 0}}}
         parameters = {"mission": "aggregation", "robots": 2, "robot": robot, "seed": 3}
         episodes = _engine.Episodes(host, parameters, [3])

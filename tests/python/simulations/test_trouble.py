@@ -38,7 +38,10 @@ TROUBLE = [
     ("text", r"Walk.step: 'left, right' returned, expected numbers of the shape \(2, 2\)"),
     ("nothing", r"Walk.step: None returned, expected numbers of the shape \(2, 2\)"),
     ("ragged", r"Walk.step: \[\[1.0\], \[1.0, 2.0\]\] returned, expected numbers"),
-    ("gymnasium", r"Walk.step: a tuple of 5 \(ndarray, float, bool, bool, dict\) returned, expected the obs"),
+    (
+        "gymnasium",
+        r"Walk.step: a tuple of 5 \(ndarray, float, bool, bool, dict\) returned, expected only the obs",
+    ),
     ("array", r"Walk.step: an array of <U4 of the shape \(20, 20\) returned, expected numbers of the shape"),
     ("not done", r"Walk.done: None returned, expected True or False"),
     ("fitness", r"Walk.fitness: nan returned, expected a finite number"),
@@ -275,7 +278,7 @@ def test_methods_with_other_arguments_are_named_with_what_is_expected() -> None:
             OtherArguments,
             rf"reset: TypeError: .* but 3 were given {here}; expected reset\(self, parameters, seed\)$",
         ),
-        (NoMethods, r"done: False is no method \(.*test_trouble.py\); expected done\(self\)$"),
+        (NoMethods, r"done: False is not a method \(.*test_trouble.py\); expected done\(self\)$"),
         (Needing, rf"__init__: TypeError: .*'_number' {here}; expected __init__\(self\)$"),
     ):
         with pytest.raises(RunError, match=rf"^{kind.__name__}.{words}"):

@@ -196,4 +196,4 @@ def _built_in(simulation: str) -> str | None:
     """Return the built-in simulation whose episodes one has; also those of missions in a class in Python."""
     if is_python(simulation):
         return catalogue.ARENA if catalogue.has_missions(simulation) else None
-    return catalogue.built_in(simulation)
+    return catalogue.find_built_in(simulation)

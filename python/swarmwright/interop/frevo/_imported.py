@@ -77,7 +77,7 @@ def load(
 
 def _sensors(simulation: str) -> int | None:
     """Return what an agent of a simulation senses; None for one that is not here."""
-    if not catalogue.is_here(simulation):
+    if not catalogue.is_local(simulation):
         return None
     return int(catalogue.description(simulation)["sensors"])
 

@@ -27,7 +27,7 @@ class Known:
     """The parameters of a simulation, as far as they are known here."""
 
     def __init__(self, simulation: str) -> None:
-        described = catalogue.is_described(simulation)
+        described = catalogue.has_description(simulation)
         self.description: dict[str, Any] | None = catalogue.description(simulation) if described else None
         self.simulation = simulation
 

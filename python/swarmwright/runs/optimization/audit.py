@@ -22,7 +22,7 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs.store import Evaluation, StoreReader
 from swarmwright.servers.evaluation.base import AuditedEpisode, Backend, BudgetSpent, Controllers, Progress
 from swarmwright.simulations.base import BatchSimulation
-from swarmwright.simulations.catalogue import built_in
+from swarmwright.simulations.catalogue import find_built_in
 from swarmwright.simulations.command.checking import definition_of_name
 from swarmwright.simulations.command.ros_definition import RosOptions
 from swarmwright.simulations.loading import load
@@ -130,7 +130,7 @@ def _is_asked(experiment: Experiment, backend: Backend) -> bool:
     if has_python_modules(experiment):
         return True
     if not is_python(name):
-        return backend.is_foreign or built_in(name) is None
+        return backend.is_foreign or find_built_in(name) is None
     if SimulationName.parse(name).library == "vmas":  # sums differ with the number of episodes beside it
         return False
     if not is_command(name):

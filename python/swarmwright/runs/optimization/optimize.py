@@ -211,7 +211,7 @@ def _check_construction(experiment: Experiment, servers: Servers | None) -> None
     """
     wanted = chosen(experiment, servers)
     here = isinstance(wanted, int) or wanted in ("auto", *HERE)
-    if here and (experiment.broker is None or wanted in HERE) and catalogue.is_here(experiment.simulation):
+    if here and (experiment.broker is None or wanted in HERE) and catalogue.is_local(experiment.simulation):
         problem = catalogue.construction_problem(experiment.simulation, experiment.parameters)
         if problem is not None:
             raise InputError(f"{place_of(experiment, 'parameters')}{problem}")
@@ -219,7 +219,7 @@ def _check_construction(experiment: Experiment, servers: Servers | None) -> None
 
 def _channels(experiment: Experiment) -> dict[str, Any] | None:
     """Return what is known here of sensors and actuators, for exports where the simulation is not."""
-    if not steers_agents(experiment) or not catalogue.is_described(experiment.simulation):
+    if not steers_agents(experiment) or not catalogue.has_description(experiment.simulation):
         return None
     try:
         return catalogue.channels(experiment.simulation, experiment.parameters)

@@ -176,7 +176,7 @@ def open_simulations(
         require_named(code)  # before it is imported
     (there,) = target.experiments(experiment, 1)
     where: dict[str, Any] = {} if target.places else {"broker": broker, "servers": servers}
-    if there.broker is None and catalogue.is_here(there.simulation):
+    if there.broker is None and catalogue.is_local(there.simulation):
         where.pop("broker", None)
     places = [_place(experiment, broker, servers), _place(there, where.get("broker"), where.get("servers"))]
     _require_apart(experiment, there, target, places)

@@ -80,7 +80,7 @@ class Plan:
 
 def check_target(target: Target, there: Experiment, here: Experiment, broker: str | None) -> None:
     """Raise InputError where a target has no place, or the controllers of `here` do not fit it."""
-    if broker is None and there.broker is None and not catalogue.is_here(there.simulation):
+    if broker is None and there.broker is None and not catalogue.is_local(there.simulation):
         try:
             require_here(there)
         except InputError as error:
@@ -159,7 +159,7 @@ class Work:
     def _where(self, experiment: Experiment, *, placed: bool = False) -> Where:
         """Return broker and servers for `open_backend`; placed: the experiment itself says them."""
         broker, servers = (None, None) if placed else (self._broker, self._servers)
-        if experiment.broker is None and catalogue.is_here(experiment.simulation):
+        if experiment.broker is None and catalogue.is_local(experiment.simulation):
             broker = None
         if servers is None and broker is None and needs_no_servers(experiment):
             servers = "in-process"

@@ -93,8 +93,8 @@ class Episodes:
         self.actuator_names: list[str] = list(description["actuator_names"])
         """What they are called, in their order; [] where the simulation does not say."""
         drawn = watch or self._draws
-        self._pictured = drawn and catalogue.shown_as(self.experiment.simulation) == "picture"
-        find = catalogue.drawing if self._pictured else catalogue.playable
+        self._pictured = drawn and catalogue.choose_display(self.experiment.simulation) == "picture"
+        find = catalogue.make_drawing_host if self._pictured else catalogue.make_playable
         playable: Any = find(self.experiment.simulation)
         self._host: Any = None if isinstance(playable, str) else playable
         with self._errors():
@@ -354,7 +354,7 @@ def _experiment(simulation: object, parameters: Mapping[str, Any] | None) -> Exp
             "simulation: must be a name such as 'arena', a class, an Experiment or its file, not an object "
             f"of the class {type(simulation).__name__}"
         )
-    if not catalogue.is_here(found.simulation):
-        hint = near_names.alike(found.simulation)
+    if not catalogue.is_local(found.simulation):
+        hint = near_names.suggest_title(found.simulation)
         raise InputError(f"simulation: {found.simulation!r} is not built in, nor a class in Python{hint}")
     return found

@@ -369,7 +369,7 @@ def check_fit(
     place: what the message calls the controller.
     """
     if controller.parameters:
-        if catalogue.is_described(simulation):
+        if catalogue.has_description(simulation):
             for name, message in unknown(simulation, controller.parameters):
                 raise InputError(f"{place}: {name}: {message}")
         return

@@ -34,7 +34,7 @@ def in_process_is_better(experiment: Experiment) -> bool:
 
     A notebook has no terminal for servers' output, and its cells are run repeatedly.
     """
-    asked = experiment.mode != "auto" or not catalogue.is_here(experiment.simulation)
+    asked = experiment.mode != "auto" or not catalogue.is_local(experiment.simulation)
     alone = in_notebook() or experiment.simulation.startswith("__main__:")
     return alone and not asked
 
@@ -45,27 +45,27 @@ def needs_no_servers(experiment: Experiment) -> bool:
     Servers take longer to start than such episodes take, which use all processors in this process as well.
     """
     named = experiment.broker is not None or experiment.servers != "auto" or experiment.mode != "auto"
-    return not named and catalogue.is_here(experiment.simulation) and not is_python(experiment.simulation)
+    return not named and catalogue.is_local(experiment.simulation) and not is_python(experiment.simulation)
 
 
 def require_here(experiment: Experiment) -> None:
     """Raise InputError unless the simulation can run in this process, with the requirements."""
     simulation = experiment.simulation
-    if not catalogue.is_here(simulation):
+    if not catalogue.is_local(simulation):
         where = place_of(experiment, "simulation")
         folder = None if experiment.path is None else experiment.path.parent
         if simulation.endswith(".py"):
-            from swarmwright.simulations.near_names import class_missing  # noqa: PLC0415 - only for this message
+            from swarmwright.simulations.near_names import describe_missing_class  # noqa: PLC0415 - only for this message
 
-            raise InputError(f"{where}{class_missing(simulation, folder)}")
-        from swarmwright.simulations.near_names import unknown_simulation  # noqa: PLC0415 - as above
+            raise InputError(f"{where}{describe_missing_class(simulation, folder)}")
+        from swarmwright.simulations.near_names import describe_unknown_simulation  # noqa: PLC0415 - as above
 
         if simulator_file(simulation) is not None:
-            raise InputError(f"{where}{unknown_simulation(simulation, folder)}")
+            raise InputError(f"{where}{describe_unknown_simulation(simulation, folder)}")
         hint = f"any other needs a broker on which a server offers it, as {', '.join(SIMULATORS)}"
         if simulation in SIMULATORS:
             hint = "name the broker on which one does"
-        raise InputError(f"{where}{unknown_simulation(simulation, folder)}; {hint}")
+        raise InputError(f"{where}{describe_unknown_simulation(simulation, folder)}; {hint}")
     if is_command(simulation):
         from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
 
@@ -75,7 +75,7 @@ def require_here(experiment: Experiment) -> None:
         warning = commands.warning_of(experiment)
         if warning is not None:
             warn_once(f"{place_of(experiment, 'simulation')}{warning}")
-    notice = catalogue.notice(simulation, experiment.parameters)
+    notice = catalogue.get_notice(simulation, experiment.parameters)
     if notice is not None:
         warn_once(f"{place_of(experiment, 'parameters')}{notice}")
     announced, wanted = catalogue.description(simulation), experiment.requirements

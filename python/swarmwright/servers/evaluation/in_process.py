@@ -36,7 +36,7 @@ from swarmwright.servers.rows import Journal
 from swarmwright.servers.server_use import ServerUses
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.loading import load
-from swarmwright.simulations.physics import hosted
+from swarmwright.simulations.physics import make_host
 
 _log = logging.getLogger("swarmwright")
 
@@ -221,7 +221,7 @@ class PythonBackend(InProcessBackend):
         """Gets (reason, traceback) of a failure, once for each reason."""
         self._held: list[tuple[str, str]] = []
         self._begun = 0.0
-        self._host = hosted(load(experiment.simulation), self._report)
+        self._host = make_host(load(experiment.simulation), self._report)
         self._code_failures = CodeFailures()
         self._repetition = Repetition(experiment.faults.attempts, bitwise=self._host.determinism == "bitwise")
 

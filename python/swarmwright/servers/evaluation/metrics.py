@@ -18,7 +18,7 @@ def asked_for(experiment: Experiment, metrics: Sequence[str] | Literal["all"]) -
     if metrics != "all":
         listed("metrics", metrics, "names of metrics")
         metrics = [text("metrics", name, "a list of names") for name in metrics]
-    if not catalogue.is_described(experiment.simulation):
+    if not catalogue.has_description(experiment.simulation):
         if metrics == "all":
             raise InputError(
                 f"metrics: those of {experiment.label}, which is not here, are not known; give their names"

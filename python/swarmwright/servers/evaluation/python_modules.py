@@ -88,7 +88,7 @@ class ModulesBackend(InProcessBackend):
 
     def _work(self, controllers: Controllers, seeds: Sequence[int]) -> MachineEvaluations:
         return MachineEvaluations(
-            catalogue.playable(self._simulation),
+            catalogue.make_playable(self._simulation),
             self.parameters,
             controllers.architecture,
             controllers.weights,

@@ -131,7 +131,7 @@ def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], N
     if name in catalogue.titles():
         return name
     from swarmwright.simulations import loading  # noqa: PLC0415 - only for simulations in Python
-    from swarmwright.simulations.physics import hosted  # noqa: PLC0415 - only for simulations in Python
+    from swarmwright.simulations.physics import make_host  # noqa: PLC0415 - only for simulations in Python
     from swarmwright.simulations.user_code.changes import check_unchanged  # noqa: PLC0415 - only for simulations in Python
 
     loading.serving = True
@@ -139,7 +139,7 @@ def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], N
     check_unchanged(files)
     if visual and hasattr(kind, "runVisual"):  # of a command
         kind.visual = True  # type: ignore[union-attr] # a CommandSimulation, which is above this
-    return hosted(kind, failed)
+    return make_host(kind, failed)
 
 
 def _modules(names: list[str], simulation: Any, failed: Callable[[str, str], None]) -> Any:  # noqa: ANN401 - as the engine takes it

@@ -70,7 +70,7 @@ class ShownEpisode:
         """
         seed = experiment.first_seed if seed is None else seed
         simulation_seed("seed", seed)
-        if broker is None and not catalogue.is_here(experiment.simulation):
+        if broker is None and not catalogue.is_local(experiment.simulation):
             broker = experiment.broker
             if broker is None:
                 raise InputError(
@@ -95,7 +95,7 @@ class ShownEpisode:
 
         Raises InputError for a simulation that has neither.
         """
-        return self.broker is None and catalogue.shown_as(self.experiment.simulation) == "picture"
+        return self.broker is None and catalogue.choose_display(self.experiment.simulation) == "picture"
 
     def episode(self) -> Playable:
         """Return the episode, before its first step.
@@ -106,8 +106,8 @@ class ShownEpisode:
         if self.broker is not None:
             return self._judged(self._remote())
         if not self.pictured:
-            return self._episode(catalogue.playable(self.experiment.simulation))
-        host = catalogue.drawing(self.experiment.simulation)
+            return self._episode(catalogue.make_playable(self.experiment.simulation))
+        host = catalogue.make_drawing_host(self.experiment.simulation)
         return Pictured(self._episode(host), host.picture)
 
     def recording(self) -> Recording:
@@ -135,12 +135,12 @@ class ShownEpisode:
 
     def pictures(self) -> PictureRecording:
         """Play the episode of a simulation that draws pictures, and return them."""
-        host = catalogue.drawing(self.experiment.simulation)
+        host = catalogue.make_drawing_host(self.experiment.simulation)
         return record_pictures(self._episode(host), host.picture)
 
     def engine_episode(self) -> _engine.Episode | PlayedEpisode:
         """Return the episode as the engine steps it, before its first step, with the simulation's fitness."""
-        return self._engine_episode(catalogue.playable(self.experiment.simulation))
+        return self._engine_episode(catalogue.make_playable(self.experiment.simulation))
 
     def _episode(self, simulation: Any) -> Playable:  # noqa: ANN401 - as the engine takes it
         return self._judged(self._engine_episode(simulation))
@@ -250,7 +250,7 @@ class ShownEpisode:
             return
         first, last = recording.scenes[0].message, recording.scenes[-1].message
         if first and first == last and len(recording.scenes) > 1:
-            mission = catalogue.built_in(self.experiment.simulation) == catalogue.ARENA
+            mission = catalogue.find_built_in(self.experiment.simulation) == catalogue.ARENA
             yield ("mission" if mission else "scene", first)
 
 
@@ -265,7 +265,7 @@ def check_shown_on(broker: str | None, controller: Controller) -> None:
 
 def _sizes(experiment: "Experiment", broker: str | None) -> tuple[int, int]:
     """Return how many sensors and actuators agents have; servers are asked where it is not known here."""
-    if catalogue.is_described(experiment.simulation):
+    if catalogue.has_description(experiment.simulation):
         described = catalogue.description(experiment.simulation, experiment.parameters)
         return described["sensors"], described["actuators"]
     with open_backend(experiment, broker=broker, most=1) as backend:

@@ -72,7 +72,7 @@ class BrokerBackend:
                 self.sensors, self.actuators = pool.wait_for_server(sizes=steers_agents(experiment))
         except RunError as error:
             self.check()
-            hint = near_names.alike(experiment.simulation)
+            hint = near_names.suggest_title(experiment.simulation)
             if isinstance(error.__cause__, _engine.NoServerError):
                 hint = hint or _advice(experiment)
             raise RunError(f"{error}{self._metrics_hint() or hint}") from error
@@ -319,7 +319,7 @@ def _advice(experiment: Experiment) -> str:
     served = experiment.simulation
     if is_command(served):
         served = "EXPERIMENT.yaml" if experiment.path is None else str(experiment.path)
-    elif not catalogue.is_here(served):
+    elif not catalogue.is_local(served):
         return (
             f"; start a server that offers {served!r} on this broker, or name a launcher that does under "
             "`servers:` in the experiment; a server that runs, but does not announce itself, answers only if "

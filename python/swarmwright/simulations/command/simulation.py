@@ -49,7 +49,7 @@ from swarmwright.simulations.command.process import (
     run,
 )
 from swarmwright.simulations.command.stepwise import Dialogue, Start
-from swarmwright.simulations.fitness import OWN, FitnessExpression
+from swarmwright.simulations.fitness import FITNESS_NAME, FitnessExpression
 from swarmwright.simulations.parameters import Parameter
 from swarmwright.simulations.user_code.command_sources import digest
 
@@ -158,14 +158,16 @@ class SteppedEpisodes:
         if not isinstance(reported, Mapping):
             raise CommandFailure(f"metrics is {json.dumps(reported)[:40]}, expected {{NAME: NUMBER, ..}}")
         results = {name: reported[name] for name in self._metrics if name in reported}
-        if OWN in answer or OWN in reported:
-            results[OWN] = answer.get(OWN, reported.get(OWN))
+        if FITNESS_NAME in answer or FITNESS_NAME in reported:
+            results[FITNESS_NAME] = answer.get(FITNESS_NAME, reported.get(FITNESS_NAME))
         for name in self._metrics:
             if name not in results:
                 there = ", ".join(reported) or "none"
                 raise CommandFailure(f"ended the episode without the metric {name!r}; available: {there}")
         for name, value in results.items():
-            if not isinstance(value, bool | int | float) or (name == OWN and isinstance(value, bool)):
+            if not isinstance(value, bool | int | float) or (
+                name == FITNESS_NAME and isinstance(value, bool)
+            ):
                 raise CommandFailure(f"{name} is {json.dumps(value)[:40]}, expected a number")
         return {name: _float(value) for name, value in results.items()}
 
@@ -275,7 +277,7 @@ class CommandSimulation(Simulation):
         self._reductions = self.options.reductions
         if not self.metrics:
             named = () if self._own is None else self._own.metrics
-            self.metrics = [name for name in self._reductions or named if name != OWN]
+            self.metrics = [name for name in self._reductions or named if name != FITNESS_NAME]
         if not self.parameters and self.options.parameters is not None:
             self.parameters = parameter_file.defaults(self._here / self.options.parameters)
         own = {
@@ -366,10 +368,10 @@ class CommandSimulation(Simulation):
         """Return the metrics of the episode, and `fitness` where the logs have that."""
         wanted = {reduction.column for reduction in self._reductions.values()}
         wanted |= set(self.metrics) - set(self._reductions)
-        if (self._own is None and OWN not in self._reductions) or self._asks_own:
-            wanted.add(OWN)
+        if (self._own is None and FITNESS_NAME not in self._reductions) or self._asks_own:
+            wanted.add(FITNESS_NAME)
         columns = logs.read(self._log_files(), self.options.log_format, wanted)
-        plain = (set(self.metrics) | {OWN}) & set(columns)
+        plain = (set(self.metrics) | {FITNESS_NAME}) & set(columns)
         reductions = {name: Reduction("last", name) for name in sorted(plain)} | self._reductions
         for name, reduction in reductions.items():
             problem = columns[reduction.column].problem(reduction.function)
@@ -421,11 +423,11 @@ class CommandSimulation(Simulation):
     def fitness(self) -> float:
         """Return the fitness: of the definition's expression, or what the logs say."""
         if self._own is None or not self._own_applies:
-            if OWN not in self._measured:
+            if FITNESS_NAME not in self._measured:
                 raise EpisodeError(f"{self._label}: {self._without_fitness}")
-            return self._measured[OWN]
+            return self._measured[FITNESS_NAME]
         row = np.array([[self._measured[name] for name in self._own.metrics]])
-        values, faults = self._own(np.array([self._measured.get(OWN, 0.0)]), row)
+        values, faults = self._own(np.array([self._measured.get(FITNESS_NAME, 0.0)]), row)
         if faults:
             raise EpisodeError(f"fitness: {faults[0].reason}")
         return float(values[0])
@@ -450,7 +452,11 @@ class CommandSimulation(Simulation):
     def _check_used(self) -> None:
         """Raise CommandFailure where the fitness is made of a number that is not finite; others may be."""
         own = self._own if self._own_applies else None
-        used = [OWN] if own is None else [*own.metrics, *([OWN] if own.uses_own else [])]
+        used = (
+            [FITNESS_NAME]
+            if own is None
+            else [*own.metrics, *([FITNESS_NAME] if own.uses_simulation_fitness else [])]
+        )
         for name in used:
             value = self._measured.get(name, 0.0)
             if not math.isfinite(value):
@@ -461,7 +467,7 @@ class CommandSimulation(Simulation):
     @property
     def _asks_own(self) -> bool:
         """Whether the expression of the fitness uses what the logs call fitness."""
-        return self._own is not None and self._own.uses_own
+        return self._own is not None and self._own.uses_simulation_fitness
 
     @property
     def _own_applies(self) -> bool:

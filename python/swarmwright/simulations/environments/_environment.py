@@ -1,24 +1,20 @@
-"""What adapters of libraries of environments have in common.
+"""Shared code of the adapters for Gymnasium, PettingZoo and VMAS.
 
-Whether `reset` brings an environment back to where it was, which one object for all episodes needs.
+Sensors are read from the observation space. Bounded numbers are scaled to -1..1, unbounded numbers are passed
+on unchanged, and a choice among n values becomes n numbers (one-hot). The parts of dictionaries and tuples
+are concatenated.
 
-Some environments keep contacts, lists or running means over `reset`. What happens in an episode would then
-depend on the episodes before, and so on which server has evaluated which candidate.
+Actuators, -1..1, are converted to the action space. Bounded numbers are scaled to their range; a number with
+a single bound to the interval of width 2 next to it; unbounded numbers are passed on unchanged. For integers,
+-1..1 is divided into bins of equal width. With two choices the sign decides; with more, the largest of n
+actuators, the first among equals. An action mask restricts the choice.
 
-Gymnasium's spaces as sensors and actuators.
+Action masks follow PettingZoo's convention: the observation is a dictionary whose `action_mask` is 1 for each
+choice that is allowed and 0 for the others.
 
-Sensors: numbers with bounds are scaled to -1..1, others stay as they are; a choice of n is n numbers, 1 for
-what is chosen and 0 for the rest; dictionaries and tuples follow one part after the other.
-
-Actuators, -1..1: numbers with bounds are scaled to these; with one bound, to the 2 next to it; others stay as
-they are. For integers the range -1..1 has a bin for each, all of the same width. Of two choices the sign
-decides, of more the largest of as many actuators, the first one among equals; where an action mask allows
-some only, among these. Dictionaries and tuples follow one part after the other.
-
-Action masks: which choices an environment allows, as it says in its observations.
-
-The form of PettingZoo and others: the observation is a dictionary with `action_mask`, 1 for each choice that
-is allowed and 0 for others, beside what is observed.
+Trials find out whether `reset` restores an environment completely. Some environments keep contacts, lists or
+running means across `reset`, so that an episode would depend on the previous ones, and thus on which server
+evaluated which candidate.
 """
 
 import contextlib
@@ -46,18 +42,18 @@ from swarmwright.common.tracebacks import located
 from swarmwright.common.untrusted import paths_elsewhere
 from swarmwright.common.warn_once import warn_once
 from swarmwright.simulations.base import Group, Simulation
-from swarmwright.simulations.calls import short
+from swarmwright.simulations.calls import summarize
 from swarmwright.simulations.environments import NEW_EACH_EPISODE
-from swarmwright.simulations.isolation import Apart
+from swarmwright.simulations.isolation import IsolatedModules
 
 MASK = "action_mask"
 """Key of the mask in an observation."""
 Allowed = NDArray[np.bool_]
-"""(choices,), those of one part of an action after those of the other."""
+"""(choices,), concatenated over the parts of an action."""
 
 
 def mask_width(observations: Any, actions: Any) -> int:  # noqa: ANN401 - spaces of an environment
-    """Return how many choices the mask in observations is of; 0 where none fits the actions."""
+    """Return the number of choices in the observations' mask; 0 without a mask that fits the actions."""
     if not isinstance(observations, spaces.Dict) or set(observations.spaces) <= {MASK}:
         return 0
     match actions:
@@ -80,21 +76,21 @@ def mask_reader(
     actions: Any,  # noqa: ANN401
     refuse: Callable[[Any], NoReturn],
 ) -> Callable[[Any], Allowed | None]:
-    """Return what reads the choices that an observation allows; None stands for all.
+    """Return a function that reads the choices an observation allows; None stands for all.
 
-    All are allowed where the mask has none, as that of an agent whose turn it is not.
+    An empty mask, such as that of an agent whose turn it is not, allows all.
 
     Args:
-        observations: their space.
-        actions: their space.
-        refuse: raises for a mask of another size, and for None where an observation has none.
+        observations: observation space.
+        actions: action space.
+        refuse: raises an error for a mask of the wrong size, or for None if an observation has no mask.
     """
     width = mask_width(observations, actions)
     if not width:
         return lambda _: None
 
-    def read(seen: Any) -> Allowed | None:  # noqa: ANN401 - an observation
-        mask = seen.get(MASK) if isinstance(seen, Mapping) else None
+    def read(observation: Any) -> Allowed | None:  # noqa: ANN401 - an observation
+        mask = observation.get(MASK) if isinstance(observation, Mapping) else None
         if mask is None:
             refuse(None)
         flat = (
@@ -109,63 +105,63 @@ def mask_reader(
 
 
 Numbers = NDArray[np.float64]
-_Made = TypeVar("_Made")
+_Item = TypeVar("_Item")
 
 _UNBOUNDED = 1e6
-"""Bounds from here on are none: some environments write a large number for infinity."""
+"""Larger bounds count as infinite: some environments write a large number instead of infinity."""
 
 
 class Sensors(NamedTuple):
-    """How an observation becomes numbers."""
+    """Conversion of observations to sensor values."""
 
     width: int
     read: Callable[[Any], Numbers]
     """Observation -> (width,)"""
     ranges: tuple[Range | None, ...]
-    """What -1 and 1 of each stand for; None where numbers stay as they are."""
+    """The values that -1 and 1 stand for; None for numbers that are not scaled."""
 
 
 class Actuators(NamedTuple):
-    """How numbers become an action."""
+    """Conversion of actuator values to actions."""
 
     width: int
     act: Callable[..., Any]
     """(width,), -1 to 1, and optionally the choices that are allowed -> action"""
     ranges: tuple[Range | None, ...]
-    """What -1 and 1 of each stand for; None where they stand for themselves, or choose."""
+    """The values that -1 and 1 stand for; None for numbers that are not scaled, or that choose."""
 
 
 def with_mask(observations: Any, actions: Any, where: str) -> tuple[Sensors, Callable[[Any], Allowed | None]]:  # noqa: ANN401 - spaces of an environment
-    """Return the sensors for an observation space, and what reads which choices an observation allows.
+    """Return the sensors for an observation space, and a function that reads which choices are allowed.
 
-    See `sensors`; an action mask is no sensor, where it is one of these actions.
+    A mask of these actions is not a sensor. See `sensors`.
     """
     if not mask_width(observations, actions):
         return sensors(observations, where), lambda _: None
-    seen = spaces.Dict({key: part for key, part in observations.spaces.items() if key != MASK})
-    place = f"{where}[{MASK!r}]"
+    sensor_space = spaces.Dict({key: part for key, part in observations.spaces.items() if key != MASK})
+    mask_label = f"{where}[{MASK!r}]"
 
     def refuse(mask: Any) -> NoReturn:  # noqa: ANN401 - whatever an environment returns
         if mask is None:
-            raise SimulationError(f"{where}: an observation without {MASK!r}, which its space has")
-        _refuse(mask, observations.spaces[MASK], place)
+            raise SimulationError(f"{where}: an observation lacks {MASK!r}, which is in its space")
+        _refuse(mask, observations.spaces[MASK], mask_label)
 
-    return sensors(seen, where), mask_reader(observations, actions, refuse)
+    return sensors(sensor_space, where), mask_reader(observations, actions, refuse)
 
 
 def sensors(space: Any, where: str) -> Sensors:  # noqa: ANN401 - whatever an environment says
-    """Return the sensors for an observation space. Raises InputError for one whose size changes.
+    """Return the sensors for an observation space. Raises InputError for a space without a fixed size.
 
-    Reading raises SimulationError for an observation of another size, or a choice that there is not. Whether
-    numbers are within their bounds is not checked: many environments exceed them.
+    Reading raises SimulationError for an observation of the wrong size and for an invalid choice. Bounds are
+    not checked, because many environments exceed them.
     """
-    _check_there(space, where)
+    _check_not_none(space, where)
     match space:
         case spaces.Box():
             middle, half = _range(space)
 
-            def numbers(seen: Any) -> Numbers:  # noqa: ANN401 - an array
-                return (_flat(seen, half.size, space, where) - middle) / half
+            def numbers(observation: Any) -> Numbers:  # noqa: ANN401 - an array
+                return (_flat(observation, half.size, space, where) - middle) / half
 
             return Sensors(half.size, numbers, ranges(middle, half))
         case spaces.Discrete():
@@ -173,10 +169,10 @@ def sensors(space: Any, where: str) -> Sensors:  # noqa: ANN401 - whatever an en
         case spaces.MultiBinary():
             size = int(np.prod(space.shape))
 
-            def flags(seen: Any) -> Numbers:  # noqa: ANN401 - an array of 0 and 1
-                row = _flat(seen, size, space, where)
+            def flags(observation: Any) -> Numbers:  # noqa: ANN401 - an array of 0 and 1
+                row = _flat(observation, size, space, where)
                 if not ((row == 0) | (row == 1)).all():
-                    _refuse(seen, space, where)
+                    _refuse(observation, space, where)
                 return row
 
             return Sensors(size, flags, (None,) * size)
@@ -185,21 +181,21 @@ def sensors(space: Any, where: str) -> Sensors:  # noqa: ANN401 - whatever an en
         case spaces.Dict() | spaces.Tuple():
             return _parts(space, where)
     raise InputError(
-        f"{where}: a {type(space).__name__} space cannot be read by sensors, whose number is fixed; "
-        "wrap the environment so that it gives a Box"
+        f"{where}: a {type(space).__name__} space has no fixed number of values for sensors; "
+        "wrap the environment so that its observations are a Box"
     )
 
 
 def _choice_of_one(space: spaces.Discrete, where: str) -> Sensors:
     count, start = int(space.n), int(space.start)
 
-    def read(seen: Any) -> Numbers:  # noqa: ANN401 - an integer
+    def read(observation: Any) -> Numbers:  # noqa: ANN401 - an integer
         try:
-            index = int(seen) - start
+            index = int(observation) - start
         except (TypeError, ValueError, OverflowError):
-            _refuse(seen, space, where)
-        if not 0 <= index < count or index + start != seen:
-            _refuse(seen, space, where)
+            _refuse(observation, space, where)
+        if not 0 <= index < count or index + start != observation:
+            _refuse(observation, space, where)
         row = np.zeros(count)
         row[index] = 1
         return row
@@ -212,10 +208,10 @@ def _choices(space: spaces.MultiDiscrete, where: str) -> Sensors:
     ends = np.cumsum(counts)
     width = int(ends[-1])
 
-    def read(seen: Any) -> Numbers:  # noqa: ANN401 - an array of integers
-        picked = _flat(seen, counts.size, space, where) - starts
+    def read(observation: Any) -> Numbers:  # noqa: ANN401 - an array of integers
+        picked = _flat(observation, counts.size, space, where) - starts
         if not ((picked >= 0) & (picked < counts) & (picked % 1 == 0)).all():
-            _refuse(seen, space, where)
+            _refuse(observation, space, where)
         row = np.zeros(width)
         row[ends - counts + picked.astype(np.int64)] = 1
         return row
@@ -225,52 +221,52 @@ def _choices(space: spaces.MultiDiscrete, where: str) -> Sensors:
 
 def _parts(space: Any, where: str) -> Sensors:  # noqa: ANN401 - a Dict or a Tuple
     keys, parts = _inner(space, where, sensors)
-    found = tuple(ends for part in parts for ends in part.ranges)
+    limits = tuple(ends for part in parts for ends in part.ranges)
 
-    def read(seen: Any) -> Numbers:  # noqa: ANN401 - a dictionary or tuple
+    def read(observation: Any) -> Numbers:  # noqa: ANN401 - a dictionary or tuple
         try:
-            values = [seen[key] for key in keys]
+            values = [observation[key] for key in keys]
         except (TypeError, LookupError):
-            _refuse(seen, space, where)
+            _refuse(observation, space, where)
         return np.concatenate([part.read(value) for part, value in zip(parts, values, strict=True)])
 
-    return Sensors(len(found), read, found)
+    return Sensors(len(limits), read, limits)
 
 
-def _inner(space: Any, where: str, made: Callable[[Any, str], _Made]) -> tuple[list[Any], list[_Made]]:  # noqa: ANN401 - a Dict or a Tuple
-    """Return the keys of a space's parts, and what is made of each. Raises InputError where it has none."""
+def _inner(space: Any, where: str, convert: Callable[[Any, str], _Item]) -> tuple[list[Any], list[_Item]]:  # noqa: ANN401 - a Dict or a Tuple
+    """Return the keys of a space's parts, and each part converted. Raises InputError for an empty space."""
     inner: list[tuple[Any, Any]] = list(
         space.spaces.items() if isinstance(space, spaces.Dict) else enumerate(space.spaces)
     )
     if not inner:
         raise InputError(f"{where}: a {type(space).__name__} space without parts")
-    return [key for key, _ in inner], [made(part, f"{where}[{key!r}]") for key, part in inner]
+    return [key for key, _ in inner], [convert(part, f"{where}[{key!r}]") for key, part in inner]
 
 
-def _flat(seen: Any, size: int, space: Any, where: str) -> Numbers:  # noqa: ANN401 - whatever an environment returns
-    """Return an observation as a row of so many numbers. Raises SimulationError for others."""
+def _flat(observation: Any, size: int, space: Any, where: str) -> Numbers:  # noqa: ANN401 - whatever an environment returns
+    """Return an observation as a row of `size` numbers. Raises SimulationError if it is anything else."""
     try:
-        row = np.asarray(seen, float).ravel()
+        row = np.asarray(observation, float).ravel()
     except (TypeError, ValueError):
-        _refuse(seen, space, where)
+        _refuse(observation, space, where)
     if row.size != size:
-        _refuse(seen, space, where)
+        _refuse(observation, space, where)
     return row
 
 
-def _refuse(seen: Any, space: Any, where: str) -> NoReturn:  # noqa: ANN401 - whatever an environment returns
-    shape = getattr(seen, "shape", ())
-    found = f"{short(seen)} of the shape {shape}" if shape else short(seen)
+def _refuse(observation: Any, space: Any, where: str) -> NoReturn:  # noqa: ANN401 - whatever an environment returns
+    shape = getattr(observation, "shape", ())
+    description = f"{summarize(observation)} of the shape {shape}" if shape else summarize(observation)
     if shape and shape != getattr(space, "shape", None):
-        # The numbers differ from episode to episode, what is wrong does not.
-        found = f"of the shape {shape}"
-    expected = f"Box{space.shape}" if isinstance(space, spaces.Box) else short(space)
-    raise SimulationError(f"{where}: the observation {found} is not in {expected}")
+        # Without the values, the message is the same in every episode.
+        description = f"of the shape {shape}"
+    expected = f"Box{space.shape}" if isinstance(space, spaces.Box) else summarize(space)
+    raise SimulationError(f"{where}: the observation {description} is not in {expected}")
 
 
 def actuators(space: Any, where: str) -> Actuators:  # noqa: ANN401 - whatever an environment says
-    """Return the actuators for an action space. Raises InputError for one that cannot be steered."""
-    _check_there(space, where)
+    """Return the actuators for an action space. Raises InputError for an unsupported space."""
+    _check_not_none(space, where)
     match space:
         case spaces.Box():
             if np.issubdtype(space.dtype, np.integer):
@@ -278,19 +274,19 @@ def actuators(space: Any, where: str) -> Actuators:  # noqa: ANN401 - whatever a
             middle, half = _reach(space)
             shape, kind = space.shape, space.dtype
 
-            def scaled(row: Numbers, _: Allowed | None = None) -> Any:  # noqa: ANN401 - of the space's type
+            def scale_to_space(row: Numbers, _: Allowed | None = None) -> Any:  # noqa: ANN401 - of the space's type
                 action = (middle + half * row).reshape(shape).astype(kind)
                 return np.clip(action, space.low, space.high)
 
-            return Actuators(half.size, scaled, ranges(middle, half))
+            return Actuators(half.size, scale_to_space, ranges(middle, half))
         case spaces.Discrete():
             width, choose = _choice(int(space.n))
             start = int(space.start)
 
-            def one(row: Numbers, allowed: Allowed | None = None) -> int:
+            def choose_value(row: Numbers, allowed: Allowed | None = None) -> int:
                 return start + choose(row, allowed)
 
-            return Actuators(width, one, (None,) * width)
+            return Actuators(width, choose_value, (None,) * width)
         case spaces.MultiDiscrete():
             return _several(space)
         case spaces.MultiBinary():
@@ -303,8 +299,8 @@ def actuators(space: Any, where: str) -> Actuators:  # noqa: ANN401 - whatever a
         case spaces.Dict() | spaces.Tuple():
             return _action_parts(space, where)
     raise InputError(
-        f"{where}: a {type(space).__name__} space cannot be steered by actuators; "
-        "wrap the environment so that it takes a Box or a Discrete"
+        f"{where}: actuators cannot control a {type(space).__name__} space; "
+        "wrap the environment so that its actions are a Box or a Discrete"
     )
 
 
@@ -330,20 +326,20 @@ def _action_parts(space: Any, where: str) -> Actuators:  # noqa: ANN401 - a Dict
 
     def act(row: Numbers, _: Allowed | None = None) -> Any:  # noqa: ANN401 - of the space's type
         rows = np.split(row, ends[:-1])
-        actions = [part.act(own) for part, own in zip(parts, rows, strict=True)]
+        actions = [part.act(values) for part, values in zip(parts, rows, strict=True)]
         return dict(zip(keys, actions, strict=True)) if isinstance(space, spaces.Dict) else tuple(actions)
 
     return Actuators(int(ends[-1]), act, tuple(limits for part in parts for limits in part.ranges))
 
 
 def ranges(middle: NDArray[Any], half: NDArray[Any]) -> tuple[Range | None, ...]:
-    """Return what -1 and 1 of scaled numbers stand for: middle and half the width of the range of each."""
+    """Return the values that -1 and 1 stand for, given the middle and half the width of each range."""
     parts = zip(np.ravel(half).tolist(), np.ravel(middle).tolist(), strict=True)
     return tuple(Range.scaled(*part) for part in parts)
 
 
 def _range(space: spaces.Box) -> tuple[Numbers, Numbers]:
-    """Return the middle of each number's range and half its width, flat; 0 and 1 where it has no bounds."""
+    """Return the middle and half the width of each number's range, flat; 0 and 1 without bounds."""
     low, high = space.low.astype(float).ravel(), space.high.astype(float).ravel()
     bounded = (low > -_UNBOUNDED) & (high < _UNBOUNDED) & (low < high)
     low, high = np.where(bounded, low, -1.0), np.where(bounded, high, 1.0)
@@ -351,9 +347,9 @@ def _range(space: spaces.Box) -> tuple[Numbers, Numbers]:
 
 
 def _reach(space: spaces.Box) -> tuple[Numbers, Numbers]:
-    """Return the middle of what each actuator reaches and half its width, flat.
+    """Return the middle and half the width of each actuator's range, flat.
 
-    The bounds; the 2 next to the only bound; -1 to 1 without any.
+    With a single bound the range is 2 wide and begins or ends there; without bounds it is -1 to 1.
     """
     low, high = space.low.astype(float).ravel(), space.high.astype(float).ravel()
     above, below = low > -_UNBOUNDED, high < _UNBOUNDED
@@ -363,9 +359,9 @@ def _reach(space: spaces.Box) -> tuple[Numbers, Numbers]:
 
 
 def _integers(space: spaces.Box) -> Actuators:
-    """Return the actuators for integers: -1 to 1 is divided into as many bins as there are integers.
+    """Return the actuators for integers: -1 to 1 is divided into a bin for each integer.
 
-    With one bound there are the 3 next to it, without any -1, 0 and 1.
+    With a single bound these are the 3 integers next to it, without bounds -1, 0 and 1.
     """
     firsts, counts = [], []
     # Python's integers: differences of 64-bit bounds do not fit into 64 bits.
@@ -375,25 +371,28 @@ def _integers(space: spaces.Box) -> Actuators:
         firsts.append(low if above else high - count + 1 if below else -1)
         counts.append(count)
     shape, kind = space.shape, space.dtype
-    # Wider than the type, in which a sum with the number of a bin may not fit.
+    # Wider than the space's type, in which the sum with the bin's index may overflow.
     wide = np.uint64 if kind == np.uint64 else np.int64
     first, bins = np.array(firsts, wide), np.array(counts, float)
 
-    def picked(row: Numbers, _: Allowed | None = None) -> Any:  # noqa: ANN401 - of the space's type
+    def choose_integers(row: Numbers, _: Allowed | None = None) -> Any:  # noqa: ANN401 - of the space's type
         index = np.clip(np.floor(bins * (row + 1) / 2), 0, bins - 1)
         return (first + index.astype(wide)).astype(kind).reshape(shape)
 
-    # The number of a bin is that of a value of this range, rounded.
-    return Actuators(bins.size, picked, ranges(first + (bins - 1) / 2, bins / 2))
+    # A bin's integer is the value in this range, rounded.
+    return Actuators(bins.size, choose_integers, ranges(first + (bins - 1) / 2, bins / 2))
 
 
-def _check_there(space: Any, where: str) -> None:  # noqa: ANN401 - whatever an environment says
+def _check_not_none(space: Any, where: str) -> None:  # noqa: ANN401 - whatever an environment says
     if space is None:
-        raise InputError(f"{where}: is missing; an environment has to say what is observed and done in it")
+        raise InputError(f"{where}: missing; an environment must define its observation and action spaces")
 
 
 def _choice(count: int) -> tuple[int, Callable[[Numbers, Allowed | None], int]]:
-    """Return how many actuators choose one of `count`, and how; of those that are allowed, if any is."""
+    """Return the number of actuators that choose among `count` values, and the function that chooses.
+
+    If a mask allows any values, only those are chosen.
+    """
     if count > 2:
 
         def largest(row: Numbers, allowed: Allowed | None) -> int:
@@ -413,40 +412,40 @@ def _choice(count: int) -> tuple[int, Callable[[Numbers, Allowed | None], int]]:
 
 
 STEPS = 200
-"""Steps of a trial, at most. Those of BipedalWalker-v3 differ once it has fallen, those of
-knights_archers_zombies once a zombie has got through, after 141."""
+"""Most steps of a trial. Differences appear in BipedalWalker-v3 once it has fallen, and in
+knights_archers_zombies once a zombie has got through, after 141 steps."""
 SECONDS = 5.0
-"""Time of all trials together, after which they end with what is known: servers have to begin their work."""
+"""Time limit of all trials together, so that servers start their work soon."""
 _SEEDS = (1, 2)
-"""Seeds of the episode that is repeated, and of the one between: some environments take 0 for no seed."""
+"""Seeds of the repeated episode and of the episode between. Not 0, which some environments ignore."""
 
 Actions = Callable[[int], NDArray[np.float64]]
-"""Number of actuators -> what they do in a step, -1 to 1."""
+"""Number of actuators -> their values in a step, -1 to 1."""
 Trial = Callable[[Any, int, Actions], Iterator[bytes]]
-"""(environment, seed, actions) -> what an episode returns, step after step."""
+"""(environment, seed, actions) -> the results of an episode, step by step."""
 
 
 class Restoring(Enum):
-    """What trials have shown."""
+    """Result of the trials: whether an episode can be repeated."""
 
     RESTORED = auto()
-    """An episode with the same seed and actions is the same again."""
+    """The same seed and actions give the same episode."""
     NEW_ONLY = auto()
-    """It is the same in a new object only."""
+    """They do so only in a new object."""
     NEVER = auto()
-    """It differs even in a new object: not all randomness comes from the seed."""
+    """They do not even in a new object: not all randomness comes from the seed."""
     UNKNOWN = auto()
-    """There was not enough time to find out."""
+    """The trials took too long."""
 
 
 class _OutOfTimeError(Exception):
-    """The time of the trials is over."""
+    """The trials exceeded their time limit."""
 
 
-def found_by_trials(make: Callable[[], Any], trial: Trial) -> Restoring:
-    """Compare an episode with its repetition after another one, to the bit.
+def test_restoring(make: Callable[[], Any], trial: Trial) -> Restoring:
+    """Run an episode, another one, and the first one again; compare the repetition bit by bit.
 
-    Only new objects are used, so that the ones that evaluate are what they are without the comparison.
+    The trials use objects of their own, so that they do not affect evaluations.
 
     Args:
         make: returns a new environment.
@@ -468,15 +467,15 @@ def found_by_trials(make: Callable[[], Any], trial: Trial) -> Restoring:
     try:
         return Restoring.NEW_ONLY if _record(env, trial, repeated, end) == first else Restoring.NEVER
     except _OutOfTimeError:
-        return Restoring.NEW_ONLY  # it is known that `reset` is not enough
+        return Restoring.NEW_ONLY  # the first object has shown that `reset` is not enough
     finally:
         close(env)
 
 
 def _record(env: Any, trial: Trial, seed: int, end: float) -> list[bytes]:  # noqa: ANN401 - of libraries
-    """Return digests of what an episode returns, step after step.
+    """Return digests of an episode's results, step by step.
 
-    One that fails ends with the exception, which episodes report.
+    If the episode fails, the last item names the exception; evaluations report it.
 
     Raises _OutOfTimeError after `end`, a time of `time.monotonic`.
     """
@@ -499,7 +498,7 @@ def _record(env: Any, trial: Trial, seed: int, end: float) -> list[bytes]:  # no
 
 
 def close(env: Any) -> None:  # noqa: ANN401 - types of libraries
-    """Close an environment; what it has computed counts also where it has no `close`, or that fails."""
+    """Close an environment. Ignores a missing or failing `close`, as results are valid without it."""
     with contextlib.suppress(Exception):
         env.close()
 
@@ -507,110 +506,111 @@ def close(env: Any) -> None:  # noqa: ANN401 - types of libraries
 _log = logging.getLogger("swarmwright")
 
 _ARRAY = "rgb_array"
-"""The render mode that gives pictures as arrays."""
+"""The render mode that returns pictures as arrays."""
 _MOST_FRAMES = 1000
-"""Frames a second, at most, that an environment can ask for."""
+"""Highest frame rate, in frames a second, that is taken from an environment's metadata."""
 _MANY_SENSORS = 10_000
-"""With more of them there is a warning."""
+"""Number of sensors above which a warning is logged."""
 _FLAG_WORDS = frozenset({"true", "false", "yes", "no", "on", "off"})
-"""Texts that are meant as a flag, in lower case."""
+"""Strings, in lower case, that users write for booleans."""
 
 
 class Environment(Simulation):
     """An environment of another library as a simulation.
 
-    Its parameters are what the environment's constructor takes; in an experiment they are set as any others,
-    as long as they leave alone what agents sense and how they act. Those that do not belong to the name:
-    `pettingzoo:mpe2.simple_spread_v3?N=5`.
+    Its parameters are the arguments of the environment's constructor. An experiment sets them like any
+    others, unless they change the number of sensors or actuators; those belong in the simulation's name, as
+    in `pettingzoo:mpe2.simple_spread_v3?N=5`.
     """
 
     environment: ClassVar[str] = ""
-    """The environment, as its library names it."""
+    """The environment's name in its library."""
     options: ClassVar[Mapping[str, Any]] = {}
-    """What its constructor gets; parameters of an experiment are added."""
+    """Arguments of its constructor; parameters of an experiment are added."""
     adapted: ClassVar[str] = ""
     """The name from which the class was made; empty for a user-written class."""
-    apart: ClassVar[Apart | None] = None
-    """The modules of a run's copy, of which the environment is."""
+    isolated_modules: ClassVar[IsolatedModules | None] = None
+    """Modules of the run's copy that defines the environment, if any."""
     most_steps: int = 10_000
-    """An episode that the environment does not end is ended after so many."""
+    """Step after which an episode ends if the environment has not ended it."""
     new_each_episode: ClassVar[bool | None] = None
-    """Whether each episode gets a new object of the environment, rather than `reset` of one for all.
+    """Whether each episode gets a new environment object instead of a `reset` of the same one.
 
-    None: where a trial before the first episode of a process shows that `reset` does not restore the
-    environment. It has 200 steps and 5 seconds at most; no trial is made where `copies` is false, or of
-    `render_mode` human."""
+    None: decided by a trial before the first episode of a process, which tests whether `reset` restores the
+    environment. The trial takes at most 200 steps and 5 seconds, and is skipped if `copies` is false or
+    `render_mode` is human."""
     rendering: ClassVar[bool] = False
     """Whether environments are made with `render_mode="rgb_array"`, see `rendered`."""
 
     def __init__(self) -> None:
         self.env: Any = None
-        self._given: dict[str, Any] | None = None
+        self._env_parameters: dict[str, Any] | None = None
         self._replace_environment({})
         self.sensors, self.actuators = self._sizes()
         if self.sensors > _MANY_SENSORS:
             warn_once(
-                f"{self.adapted or type(self).__name__}: an agent has {self.sensors} sensors, such as a "
-                "picture's, so that controllers are large and slow; a class whose make() adds a wrapper can "
-                "reduce them"
+                f"{self.adapted or type(self).__name__}: an agent has {self.sensors} sensors, such as the "
+                "pixels of a picture, which makes controllers large and slow; reduce them with a class whose "
+                "make() adds a wrapper"
             )
 
     @abstractmethod
     def make(self, options: dict[str, Any]) -> Any:  # noqa: ANN401 - types of libraries
-        """Return a new environment. Raises any exception when there is none with these options."""
+        """Return a new environment. May raise any exception if the options are not accepted."""
 
-    def _named(self) -> str:
+    def _environment_name(self) -> str:
         """Return the environment's name. Raises InputError for a class that has none."""
         if self.environment:
             return self.environment
         kind = type(self)
-        near = similar("environment", vars(kind))
-        hint = "" if near is None else f"; there is {near!r}, is it a typing error?"
-        raise InputError(f"{kind.__name__}: has no attribute 'environment', the environment's name{hint}")
+        suggestion = similar("environment", vars(kind))
+        hint = "" if suggestion is None else f"; did you misspell it as {suggestion!r}?"
+        raise InputError(
+            f"{kind.__name__}: missing the attribute 'environment', the environment's name{hint}"
+        )
 
-    def described_with(self, parameters: dict[str, Any]) -> Self:
-        """Return this object with what it announces with these parameters: ranges may depend on them.
+    def configure(self, parameters: dict[str, Any]) -> Self:
+        """Apply parameters, on which ranges and sizes may depend, and return this object.
 
-        Raises InputError where they do not fit.
+        Raises InputError if the environment does not accept them.
         """
         self._ensure_environment(parameters, anew=False)
         return self
 
     @contextmanager
     def _modules(self) -> Iterator[None]:
-        """Let modules that `make` imports be the copies of a run, where the environment is of one."""
-        with nullcontext() if self.apart is None else self.apart.entered():
+        """Let `make` import the run's copies of modules, if the environment belongs to a run."""
+        with nullcontext() if self.isolated_modules is None else self.isolated_modules.activate():
             yield
 
     @classmethod
-    def unshown(cls) -> str | None:
-        """Return why the environment has nothing to show, as it declares; None where it renders."""
+    def explain_missing_display(cls) -> str | None:
+        """Return why the environment cannot be displayed, according to its metadata; None if it can."""
         modes = _render_modes(cls().env)
         if _ARRAY in modes:
             return None
         return (
-            f"{cls.__name__} {cls.environment}: has nothing to show: its metadata has the render_modes "
-            f"{', '.join(modes) or 'none'}, and pictures need {_ARRAY}"
+            f"{cls.__name__} {cls.environment}: has nothing to display: pictures need the render mode "
+            f"{_ARRAY}, but its metadata lists the render_modes {', '.join(modes) or 'none'}"
         )
 
     @classmethod
     def rendered(cls) -> type[Self]:
-        """Return a class like this one whose objects draw pictures, which costs time.
+        """Return a subclass whose objects draw pictures, which costs time.
 
-        Raises InputError when the environment cannot render to an array, or what it renders with is not
-        installed.
+        Raises InputError if the environment cannot render to an array, or a library for rendering is missing.
         """
-        reason = cls.unshown()
+        reason = cls.explain_missing_display()
         if reason is not None:
             raise InputError(reason)
-        # Many draw with pygame, which prints a greeting and looks for a screen; arrays need neither.
+        # Many environments draw with pygame, which prints a banner and looks for a screen.
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
         attributes = {"rendering": True, "__module__": cls.__module__, "__doc__": cls.__doc__}
-        made: type[Self] = type(cls.__name__, (cls,), attributes)
+        rendering_class: type[Self] = type(cls.__name__, (cls,), attributes)
         label = f"{cls.__name__} {cls.environment}"
         try:
-            trial = made()
+            trial = rendering_class()
             if getattr(trial.env, "render_mode", _ARRAY) == _ARRAY:
                 trial.env.reset(seed=0)
                 drawn = trial.picture()
@@ -620,17 +620,17 @@ class Environment(Simulation):
             raise InputError(f"{label}: cannot be rendered: {type(error).__name__}: {error}") from error
         frames = getattr(trial.env, "metadata", {}).get("render_fps")
         if isinstance(frames, int | float) and 0 < frames <= _MOST_FRAMES:
-            made.frame_seconds = 1 / frames
+            rendering_class.frame_seconds = 1 / frames
         close(trial.env)
         if drawn is None:
             raise InputError(
-                f"{label}: cannot be rendered: it was made without render_mode={_ARRAY!r}; an "
+                f"{label}: cannot be rendered, because it was created without render_mode={_ARRAY!r}; an "
                 "overridden make() must pass its options to the environment"
             )
-        return made
+        return rendering_class
 
     def picture(self) -> NDArray[np.uint8] | None:
-        """Return what the environment renders, (height, width, 3)."""
+        """Return the rendered picture, (height, width, 3)."""
         if not self.rendering:
             return None
         drawn = self.env.render()
@@ -638,26 +638,26 @@ class Environment(Simulation):
 
     @abstractmethod
     def _sizes(self) -> tuple[int, int]:
-        """Read the spaces of the environment; return how many sensors and actuators an agent has."""
+        """Read the environment's spaces; return the numbers of sensors and actuators of an agent."""
 
     @abstractmethod
     def _trial(self, env: Any, seed: int, actions: Actions) -> Iterator[bytes]:  # noqa: ANN401 - types of libraries
-        """Run an episode; yield what `reset` and each step return."""
+        """Run an episode; yield the results of `reset` and of each step as bytes."""
 
     def _new_environment(self, parameters: dict[str, Any], *, rendering: bool) -> Any:  # noqa: ANN401 - types of libraries
-        """Return a new environment. Raises InputError where there is none with these parameters."""
+        """Return a new environment. Raises InputError if it does not accept the parameters."""
         label = f"{type(self).__name__} {self.environment}"
         check_paths(label, self.environment, parameters)
         try:
             shown = {"render_mode": _ARRAY} if rendering else {}
             with self._modules():
-                made = self.make({**self.options, **parameters, **shown})
+                env = self.make({**self.options, **parameters, **shown})
             try:
-                _check_flags(made, {**self.options, **parameters}, label)
+                _check_flags(env, {**self.options, **parameters}, label)
             except InputError:
-                close(made)
+                close(env)
                 raise
-            return made
+            return env
         except InputError:
             raise
         except Exception as error:  # libraries raise various exceptions
@@ -665,169 +665,174 @@ class Environment(Simulation):
             raise InputError(f"{where}: {located(error)}") from error
 
     def _replace_environment(self, parameters: dict[str, Any]) -> None:
-        """Have a new environment with these parameters. Raises InputError where there is none."""
-        made = self._new_environment(parameters, rendering=self.rendering)
+        """Create an environment with these parameters and close the old one. Raises InputError."""
+        env = self._new_environment(parameters, rendering=self.rendering)
         self._close()
-        self.env, self._given = made, dict(parameters)
+        self.env, self._env_parameters = env, dict(parameters)
 
     def _close(self) -> None:
         if self.env is not None:
             close(self.env)
-        self.env = self._given = None
+        self.env = self._env_parameters = None
 
     def _is_new_each_episode(self) -> bool:
-        """Return what `new_each_episode` says, or else a trial, which a class has once in a process.
+        """Return `new_each_episode`, or else the result of a trial, made once for a class in a process.
 
-        It has the parameters of the name alone, so that all servers find the same.
+        The trial uses only the parameters in the name, so that all servers get the same result.
         """
         kind = type(self)
         if kind.new_each_episode is not None:
             return kind.new_each_episode
-        found = vars(kind).get("_restoring")
-        if found is None:
+        restoring = vars(kind).get("_restoring")
+        if restoring is None:
             if not self.copies or getattr(self.env, "render_mode", None) == "human":
                 return False
-            # Closing an environment may end what others draw with, so there is none beside those of trials.
+            # Closing a trial's environment may end a library that other environments draw with.
             self._close()
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # those of the episodes are enough
-                found = found_by_trials(lambda: self._new_environment({}, rendering=False), self._trial)
-            kind._restoring = found  # type: ignore[attr-defined]
-            _tell(found, self.adapted or kind.__name__)
-        return bool(found is Restoring.NEW_ONLY)
+                warnings.simplefilter("ignore")  # the episodes raise them again
+                restoring = test_restoring(lambda: self._new_environment({}, rendering=False), self._trial)
+            kind._restoring = restoring  # type: ignore[attr-defined]
+            _log_restoring(restoring, self.adapted or kind.__name__)
+        return bool(restoring is Restoring.NEW_ONLY)
 
     def _prepare_episode(self, parameters: dict[str, Any]) -> None:
-        """Be ready for an episode with these parameters. Raises InputError where they do not fit."""
+        """Prepare an episode with these parameters. Raises InputError if they are not accepted."""
         self._ensure_environment(parameters, anew=self._is_new_each_episode())
 
     def _ensure_environment(self, parameters: dict[str, Any], *, anew: bool) -> None:
-        """Have an environment with these parameters, a new one where they are others or `anew`.
+        """Create an environment if the parameters have changed, or if `anew`.
 
-        Raises InputError where they do not fit.
+        Raises InputError if the parameters are not accepted, or change the sensors or actuators.
         """
-        is_known = parameters == self._given
-        if is_known and not anew:
+        is_same = parameters == self._env_parameters
+        if is_same and not anew:
             return
         if anew:
             self._close()
         self._replace_environment(parameters)
-        if is_known:
+        if is_same:
             return
         groups = self.groups
         sizes = self._sizes()
         if (sizes, self.groups) == ((self.sensors, self.actuators), groups):
             return
-        found, before = f"{sizes[0]} sensors and {sizes[1]} actuators", f"{self.sensors} and {self.actuators}"
+        actual, expected = (
+            f"{sizes[0]} sensors and {sizes[1]} actuators",
+            f"{self.sensors} and {self.actuators}",
+        )
         if sizes == (self.sensors, self.actuators):
-            found, before = _listed(self.groups), _listed(groups)
-        self._given, self.groups = None, groups
+            actual, expected = _format_groups(self.groups), _format_groups(groups)
+        self._env_parameters, self.groups = None, groups
         raise InputError(
-            f"{', '.join(parameters)}: with it agents have {found} instead of {before}; put it into the "
-            f"simulation's name, as {self.environment}?{'&'.join(f'{name}=..' for name in parameters)}"
+            f"{', '.join(parameters)}: changes the agents to {actual} instead of {expected}; put it into the "
+            f"simulation's name, as in {self.environment}?{'&'.join(f'{name}=..' for name in parameters)}"
         )
 
 
 def check_paths(label: str, environment: str, parameters: Mapping[str, Any]) -> None:
-    """Raise InputError for paths that lead elsewhere: parameters may come from a peer, a name does not."""
+    """Raise InputError for paths outside the working folder in parameters, which may come from a peer."""
     for name, value in parameters.items():
         for path in paths_elsewhere(value):
             raise InputError(
-                f"{name}: {label}: {path!r} found, but parameters name files below the server's folder only; "
-                f"put it into the simulation's name, as {environment}?{name}=.."
+                f"{name}: {label}: {path!r} is outside the server's folder, where parameters may not point; "
+                f"put it into the simulation's name, as in {environment}?{name}=.."
             )
 
 
-def _check_flags(env: Any, given: Mapping[str, Any], label: str) -> None:  # noqa: ANN401 - types of libraries
-    """Raise InputError for words such as `no` where the environment has a flag: any text counts as true."""
+def _check_flags(env: Any, options: Mapping[str, Any], label: str) -> None:  # noqa: ANN401 - types of libraries
+    """Raise InputError for words such as `no` if the environment expects a boolean: any text is true."""
     try:
         expected = inspect.signature(type(getattr(env, "unwrapped", env))).parameters
-    except (TypeError, ValueError):  # it does not say what it takes
+    except (TypeError, ValueError):  # no signature
         return
-    for name, value in given.items():
+    for name, value in options.items():
         is_word = isinstance(value, str) and value.lower() in _FLAG_WORDS
         if is_word and name in expected and isinstance(expected[name].default, bool):
             raise InputError(f"{name}: {label}: {value!r} found, expected true or false")
 
 
-def _tell(found: Restoring, name: str) -> None:
-    """Say what trials have found, where it is not what is expected of environments."""
-    if found is Restoring.NEW_ONLY:
+def _log_restoring(restoring: Restoring, name: str) -> None:
+    """Log a warning unless the trials have shown that `reset` restores the environment."""
+    if restoring is Restoring.NEW_ONLY:
         _log.warning(
-            "%s: reset() does not restore all of its state, so that an episode would depend on those before; "
-            "each episode gets a new environment, which takes longer (%s=true says so without this message)",
+            "%s: reset() does not restore all of its state, so each episode gets a new environment, which is "
+            "slower; set %s=true to silence this message",
             name,
             NEW_EACH_EPISODE,
         )
-    elif found is Restoring.NEVER:
+    elif restoring is Restoring.NEVER:
         _log.warning(
-            "%s: episodes with the same seed differ, even in new environments, so that runs cannot be "
-            "repeated; reset(seed=..) has to seed all random numbers",
+            "%s: episodes with the same seed differ, even in new environments, so runs cannot be repeated; "
+            "reset(seed=..) must seed all random numbers",
             name,
         )
-    elif found is Restoring.UNKNOWN:
+    elif restoring is Restoring.UNKNOWN:
         _log.warning(
-            "%s: is too slow to find out within %g s whether reset() restores all of its state; one object "
-            "is used for all episodes (%s=false says so without this message, true takes a new one for each)",
+            "%s: too slow to test within %g s whether reset() restores all of its state; all episodes use "
+            "the same object. Set %s=false to silence this message, or true for a new object in each episode",
             name,
             SECONDS,
             NEW_EACH_EPISODE,
         )
 
 
-def _listed(groups: Mapping[str, Group]) -> str:
-    """Return groups with their numbers of agents."""
+def _format_groups(groups: Mapping[str, Group]) -> str:
+    """Return a list of groups with their numbers of agents."""
     return "the groups " + (
         ", ".join(f"{name} ({group.agents})" for name, group in groups.items()) or "(none)"
     )
 
 
 def _render_modes(env: Any) -> list[str]:  # noqa: ANN401 - types of libraries
-    """Return the ways in which an environment says that it renders."""
+    """Return the render modes in an environment's metadata."""
     modes = (getattr(env, "metadata", None) or {}).get("render_modes") or []
     return [str(mode) for mode in modes]
 
 
 def environment_seed(seed: int) -> int:
-    """Return 32 bits of a seed, as many as all environments take; smaller ones stay as they are."""
+    """Fold a seed to 32 bits, which all environments accept; seeds below 2**32 stay unchanged."""
     return (seed ^ seed >> 32) & 0xFFFF_FFFF
 
 
 def check_step(environment: str, returned: Any, old: str) -> None:  # noqa: ANN401 - whatever it returns
-    """Raise SimulationError where `step` did not return five values; old: which interface has four."""
+    """Raise SimulationError unless `step` returned five values; old: the interface that returns four."""
     if isinstance(returned, tuple) and len(returned) == 5:
         return
-    found = f"{len(returned)} values" if isinstance(returned, tuple) else short(returned)
-    raise SimulationError(f"{environment}: step returned {found}, {expected_of_step(old)}")
+    description = f"{len(returned)} values" if isinstance(returned, tuple) else summarize(returned)
+    raise SimulationError(f"{environment}: step returned {description}, {describe_step_result(old)}")
 
 
-def expected_of_step(old: str) -> str:
-    """Return in words what `step` has to return; old: which interface has four values."""
-    return f"expected (observation, reward, terminated, truncated, info); {old} has four, with done alone"
+def describe_step_result(old: str) -> str:
+    """Return the expected result of `step` in words; old: the interface that returns four values."""
+    return (
+        f"expected (observation, reward, terminated, truncated, info); {old} returns four, with a single done"
+    )
 
 
-def one_number(environment: str, reward: Any) -> float:  # noqa: ANN401 - whatever an environment returns
-    """Return a reward as one number. Raises SimulationError for several, as in multi-objective tasks."""
+def parse_reward(environment: str, reward: Any) -> float:  # noqa: ANN401 - whatever an environment returns
+    """Return a reward as a float. Raises SimulationError for anything but a single number."""
     if isinstance(reward, int | float | np.integer | np.floating):
         return float(reward)
     try:
-        given = np.asarray(reward)
+        values = np.asarray(reward)
     except (TypeError, ValueError):  # ragged
-        given = np.empty((), object)
-    if given.dtype.kind not in "biuf":
-        raise SimulationError(f"{environment}: its reward is {short(reward)}, expected a number")
-    if given.size != 1:
+        values = np.empty((), object)
+    if values.dtype.kind not in "biuf":
+        raise SimulationError(f"{environment}: its reward is {summarize(reward)}, expected a number")
+    if values.size != 1:
         raise SimulationError(
-            f"{environment}: its reward has {given.size} numbers, a fitness is one. If they are objectives, "
-            "weigh them in a custom class whose make() adds a wrapper such as "
-            "mo_gymnasium.wrappers.LinearReward; if they are the rewards of several agents, attach the "
-            "environment's interface of PettingZoo"
+            f"{environment}: its reward has {values.size} numbers, but fitness is a single number. Weight "
+            "several objectives with a custom class whose make() adds a wrapper such as "
+            "mo_gymnasium.wrappers.LinearReward; for rewards of several agents, use the environment's "
+            "PettingZoo interface"
         )
-    return float(given.item())
+    return float(values.item())
 
 
 def single(environment: str, reward: Any, step: int) -> float:  # noqa: ANN401 - as above
-    """Return the reward of a step, from 1 on. Raises SimulationError as above, or where it is not finite."""
-    value = one_number(environment, reward)
+    """Return the reward of a step, counted from 1. Raises SimulationError unless it is a finite number."""
+    value = parse_reward(environment, reward)
     if not math.isfinite(value):
         raise SimulationError(
             f"{environment}: its reward is {value} in step {step}, expected a finite number"

@@ -1,6 +1,6 @@
-"""Expressions over metrics, as experiments have them for the fitness: `collisions > 0 or distance < 0.1`.
+"""Expressions over metrics, with the syntax of fitness expressions: `collisions > 0 or distance < 0.1`.
 
-They were checked when the experiment was read; here they are computed where Swarmwright is not installed.
+They were checked when the experiment was read; this module evaluates them where Swarmwright is not installed.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ _FUNCTIONS: dict[str, Callable[..., float]] = {
 
 
 class Expression:
-    """An expression. Raises ValueError for what is none."""
+    """An expression over metrics. Raises SyntaxError if the text is not an expression."""
 
     def __init__(self, text: str) -> None:
         self.text = text
-        self._root = parsed(text.strip())
+        self._root = parse_expression(text.strip())
 
     def __call__(self, values: Mapping[str, float]) -> float:
-        """Return its value; 1 and 0 are true and false. Raises ArithmeticError and ValueError for none."""
+        """Return the value; true is 1, false 0. Raises ArithmeticError or ValueError if there is none."""
         return float(self._value(self._root, values))
 
     def _value(self, node: Any, values: Mapping[str, float]) -> float:
-        def of(inner: Any) -> float:
+        def evaluate(inner: Any) -> float:
             return self._value(inner, values)
 
         if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
@@ -57,22 +57,22 @@ class Expression:
         if isinstance(node, ast.Name) and node.id in values:
             return values[node.id]
         if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-            return _BINARY[type(node.op)](of(node.left), of(node.right))
+            return _BINARY[type(node.op)](evaluate(node.left), evaluate(node.right))
         if isinstance(node, ast.UnaryOp):
-            value = of(node.operand)
-            return float(not value) if isinstance(node.op, ast.Not) else -value if _minus(node) else value
+            value = evaluate(node.operand)
+            return float(not value) if isinstance(node.op, ast.Not) else -value if _is_minus(node) else value
         if isinstance(node, ast.BoolOp):
-            return self._connected(node, values)
+            return self._evaluate_boolean(node, values)
         if isinstance(node, ast.Compare):
-            return float(self._compared(node, values))
+            return float(self._evaluate_comparison(node, values))
         if isinstance(node, ast.IfExp):
-            return of(node.body) if of(node.test) else of(node.orelse)
+            return evaluate(node.body) if evaluate(node.test) else evaluate(node.orelse)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _FUNCTIONS:
-            return float(_FUNCTIONS[node.func.id](*map(of, node.args)))
+            return float(_FUNCTIONS[node.func.id](*map(evaluate, node.args)))
         raise ValueError(f"{self.text!r} is not an expression over {', '.join(values)}")
 
-    def _connected(self, node: ast.BoolOp, values: Mapping[str, float]) -> float:
-        """Return the value that decides, as Python does."""
+    def _evaluate_boolean(self, node: ast.BoolOp, values: Mapping[str, float]) -> float:
+        """Return the deciding value of `and` or `or`, as Python does."""
         value = 0.0
         for expression in node.values:
             value = self._value(expression, values)
@@ -80,7 +80,7 @@ class Expression:
                 break
         return value
 
-    def _compared(self, node: ast.Compare, values: Mapping[str, float]) -> bool:
+    def _evaluate_comparison(self, node: ast.Compare, values: Mapping[str, float]) -> bool:
         left = self._value(node.left, values)
         for operation, other in zip(node.ops, node.comparators):
             right = self._value(other, values)
@@ -90,8 +90,8 @@ class Expression:
         return True
 
 
-def parsed(text: str) -> Any:
-    """Return the tree of a text, which may have several lines, as YAML has them with "|", and comments.
+def parse_expression(text: str) -> Any:
+    """Parse an expression, which may span several lines, as in YAML's "|" blocks, and have comments.
 
     Raises SyntaxError.
     """
@@ -110,7 +110,7 @@ def parsed(text: str) -> Any:
 
 
 def _closes_early(bracketed: str) -> bool:
-    """Whether the first bracket is closed before the last line."""
+    """Return whether the first bracket is closed before the last line."""
     depth = 0
     for token in tokenize.generate_tokens(io.StringIO(bracketed).readline):
         if token.type == tokenize.OP:
@@ -121,12 +121,12 @@ def _closes_early(bracketed: str) -> bool:
 
 
 def _power(base: float, exponent: int) -> float:
-    """Multiply from left to right, which is the same on every machine."""
+    """Multiply from left to right, which gives the same result on every machine."""
     result = 1.0
     for _ in range(abs(exponent)):
         result = result * base
     return 1.0 / result if exponent < 0 else result
 
 
-def _minus(node: ast.UnaryOp) -> bool:
+def _is_minus(node: ast.UnaryOp) -> bool:
     return isinstance(node.op, ast.USub)

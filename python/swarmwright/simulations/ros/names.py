@@ -8,14 +8,14 @@ _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 def resolve(name: str, namespace: str = "/", node: str = "node") -> str:
-    """Return a name of the whole graph: `scan` in the namespace `/robot_1` is `/robot_1/scan`.
+    """Return the absolute name: `scan` in the namespace `/robot_1` is `/robot_1/scan`.
 
     Args:
         name: absolute (`/scan`), relative (`scan`), or private to the node (`~/steps`).
         namespace: of the node, with or without the first `/`.
         node: its name, for private names.
 
-    Raises ValueError, which says why it is no name.
+    Raises ValueError, with the reason, if the name is not valid.
     """
     if not name:
         raise ValueError("the name is empty")
@@ -28,7 +28,7 @@ def resolve(name: str, namespace: str = "/", node: str = "node") -> str:
         full = f"{inside}/{name}" if inside else name
     for token in full.split("/"):
         if not token:
-            raise ValueError("two / follow each other, or it ends with one")
+            raise ValueError("contains // or ends with /")
         if not _TOKEN.fullmatch(token):
             raise ValueError(
                 f"'{token}' is not valid in a name: expected a letter or _, then letters, digits and _"
@@ -39,7 +39,7 @@ def resolve(name: str, namespace: str = "/", node: str = "node") -> str:
 def namespace_of(name: str) -> str:
     """Return a namespace in its full form: `robot_1` is `/robot_1`, an empty one `/`.
 
-    Raises ValueError, which says why it is none.
+    Raises ValueError, with the reason, if the namespace is not valid.
     """
     inside = name.strip("/")
     return resolve(f"/{inside}") if inside else "/"

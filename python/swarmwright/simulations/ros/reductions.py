@@ -1,4 +1,4 @@
-"""What is made of many numbers: last, mean, ..; exact sums, the same on every machine."""
+"""Reductions of many numbers to one: last, mean, ..; sums are exact and the same on every machine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def mean(values: Sequence[float]) -> float:
 
 
 def std(values: Sequence[float]) -> float:
-    """Return the standard deviation of these values as all that there are."""
+    """Return the population standard deviation."""
     center = mean(values)
     return math.sqrt(math.fsum((value - center) * (value - center) for value in values) / len(values))
 
@@ -27,4 +27,4 @@ FUNCTIONS: dict[str, Callable[[Sequence[float]], float]] = {
     "std": std,
     "count": lambda values: float(len(values)),
 }
-"""Of one value at least."""
+"""Reductions of at least one value, by name."""

@@ -14,7 +14,7 @@ from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.command.ros import RosSimulation
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
-from swarmwright.simulations.parameters import declared
+from swarmwright.simulations.parameters import parse_parameters
 from swarmwright.simulations.ros.episodes import _filled
 from tests.python.simulations.command.test_hostile_parameters import HOSTILE
 from tests.python.simulations.command.test_ros_definition import with_
@@ -47,7 +47,7 @@ def test_declared_parameters(
     town.mkdir()
     given = {"config": written(town, ring(), "")} if library == "libsumo" else {}
     host = Host(kind)
-    for parameter in declared(kind.parameters, name):
+    for parameter in parse_parameters(kind.parameters, name):
         for text in HOSTILE:
             with pytest.raises(InputError, match=rf"^{parameter}: "), engine_errors():
                 host.reset({**given, parameter: text})
@@ -82,7 +82,9 @@ def test_environments_get_no_paths_elsewhere(name: str, text: str) -> None:
     host = Host(cast(type[Simulation], load(name)))
     for value in (text, [text], {"a": [text]}):
         with (
-            pytest.raises(InputError, match=r"^desc: .*name files below the server's folder only; "),
+            pytest.raises(
+                InputError, match=r"^desc: .*is outside the server's folder, where parameters may not point; "
+            ),
             engine_errors(),
         ):
             host.reset({"desc": value})

@@ -18,7 +18,7 @@ from swarmwright.display.pictures import _record as recording
 from swarmwright.runs.replay import Replay
 from swarmwright.simulations import attached
 from swarmwright.simulations.gymnasium import Gymnasium
-from swarmwright.simulations.host import drawing, shown_as
+from swarmwright.simulations.host import choose_display, make_drawing_class
 
 CART = "gymnasium:CartPole-v1"
 SPREAD = "pettingzoo:mpe2.simple_spread_v3?max_cycles=6"
@@ -140,19 +140,19 @@ class Drawn(Gymnasium):
 
 def test_environments_that_cannot_render_say_why(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(gymnasium.make("CartPole-v1").unwrapped.metadata, "render_modes", ["ansi"])
-    for ask in (shown_as, drawing):
-        with pytest.raises(InputError, match=r"the render_modes ansi, and pictures need rgb_array"):
+    for ask in (choose_display, make_drawing_class):
+        with pytest.raises(InputError, match=r"pictures need the render mode rgb_array"):
             ask(type("Other", (Drawn,), {}))
     monkeypatch.undo()
-    assert shown_as(Drawn) == "picture"
-    with pytest.raises(InputError, match=r"Drawn CartPole-v1: cannot be rendered: .*options to"):
-        drawing(Drawn)
+    assert choose_display(Drawn) == "picture"
+    with pytest.raises(InputError, match=r"Drawn CartPole-v1: cannot be rendered, because .*options to"):
+        make_drawing_class(Drawn)
 
 
 def test_what_rendering_needs_and_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
     with pytest.raises(InputError, match=r"CartPole-v1: cannot be rendered: .*pygame is not installed"):
-        drawing.__wrapped__(attached.simulation(CART))
+        make_drawing_class.__wrapped__(attached.load_adapter(CART))
 
 
 class Steps:

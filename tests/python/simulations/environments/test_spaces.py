@@ -163,9 +163,9 @@ def test_every_action_is_in_its_space(space: "spaces.Space[object]") -> None:
 
 
 def test_what_has_no_fixed_size_is_refused() -> None:
-    with pytest.raises(InputError, match=r"x\['a'\]: a Text space cannot be read by sensors"):
+    with pytest.raises(InputError, match=r"x\['a'\]: a Text space has no fixed number of values for sensors"):
         sensors(spaces.Dict({"a": spaces.Text(5)}), "x")
-    with pytest.raises(InputError, match=r"x\['a'\]: a Text space cannot be steered by actuators"):
+    with pytest.raises(InputError, match=r"x\['a'\]: actuators cannot control a Text space"):
         actuators(spaces.Dict({"a": spaces.Text(5)}), "x")
     with pytest.raises(InputError, match="x: a Tuple space without parts"):
         actuators(spaces.Tuple([]), "x")
@@ -203,7 +203,7 @@ def test_a_mask_is_no_sensor_and_allows_choices(mask: Any) -> None:
     with pytest.raises(SimulationError, match=r"x\['action_mask'\]: .* of the shape .* is not in"):
         allowed({"observation": 1, "action_mask": np.ones(4)})
     for without in ({"observation": 1}, {"observation": 1, "action_mask": None}, np.ones(3)):
-        with pytest.raises(SimulationError, match=r"^x: an observation without 'action_mask', which its"):
+        with pytest.raises(SimulationError, match=r"^x: an observation lacks 'action_mask', which is"):
             allowed(without)
 
 

@@ -18,7 +18,7 @@ pytest.importorskip("vmas", reason="VMAS is not installed")
 @pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["navigation", "wheel", "simple_spread", "balance"])
 def test_an_episode_does_not_depend_on_others(scenario: str) -> None:
-    check_batch_simulation(attached.simulation(f"vmas:{scenario}"), {"max_steps": 5})  # type: ignore[arg-type]
+    check_batch_simulation(attached.load_adapter(f"vmas:{scenario}"), {"max_steps": 5})  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

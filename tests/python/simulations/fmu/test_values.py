@@ -16,7 +16,7 @@ from swarmwright.simulations.command.fmu_definition import FmuOptions
 from swarmwright.simulations.fmu.description import described
 from swarmwright.simulations.fmu.instances import FmuError, Instance, unpacked
 from swarmwright.simulations.fmu.program import Episodes
-from swarmwright.simulations.parameters import filled_in
+from swarmwright.simulations.parameters import fill_parameters
 from tests.python.simulations.fmu.built import build
 from tests.python.simulations.fmu.conftest import SOURCES
 
@@ -217,10 +217,10 @@ def test_parameters_have_the_limits_of_their_types(files: Path) -> None:
         "gain": "number", "count": "integer", "on": "boolean", "label": "string",
     }  # fmt: skip
     given = {"gain": 2, "count": 4.0, "on": 0, "label": "y"}
-    found = filled_in(known, given)
+    found = fill_parameters(known, given)
     assert found == {"gain": 2.0, "count": 4, "on": False, "label": "y"}
     assert [type(one) for one in found.values()] == [float, int, bool, str]
-    assert filled_in(known, {}) == {"gain": 1.0, "count": 3, "on": True, "label": "x"}
+    assert fill_parameters(known, {}) == {"gain": 1.0, "count": 3, "on": True, "label": "x"}
     for name, value, said in (
         ("count", 3_000_000_000, "3000000000 found, expected an integer from -2147483648 to 2147483647"),
         ("count", True, "True found, expected an integer"),
@@ -229,11 +229,11 @@ def test_parameters_have_the_limits_of_their_types(files: Path) -> None:
         ("label", 2, "2 found, expected a string"),
     ):
         with pytest.raises(InputError, match=f"{name}: {said}"):
-            filled_in(known, {name: value})
+            fill_parameters(known, {name: value})
     items = announced(FmuOptions(fmu=str(files / "Types3.fmu")))
     assert set(items) == {"first"}
     with pytest.raises(InputError, match="first: 3 found, expected one of -2, 1, 4"):
-        filled_in(items, {"first": 3})
+        fill_parameters(items, {"first": 3})
 
 
 def test_messages_of_an_fmu(files: Path, tmp_path: Path) -> None:

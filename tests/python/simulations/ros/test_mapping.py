@@ -121,7 +121,7 @@ def test_names_are_resolved_in_the_namespace_of_the_robot() -> None:
     assert resolve("~/steps", "/", "controller") == "/controller/steps"
     assert (namespace_of(""), namespace_of("/"), namespace_of("a/b/")) == ("/", "/", "/a/b")
     for wrong in ("", "so nar", "1st", "a//b", "a/", "~x", "a-b", "ä"):
-        with pytest.raises(ValueError, match=r"name|follow"):
+        with pytest.raises(ValueError, match=r"name|//"):
             resolve(wrong, "/robot_1")
     mapping = resolved(read_mapping(MAPPING, SENSORS, ACTUATORS), lambda name: resolve(name, "/a"))
     assert mapping.sensors[2].place.topic == "/a/sonar"

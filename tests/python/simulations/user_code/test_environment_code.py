@@ -11,7 +11,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, repeat, resume, simulate
 from swarmwright.simulations.gymnasium import Gymnasium
-from swarmwright.simulations.isolation import Apart
+from swarmwright.simulations.isolation import IsolatedModules
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.names import environment_held
 from swarmwright.simulations.user_code import trust
@@ -200,7 +200,7 @@ def test_what_a_copy_imports_stays_registered(tmp_path: Path, monkeypatch: pytes
         for number in "12":
             (tmp_path / number).mkdir()
             (tmp_path / number / "maze.py").write_text(WRAPPED)
-            apart = Apart(tmp_path / number, {"maze"})
+            apart = IsolatedModules(tmp_path / number, {"maze"})
             made.append(type("Copy", (Gymnasium,), {"environment": "maze:Maze-v0", "apart": apart}))
             assert made[-1]().sensors == 4
         for name in ("Third-v0", "Late-v0"):
