@@ -29,10 +29,10 @@ class _Files(Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         """Import the file. Raises InputError."""
-        from swarmwright.simulations.loading import module_named  # noqa: PLC0415 - only where it is needed
+        from swarmwright.simulations.loading import import_by_name  # noqa: PLC0415 - only where it is needed
 
         name = module.__name__
-        sys.modules[name] = module_named(name)
+        sys.modules[name] = import_by_name(name)
 
 
 sys.meta_path.append(_Files())

@@ -15,7 +15,7 @@ from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.robots import mission_name, mission_of, robot_of
 from swarmwright.runs.run import Run
 from swarmwright.simulations.catalogue import ARENA, description, find_built_in
-from swarmwright.simulations.user_code.copying import Copy, digest_of, display_name
+from swarmwright.simulations.user_code.copying import Copy, compute_digest, display_name
 
 _NO_GROUP = ELSEWHERE | {"seed"}
 """Keys of an experiment in which runs of a group may differ."""
@@ -299,10 +299,10 @@ def _code_parts(run: Run) -> dict[str, str] | None:
     """Return the beginning of the SHA-256 of each part of a run's code; None where its copy is gone."""
     version = max(run.code)
     try:
-        copy = Copy.of(run.path, version)
+        copy = Copy.find(run.path, version)
         if copy is None or copy.digest != run.code[version]:
             return None
-        return {name: digest_of({name: kept.digests})[:12] for name, kept in copy.parts.items()}
+        return {name: compute_digest({name: kept.digests})[:12] for name, kept in copy.parts.items()}
     except InputError:
         return None
 

@@ -133,7 +133,7 @@ class Registry(Generic[Component]):
         parsed = SimulationName.parse(kind)
         assert parsed.file is not None
         # By name, as plug-ins are: what imports the code of users is above this package.
-        code, _ = import_module("swarmwright.simulations.loading").code_in(parsed.file)
+        code, _ = import_module("swarmwright.simulations.loading").import_with_digest(parsed.file)
         base: type[Component] = _resolve(self._base)
         found = getattr(code, parsed.member, None)
         file = shown(str(parsed.file))

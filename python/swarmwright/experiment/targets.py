@@ -19,7 +19,7 @@ from swarmwright.methods.rankings.absolute import AbsoluteOptions
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
 from swarmwright.methods.rankings.transferability import TransferabilityOptions
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute
+from swarmwright.simulations.names import make_absolute
 from swarmwright.simulations.user_code.permission import require_named
 
 CHANGED = ELSEWHERE - {"validate"} | {"simulation", "parameters", "sensors", "actuators", "fitness"}
@@ -282,7 +282,7 @@ def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_,
         said = Source("", keys) if source.is_option(path) else _part(source, path, keys)
         return _with_keys(experiment, entry, said, source.place(path), ask=ask)
     if is_python(entry):
-        entry = absolute(entry, folder)
+        entry = make_absolute(entry, folder)
     if ask:
         target = OtherSimulation(entry)
         try:
@@ -297,7 +297,7 @@ def _require_trusted(entry: Entry, run: Path) -> None:
     """Raise InputError before a class is imported that a run folder names as a target and is not trusted."""
     simulation = entry if isinstance(entry, str) else entry.get("simulation")
     if isinstance(simulation, str) and is_python(simulation):
-        require_named(absolute(simulation, run))
+        require_named(make_absolute(simulation, run))
 
 
 def _part(source: Source, path: Path_, values: Mapping[str, Any]) -> Source:

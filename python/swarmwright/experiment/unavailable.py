@@ -190,8 +190,8 @@ def not_installed(values: Mapping[str, Any]) -> list[str]:
 def copies(folder: Path, sections: Sequence[str]) -> Sequence[tuple[str, Path]]:
     """Return what the last version of a run's copy has of sections that are plug-ins: modules, and places."""
     versions = sorted(int(path.name) for path in (folder / FOLDER).glob("*") if path.name.isdecimal())
-    copy = Copy.of(folder, versions[-1]) if versions else None
+    copy = Copy.find(folder, versions[-1]) if versions else None
     if copy is None:
         return []
     kept = [copy.parts[section] for section in sections if section in copy.parts]
-    return [(part.module or part.main, copy.place(part)) for part in kept]
+    return [(part.module or part.main, copy.main_path(part)) for part in kept]

@@ -19,7 +19,7 @@ from swarmwright.experiment.start_from import entries
 from swarmwright.experiment.unavailable import UnavailableMethod, UnreadRanking
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute, of_run
+from swarmwright.simulations.names import make_absolute, resolve_run_name
 from swarmwright.simulations.user_code import permission
 
 
@@ -147,7 +147,7 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
         return False
     if not is_python(simulation):
         return catalogue.find_built_in(simulation) is not None
-    find = of_run if (folder / STORE).exists() else absolute
+    find = resolve_run_name if (folder / STORE).exists() else make_absolute
     values["simulation"] = find(simulation, folder)
     if ask:
         try:
@@ -277,8 +277,8 @@ def _module(name: Any, folder: Path, report: Callable[[str], None]) -> Any:  # n
     if not isinstance(name, str) or not is_in_file(name):
         return name
     if not (folder / STORE).exists():
-        return absolute(name, folder)
-    found = of_run(name, folder)
+        return make_absolute(name, folder)
+    found = resolve_run_name(name, folder)
     try:
         permission.require_file(found)
     except InputError as error:

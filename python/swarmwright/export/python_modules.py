@@ -166,17 +166,17 @@ def _source_of(kind: Kind, known: grammar.Module) -> _Source:
 
 def _copied(path: Path) -> _Source | None:
     """Return what a run has a copy of, None for a file that is no copy."""
-    held = Copy.holding(path)
+    held = Copy.find_containing(path)
     if held is None:
         return None
     copy, kept = held
     files = {place: (copy.folder / kept.name / place).read_bytes() for place in kept.digests}
-    part = Part.of_file("", "", path)
+    part = Part.from_file("", "", path)
     return _Source(kept.main, kept.module, files, kept.digests, distributions([part]))
 
 
 def _as_it_is(kind: Kind, known: grammar.Module, path: Path) -> _Source:
-    part = Part.of_file("", "", path) if known.file else Part.of_module("", "", kind.__module__)
+    part = Part.from_file("", "", path) if known.file else Part.from_module("", "", kind.__module__)
     if part is None:
         raise InputError(f"{known.name}: {kind.__module__} has no source in Python, so it cannot be exported")
     files = {place: file.data for place, file in part.files.items()}

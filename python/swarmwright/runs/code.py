@@ -20,19 +20,30 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.launcher_entries import files_of
 from swarmwright.runs import edits
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute, environment_held, environment_in, name_of
+from swarmwright.simulations.names import (
+    find_environment_copy,
+    format_environment_copy,
+    make_absolute,
+    name_of,
+)
 from swarmwright.simulations.user_code import changes
-from swarmwright.simulations.user_code.changes import choose, difference, near, present, summary
-from swarmwright.simulations.user_code.copying import FOLDER, Copy, Kept, digest_of, with_files
+from swarmwright.simulations.user_code.changes import (
+    choose,
+    format_difference,
+    read_current,
+    shorten_path,
+    summarize_changes,
+)
+from swarmwright.simulations.user_code.copying import FOLDER, CopiedPart, Copy, compute_digest, with_files
 from swarmwright.simulations.user_code.in_process import is_other
 from swarmwright.simulations.user_code.parts import (
     SECTIONS,
     Part,
-    home_of,
+    find_named_files,
+    get_home,
     is_plug_in,
-    named_files,
-    of_plug_ins,
-    of_simulation,
+    read_plug_ins,
+    read_simulation,
     with_data,
 )
 from swarmwright.simulations.user_code.permission import remember, require_copy, require_named
@@ -56,18 +67,18 @@ def parts_of(experiment: Experiment, patterns: Sequence[str] | None = None) -> l
     Raises InputError when a file cannot be read.
     """
     simulation = experiment.simulation
-    parts = [_original(part) for part in of_plug_ins(experiment)]
+    parts = [_original(part) for part in read_plug_ins(experiment)]
     if not is_python(simulation):
         return parts
-    held = environment_held(simulation) or Copy.holding(
+    held = find_environment_copy(simulation) or Copy.find_containing(
         Path(SimulationName.parse(simulation).place).absolute()
     )
-    part = choose(*held).part if held is not None else of_simulation(simulation)
+    part = choose(*held).part if held is not None else read_simulation(simulation)
     if part is None:
         return parts
     if patterns is None:
         patterns = _patterns(experiment)
-        named_files(home_of(part), patterns)
+        find_named_files(get_home(part), patterns)
     return [with_data(part, patterns), *parts]
 
 
@@ -79,7 +90,7 @@ def _patterns(experiment: Experiment) -> list[str]:
 
 def _original(part: Part) -> Part:
     """Return what the copy of another run means in the place of that copy."""
-    held = Copy.holding(part.origin) if part.in_file else None
+    held = Copy.find_containing(part.origin) if part.in_file else None
     return part if held is None else choose(*held).part
 
 
@@ -99,7 +110,7 @@ def _with_files(experiment: Experiment, copy: Copy, instead: Mapping[str, Part] 
         if instead is not None:
             return str(instead[part].origin) if part in instead else None
         kept = copy.parts.get(part)
-        return None if kept is None else str(copy.place(kept).absolute())
+        return None if kept is None else str(copy.main_path(kept).absolute())
 
     sections: dict[str, Any] = {name: getattr(experiment, name) for name in SECTIONS}
     given = {name: options.model_dump() for name, options in sections.items()}
@@ -122,7 +133,7 @@ def copy_of(run: "Run", generation: int | None = None) -> Copy | None:
     if not run.code:
         return None
     version = _version(run, generation)
-    copy = Copy.of(run.path, version)
+    copy = Copy.find(run.path, version)
     if copy is not None and copy.digest != run.code.get(version):
         raise InputError(
             f"{copy.folder}: was changed, but copies of a run's code are kept as they were; restore it, or "
@@ -143,7 +154,7 @@ def _version(run: "Run", generation: int | None = None) -> int:
 
 def _is_version(run: "Run", version: int, parts: list[Part]) -> bool:
     """Whether source is a version of which the run has the SHA-256, with or without its copy."""
-    return digest_of({part.name: part.digests for part in parts}) == run.code.get(version)
+    return compute_digest({part.name: part.digests for part in parts}) == run.code.get(version)
 
 
 def _has_copy(run: "Run", generation: int) -> bool:
@@ -186,7 +197,7 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
         experiment = _with_environment(_with_files(experiment, copy), copy)
     if copy is not None and "simulation" in copy.parts and _is_copied(experiment.simulation):
         kept = copy.parts["simulation"]
-        name = SimulationName.parse(experiment.simulation).in_file(copy.place(kept).absolute())
+        name = SimulationName.parse(experiment.simulation).in_file(copy.main_path(kept).absolute())
         return dataclasses.replace(experiment, simulation=name)
     if copy is None:
         _check_there(run, experiment.simulation)
@@ -198,7 +209,7 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
                 known = " any more, which has not changed" if same else " any more, which HAS changed"
             warn_once(
                 f"{run.path}: holds no copy of its simulation's code{known}; "
-                f"{near(Path(experiment.simulation))} is used as it is now"
+                f"{shorten_path(Path(experiment.simulation))} is used as it is now"
             )
     return experiment
 
@@ -208,7 +219,7 @@ def _with_environment(experiment: Experiment, copy: Copy) -> Experiment:
     kept = copy.parts.get("simulation")
     if kept is None or not _is_environment_copied(kept) or not choose(copy, kept).copied:
         return experiment
-    return dataclasses.replace(experiment, simulation=environment_in(copy, kept))
+    return dataclasses.replace(experiment, simulation=format_environment_copy(copy, kept))
 
 
 def _redefined(run: "Run", simulation: str) -> str | None:
@@ -246,7 +257,7 @@ def remarks(run: "Run") -> list[str]:
         if copy is not None:
             differing = ((kept, _differing(copy, kept)) for kept in copy.parts.values())
             found += [
-                f"{_component_label(kept)}: {summary(kept, now)}"
+                f"{_component_label(kept)}: {summarize_changes(kept, now)}"
                 for kept, now in differing
                 if now is not None
             ]
@@ -309,9 +320,9 @@ def continuation(
             notes.append(f"code is kept from generation {first} on")
         return Continuation(experiment, parts, None, 1, notes)
     now = {
-        name: _with_data_of(of_simulation(named.simulation), kept)
+        name: _with_data_of(read_simulation(named.simulation), kept)
         if named is not None and name == "simulation"
-        else present(copy, kept)
+        else read_current(copy, kept)
         for name, kept in copy.parts.items()
     }
     compared = {name: _as_kept(copy.parts[name], part) for name, part in now.items() if part is not None}
@@ -325,15 +336,15 @@ def continuation(
         raise InputError(
             f"{_changes_in_words(run, copy, changed)}\n"
             "Generations that different code evaluated cannot be compared. "
-            f"Restore what was edited (the run's copy is in {near(copy.folder)}), or start a new run, or go "
-            "on nevertheless with --accept-changed-code, which is noted in the run (in Python, "
+            f"Restore what was edited (the run's copy is in {shorten_path(copy.folder)}), or start a new "
+            "run, or go on nevertheless with --accept-changed-code, which is noted in the run (in Python, "
             "accept_changed_code=True)."
         )
     if named is None:
         # The accepted difference of the code is known.
         _check_trusted(run, experiment, copy, accepted=True)
     parts = [part or choose(copy, copy.parts[name]).part for name, part in now.items()]
-    summaries = dict.fromkeys(summary(copy.parts[name], part) for name, part in changed.items())
+    summaries = dict.fromkeys(summarize_changes(copy.parts[name], part) for name, part in changed.items())
     notes += [f"changed code accepted from generation {run.generations} on: {line}" for line in summaries]
     _trust_accepted(copy, changed)
     experiment = _with_files(experiment, copy, changed)
@@ -342,7 +353,7 @@ def continuation(
     if named is None and "simulation" in changed and not is_environment(experiment.simulation):
         named = _with_simulation(experiment, _name_in_part(experiment, changed["simulation"]))
     version = max(run.code) + 1
-    edited = (summary(copy.parts[name], part) for name, part in changed.items() if is_plug_in(name))
+    edited = (summarize_changes(copy.parts[name], part) for name, part in changed.items() if is_plug_in(name))
     return Continuation(named or experiment, parts, None, version, notes, tuple(dict.fromkeys(edited)))
 
 
@@ -355,7 +366,7 @@ def _trust_accepted(copy: Copy, changed: Mapping[str, Part]) -> None:
             remember([part])
 
 
-def _with_data_of(part: Part | None, kept: Kept) -> Part | None:
+def _with_data_of(part: Part | None, kept: CopiedPart) -> Part | None:
     return None if part is None else with_data(part, kept.patterns)
 
 
@@ -420,7 +431,7 @@ def trust_code(run: "Run") -> None:
     """Trust the code of a run, every copy of it. Raises InputError when it is gone or was changed."""
     with trusting():
         for version in run.code:
-            copy = Copy.of(run.path, version)
+            copy = Copy.find(run.path, version)
             if copy is None:
                 continue
             for kept in copy.parts.values():
@@ -435,37 +446,38 @@ def _changes_in_words(run: "Run", copy: Copy, changed: dict[str, Part]) -> str:
     for name, part in changed.items():
         kept = copy.parts[name]
         lines.append(
-            f"{run.path}: {_component_label(kept)} has changed since the run was begun: {summary(kept, part)}"
+            f"{run.path}: {_component_label(kept)} has changed since the run was begun: "
+            f"{summarize_changes(kept, part)}"
         )
-        lines.append(difference(copy, kept, part))
+        lines.append(format_difference(copy, kept, part))
     return "\n".join(line for line in lines if line)
 
 
-def _warn_if_changed(copy: Copy, kept: Kept) -> None:
+def _warn_if_changed(copy: Copy, kept: CopiedPart) -> None:
     """Say that a component has changed since the run."""
     now = _differing(copy, kept)
     if now is None:
         return
     if kept.in_file and is_plug_in(kept.name):
-        changes.copy_is_used(copy, kept, now)
+        changes.warn_of_copy(copy, kept, now)
     elif _is_environment_copied(kept):
-        changes.copy_is_used(copy, kept, now, f"; --simulation {kept.component} takes it as it is now")
+        changes.warn_of_copy(copy, kept, now, f"; --simulation {kept.component} takes it as it is now")
     elif is_plug_in(kept.name) or is_environment(kept.component):
         warn_once(
-            f"{near(copy.run)}: {_component_label(kept)}: {summary(kept, now)} since; the current version is "
-            "used"
+            f"{shorten_path(copy.run)}: {_component_label(kept)}: {summarize_changes(kept, now)} since; the "
+            "current version is used"
         )
     else:
-        changes.copy_is_used(copy, kept, now, _OTHER_SIMULATION_HINT)
+        changes.warn_of_copy(copy, kept, now, _OTHER_SIMULATION_HINT)
 
 
-def _differing(copy: Copy, kept: Kept) -> Part | None:
+def _differing(copy: Copy, kept: CopiedPart) -> Part | None:
     """Return the current source in the place of what was copied, None where it is the same or missing."""
-    now = present(copy, kept)
+    now = read_current(copy, kept)
     return None if now is None or now.digests == dict(kept.digests) else now
 
 
-def _component_label(kept: Kept) -> str:
+def _component_label(kept: CopiedPart) -> str:
     parsed = SimulationName.parse(kept.component)
     return f"{kept.name} {parsed.label if parsed.is_command else kept.component}"
 
@@ -473,10 +485,10 @@ def _component_label(kept: Kept) -> str:
 def _is_copied(simulation: str) -> bool:
     """Whether an experiment's simulation is a class or a command in a run's copy."""
     parsed = SimulationName.parse(simulation)
-    return not parsed.is_environment and Copy.holding(Path(parsed.place)) is not None
+    return not parsed.is_environment and Copy.find_containing(Path(parsed.place)) is not None
 
 
-def _is_environment_copied(kept: Kept) -> bool:
+def _is_environment_copied(kept: CopiedPart) -> bool:
     """Whether a component is an environment that can be made from its copy."""
     return SimulationName.parse(kept.component).library in {"gymnasium", "pettingzoo"}
 
@@ -511,7 +523,7 @@ def _with_simulation(experiment: Experiment, simulation: str | type) -> Experime
         raise InputError(
             f"simulation: {name!r} names no class in Python: FILE.py:Class or package.module:Class"
         )
-    name = absolute(name)
+    name = make_absolute(name)
     announced = catalogue.description(name)
     for key in ("sensors", "actuators"):
         recorded = getattr(experiment, key)
@@ -531,7 +543,7 @@ def _name_in_part(experiment: Experiment, part: Part) -> str:
     return SimulationName.parse(experiment.simulation).in_file(place)
 
 
-def _as_kept(kept: Kept, part: Part) -> Part:
+def _as_kept(kept: CopiedPart, part: Part) -> Part:
     """Return a part whose main file is called as in the copy, so that the two can be compared."""
     if part.main == kept.main or part.module is not None or kept.module is not None:
         return part
@@ -539,6 +551,6 @@ def _as_kept(kept: Kept, part: Part) -> Part:
     return dataclasses.replace(part, main=kept.main, files=files)
 
 
-def _is_same(kept: Kept, part: Part) -> bool:
+def _is_same(kept: CopiedPart, part: Part) -> bool:
     classes = [SimulationName.parse(either.component).label for either in (kept, part)]
     return classes[0] == classes[1] and part.digests == dict(kept.digests)

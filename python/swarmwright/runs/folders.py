@@ -9,7 +9,7 @@ from swarmwright.common.files import check_utf8
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs.store import FILE, StoreReader
 from swarmwright.runs.store.lock import is_locked
-from swarmwright.simulations.user_code.copying import FOLDER, holds_copies_alone, remove
+from swarmwright.simulations.user_code.copying import FOLDER, contains_only_copies, remove
 
 RUNS = Path("runs")
 """The folder of runs, in the current one."""
@@ -90,7 +90,7 @@ def is_replaceable(folder: Path) -> bool:
 def _is_of_a_run(entry: Path) -> bool:
     """Whether `remove_run` would delete what is in a run folder."""
     if entry.name == FOLDER:
-        return holds_copies_alone(entry.parent)
+        return contains_only_copies(entry.parent)
     return entry.name in _OURS and not entry.is_dir()
 
 

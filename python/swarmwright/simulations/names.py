@@ -1,4 +1,4 @@
-"""Names of user-defined simulations: where a name leads to, and which name a class has."""
+"""Names of user-defined simulations: resolving a name, and naming a class."""
 
 import os
 import sys
@@ -9,45 +9,45 @@ from urllib.parse import quote, unquote, unquote_to_bytes
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.simulations.user_code.copying import FOLDER as CODE
-from swarmwright.simulations.user_code.copying import Copy, Kept, beside
+from swarmwright.simulations.user_code.copying import CopiedPart, Copy, list_paths_beside
 
 FROM_FILE = "swarmwright_files."
-"""Begins the name of modules that are named by their file, see that package."""
+"""Prefix of the names of modules that are named by their file, see that package."""
 _SCRIPTS = ("__main__", "__mp_main__")
-"""What the module of a script is called, in its process and in those that multiprocessing starts."""
+"""Names of a script's module, in its own process and in those that multiprocessing starts."""
 files: dict[str, ModuleType] = {}
 """Path of a file -> its module."""
 
 
 def module_name(file: Path) -> str:
-    """Return the name under which the module of a file can be imported, in any process."""
-    return f"{FROM_FILE}{_quoted(os.fsencode(file))}"
+    """Return the name by which any process can import the module of a file."""
+    return f"{FROM_FILE}{_quote(os.fsencode(file))}"
 
 
 def module_name_beside(folder: Path, module: str) -> str:
-    """Return the same for a module of a folder whose modules are isolated from others of their names."""
-    return f"{module_name(folder)}:{_quoted(module.encode())}"
+    """Return the name by which any process can import a module of a folder of isolated modules."""
+    return f"{module_name(folder)}:{_quote(module.encode())}"
 
 
-def place_of_module(name: str) -> tuple[Path, str]:
-    """Return the file of a name that `module_name` made, and ""; else the folder, and the module in it."""
+def parse_module_name(name: str) -> tuple[Path, str]:
+    """Return the file and "" for a name of `module_name`, else the folder and the module in it."""
     path, _, module = name.removeprefix(FROM_FILE).partition(":")
     return Path(os.fsdecode(unquote_to_bytes(path))), unquote(module)
 
 
-def _quoted(text: bytes) -> str:
-    """Return text that is one part of the name of a module: without dots; colons separate, see above."""
+def _quote(text: bytes) -> str:
+    """Quote a text as a part of a module's name, which may not contain dots or colons."""
     return quote(text, safe="/").replace(".", "%2E")
 
 
-def absolute(name: str, folder: Path | None = None) -> str:
-    """Return a name that means the same in every folder, as far as it is that of a file."""
+def make_absolute(name: str, folder: Path | None = None) -> str:
+    """Return a name with its file, if any, as an absolute path."""
     parsed = SimulationName.parse(name)
     return name if parsed.file is None else parsed.in_file(((folder or Path()) / parsed.file).resolve())
 
 
-def relative_name(name: str, folder: Path) -> str:
-    """Return a name as an experiment file in this folder writes it."""
+def make_relative(name: str, folder: Path) -> str:
+    """Return a name with its file, if any, relative to the folder of an experiment file."""
     parsed = SimulationName.parse(name)
     if parsed.file is None:
         return name
@@ -57,44 +57,44 @@ def relative_name(name: str, folder: Path) -> str:
         return name
 
 
-def of_run(name: str, run: Path) -> str:
+def resolve_run_name(name: str, run: Path) -> str:
     """Return the absolute name of a run's simulation.
 
-    Where the copy in the run folder was deleted, a file in or beside the folder takes precedence over the
-    original place: a folder may be copied together with its file.
+    If the copy in the run folder was deleted, a file in or beside the folder takes precedence over the
+    original path, because a folder may be copied together with its file.
     """
     parsed = SimulationName.parse(name)
     file = parsed.file
     if file is not None and not (run / CODE in (run / file).parents and (run / file).exists()):
-        for path in beside(run.resolve(), file):
+        for path in list_paths_beside(run.resolve(), file):
             if path.is_file():
                 return parsed.in_file(path)
-    return absolute(name, run)
+    return make_absolute(name, run)
 
 
-def environment_in(copy: Copy, kept: Kept) -> str:
-    """Return the name of an environment whose module is a run's copy: with its file in place of the module.
+def format_environment_copy(copy: Copy, copied: CopiedPart) -> str:
+    """Return the name of an environment in a run's copy, which has its file instead of the module.
 
     `gymnasium:/runs/a/code/1/simulation/maze.py:Maze-v0`
     """
-    parsed = SimulationName.parse(kept.component)
+    parsed = SimulationName.parse(copied.component)
     environment = f":{parsed.place.rpartition(':')[2]}" if parsed.library == "gymnasium" else ""
     options = f"?{parsed.query}" if parsed.query else ""
-    return f"{parsed.library}:{quote(str(copy.place(kept).absolute()))}{environment}{options}"
+    return f"{parsed.library}:{quote(str(copy.main_path(copied).absolute()))}{environment}{options}"
 
 
-def environment_held(name: str) -> tuple[Copy, Kept] | None:
-    """Return the copy that an environment is named by, and the component; None for any other name."""
+def find_environment_copy(name: str) -> tuple[Copy, CopiedPart] | None:
+    """Return the copy and the component that an environment's name refers to; None for other names."""
     parsed = SimulationName.parse(name)
     if parsed.library not in {"gymnasium", "pettingzoo"} or not parsed.place.startswith("/"):
         return None
-    return Copy.holding(Path(unquote(parsed.place)))
+    return Copy.find_containing(Path(unquote(parsed.place)))
 
 
 def name_of(kind: type) -> str:
     """Return the name by which other processes find a class.
 
-    Classes of a script are found in its file; those of a notebook, as __main__:Class, in this process alone.
+    Classes of a script are found in its file; those of a notebook, __main__:Class, only in this process.
     Raises InputError for a class that is defined within a function or another class.
     """
     adapted: str = vars(kind).get("adapted", "")

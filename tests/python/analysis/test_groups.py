@@ -10,7 +10,7 @@ from swarmwright import compare
 from swarmwright.analysis.groups import group
 from swarmwright.analysis.table import option_columns
 from swarmwright.analysis.tasks import by_task
-from swarmwright.simulations.user_code.copying import Copy, digest_of
+from swarmwright.simulations.user_code.copying import Copy, compute_digest
 from swarmwright.simulations.user_code.parts import Part
 from tests.python.analysis.runs import KnownRun, runs
 
@@ -228,10 +228,10 @@ class Coded(KnownRun):
             file = path.parent / f"{path.name}-{part}" / "mine.py"
             file.parent.mkdir()
             file.write_text(source)
-            found.append(Part.of_file(part, f"{file}:Mine", file))
+            found.append(Part.from_file(part, f"{file}:Mine", file))
         path.mkdir()
         Copy.write(path, 1, found)
-        self._code = {1: digest_of({part.name: part.digests for part in found})}
+        self._code = {1: compute_digest({part.name: part.digests for part in found})}
 
     @property
     def code(self) -> dict[int, str]:

@@ -12,7 +12,7 @@ from swarmwright.common.simulation_names import is_python
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.description import describe, find_misspelt_attributes
 from swarmwright.simulations.loading import load
-from swarmwright.simulations.names import absolute, name_of
+from swarmwright.simulations.names import make_absolute, name_of
 from swarmwright.simulations.parameters import fill_parameters, parse_parameters
 from tests.python.simulations import troubled
 from tests.python.simulations.troubled import Walk
@@ -181,8 +181,8 @@ def test_names() -> None:
     assert not any(
         map(is_python, ("minisim", "a:b c", "gazebo: stadium", "a.py", "a.b", "9:B", "http://a:b"))
     )
-    assert absolute("../a.py:B", Path("/x/y")) == "/x/a.py:B"
-    assert absolute("a.b:C") == "a.b:C"
+    assert make_absolute("../a.py:B", Path("/x/y")) == "/x/a.py:B"
+    assert make_absolute("a.b:C") == "a.b:C"
 
 
 def test_a_class_is_found_by_its_name(tmp_path: Path) -> None:
@@ -238,7 +238,7 @@ def test_a_class_is_found_by_its_name(tmp_path: Path) -> None:
         (
             "from swarmwright import Experiment\nExperiment.from_mapping({'simulation': f'{__file__}:A'})",
             "there.py:A",
-            "there.py:2: ImportError while it is imported: the file is named by an experiment while it is",
+            "there.py:2: ImportError while it is imported: the file starts a run of itself while it is",
         ),
         ("import no_such_thing", "there.py:A", "there.py:1: ModuleNotFoundError while it is imported"),
         ("from .parts import A", "there.py:A", "there.py:1: a relative import needs a package"),

@@ -31,10 +31,10 @@ class Maze(ParallelEnv):
     [
         (
             GYMNASIUM,
-            r"Maze is an environment of Gymnasium, .*\('Maze-v0', entry_point='{stem}:Maze'\), and",
+            r"Maze is a Gymnasium environment, .*\('Maze-v0', entry_point='{stem}:Maze'\), and",
         ),
-        (REGISTERED, r"Maze is an environment of Gymnasium, .*: write gymnasium:{stem}:Large-v2; see docs"),
-        (PETTINGZOO, r"Maze is an environment of PettingZoo, .* and write pettingzoo:{stem}; see docs"),
+        (REGISTERED, r"Maze is a Gymnasium environment, .*: write gymnasium:{stem}:Large-v2; see docs"),
+        (PETTINGZOO, r"Maze is a PettingZoo environment, .* and write pettingzoo:{stem}; see docs"),
         ("class Maze: pass", r"Maze is not a subclass of swarmwright.Simulation$"),
         ("def Maze(): pass", r"Maze is not a subclass of swarmwright.Simulation$"),
     ],

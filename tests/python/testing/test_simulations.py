@@ -239,5 +239,5 @@ def test_classes_are_named_or_given(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["minisim", "there.py", "there.py:", ":Class"])
 def test_what_names_no_class_is_refused(name: str) -> None:
-    with pytest.raises(InputError, match=f"^'{name}' names no class: expected path/to/file"):
+    with pytest.raises(InputError, match=f"^'{name}' does not name a class; expected path/to/file"):
         check_simulation(name)

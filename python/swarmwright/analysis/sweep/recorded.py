@@ -20,7 +20,7 @@ from swarmwright.runs.code import copy_of, used_for
 from swarmwright.runs.edits import differences
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import FILE as STORE
-from swarmwright.simulations.user_code.copying import digest_of, display_name
+from swarmwright.simulations.user_code.copying import compute_digest, display_name
 from swarmwright.simulations.user_code.permission import require_file, require_named
 
 _CLASSES = ("method", "ranking")
@@ -202,7 +202,7 @@ def _of_run(run: Run, recorded: Experiment, code: _Code) -> Experiment:
     simulation = experiment.simulation
     copy = copy_of(run)
     if copy is not None and "simulation" in copy.parts:
-        digest = digest_of({"simulation": copy.parts["simulation"].digests})
+        digest = compute_digest({"simulation": copy.parts["simulation"].digests})
         known, other = code.runs.setdefault(recorded.simulation, (digest, run))
         if known != digest:
             raise InputError(

@@ -20,7 +20,7 @@ from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.settings import assign, kept_options, key_path
 from swarmwright.methods.plug_ins import REGISTRIES
-from swarmwright.simulations.names import absolute
+from swarmwright.simulations.names import make_absolute
 from swarmwright.simulations.user_code.copying import display_name
 
 MOST_RUNS = 100_000
@@ -81,7 +81,7 @@ def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
 def _placed(changes: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return values of a grid in which classes that are named by their files are looked for in a folder."""
     return {
-        key: absolute(value, folder) if key in _CLASSES and isinstance(value, str) else value
+        key: make_absolute(value, folder) if key in _CLASSES and isinstance(value, str) else value
         for key, value in changes.items()
     }
 

@@ -132,7 +132,7 @@ def find(specification: Mapping[str, Any], folder: Path) -> None:
     for what, parts in (("behaviour", catalogue.behaviours), ("condition", catalogue.conditions)):
         for part in parts:
             if part.file and (what, part.name, part.sha256) not in _in_files:
-                path = _loading().file_with(folder, part.file, part.sha256)
+                path = _loading().find_file(folder, part.file, part.sha256)
                 if path is not None:
                     _from_file(what, f"{path}:{part.name}")
 
@@ -145,7 +145,7 @@ def _loading() -> Any:  # noqa: ANN401 - a module
 def _from_file(what: str, name: str) -> grammar.Module:
     parsed = SimulationName.parse(name)
     assert parsed.file is not None
-    code, sha256 = _loading().code_in(parsed.file)
+    code, sha256 = _loading().import_with_digest(parsed.file)
     found = getattr(code, parsed.member, None)
     base = Behaviour if what == "behaviour" else Condition
     if not (isinstance(found, type) and issubclass(found, base)):

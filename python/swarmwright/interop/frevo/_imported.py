@@ -21,7 +21,7 @@ from swarmwright.interop.frevo._mapping import Instead, map_session
 from swarmwright.methods import METHODS
 from swarmwright.methods.rankings import RANKINGS
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute, relative_name
+from swarmwright.simulations.names import make_absolute, make_relative
 
 
 @checked
@@ -54,7 +54,7 @@ def load(
             names file, line and component or entry, of all sections, a line each.
     """
     session = open_session(Path(path))
-    named = None if simulation is None else absolute(simulation)
+    named = None if simulation is None else make_absolute(simulation)
     METHODS.check("method", method)
     REPRESENTATIONS.check("controller", controller)
     RANKINGS.check("ranking", ranking)
@@ -112,7 +112,7 @@ def _kind(kind: str, section: Section) -> list[str]:
 
 def _named(simulation: str, folder: Path) -> str:
     """Return a simulation's name as it is written in an experiment file in this folder."""
-    simulation = relative_name(simulation, folder)
+    simulation = make_relative(simulation, folder)
     plain = re.fullmatch(r"[A-Za-z_][\w.-]*(:\w[\w.-]*)?", simulation)
     return simulation if plain else json.dumps(simulation, ensure_ascii=False)
 

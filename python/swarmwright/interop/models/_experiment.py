@@ -32,7 +32,7 @@ from swarmwright.interop.models._names import Known, title_of
 from swarmwright.interop.models._parts import Member, Optimised, Place, Problems
 from swarmwright.methods import METHODS
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute, relative_name
+from swarmwright.simulations.names import make_absolute, make_relative
 
 
 @dataclass
@@ -364,7 +364,7 @@ class Draft:
         lines = [
             f"# Made by `swarmwright import` of {files}.",
             "",
-            f"simulation: {_text(relative_name(self.simulation, self.folder))}",
+            f"simulation: {_text(make_relative(self.simulation, self.folder))}",
             *self._announced(),
             "",
             "parameters:" if self.parameters.fixed else "parameters: {}",
@@ -496,7 +496,7 @@ def _parts(paths: Iterable[str | PathLike[str]]) -> list[Any]:
 def _simulation(model: Model, named: str | None) -> str:
     """Return the simulation, as experiments name it."""
     if named is not None:
-        return absolute(named)
+        return make_absolute(named)
     if not model.titles:
         raise InputError(
             f"{', '.join(str(part.path) for part in model.parts)}: no file names the simulation; add the "

@@ -13,7 +13,7 @@ from swarmwright.simulations.base import BatchSimulation, Simulation
 from swarmwright.simulations.host import Host
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.other_process import NotRunError, Trial, difference, outcomes
-from swarmwright.simulations.user_code.parts import of_simulation
+from swarmwright.simulations.user_code.parts import read_simulation
 
 _SEEDS = ("1", "2")
 _MOST_STEPS = 1000
@@ -31,7 +31,7 @@ def warn_of_hash_seed(experiment: Experiment, backend: Backend) -> None:
     if backend.hash_seed != RANDOM or not is_python(name) or is_command(name):
         return
     try:
-        part = of_simulation(name)
+        part = read_simulation(name)
         if part is None or not any(_has_sets(file.data) for file in part.files.values()):
             return
         kind: Any = load(name)

@@ -32,14 +32,14 @@ def recorded(experiment: "Experiment", copy: Copy | None) -> dict[str, Any]:
 
         def file_of(part: str, _: str) -> str | None:
             kept = copy.parts.get(part)
-            return None if kept is None else copy.place_in_run(kept)
+            return None if kept is None else copy.main_path_in_run(kept)
 
         values |= with_files(values, file_of)
     kept = None if copy is None else copy.parts.get("simulation")
     if kept is not None and is_environment(kept.component):
         values["simulation"] = kept.component
     elif copy is not None and kept is not None:
-        place = copy.place_in_run(kept)
+        place = copy.main_path_in_run(kept)
         name = SimulationName.parse(SimulationName.parse(kept.component).in_file(place))
         if name.is_command:
             values["simulation"]["folder"] = name.definition["folder"]

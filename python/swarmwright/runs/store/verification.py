@@ -139,7 +139,7 @@ def _row(generations: Generations, number: int) -> Row:
 
 def _code(folder: Path, version: str, digest: str) -> None:
     """Compare a copy of the source, if it was not deleted."""
-    copy = Copy.of(folder, int(version.removeprefix(_CODE)))
+    copy = Copy.find(folder, int(version.removeprefix(_CODE)))
     if copy is None:
         return
     if copy.digest != digest:

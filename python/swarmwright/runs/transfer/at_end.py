@@ -26,7 +26,7 @@ from swarmwright.runs.transfer.evaluation import Plan, Work, check_target
 from swarmwright.runs.transfer.transferred import Candidate, Transferred
 from swarmwright.runs.validation import leading
 from swarmwright.servers.evaluation.base import Progress, Servers
-from swarmwright.simulations.user_code.parts import of_simulation
+from swarmwright.simulations.user_code.parts import read_simulation
 from swarmwright.simulations.user_code.permission import remember, require_named
 
 progress = logging.getLogger("swarmwright.progress")
@@ -64,7 +64,7 @@ def allow(experiment: Experiment, run: Run | None = None) -> None:
         if received:
             require_named(name)
             continue
-        part = of_simulation(name)
+        part = read_simulation(name)
         remember([] if part is None else [part])
 
 

@@ -35,7 +35,7 @@ from swarmwright.servers.evaluation.seeds import seeds_of
 from swarmwright.servers.rows import Journal
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.user_code.in_process import warn_of_edits
-from swarmwright.simulations.user_code.parts import of_simulation
+from swarmwright.simulations.user_code.parts import read_simulation
 
 _log = logging.getLogger("swarmwright")
 _MOST_TOLD = 10
@@ -350,7 +350,7 @@ def episode(
 def _warn_of_edits(experiment: Experiment) -> None:
     """Warn where this process would execute other code than a server that is started now."""
     if is_python(experiment.simulation):
-        part = of_simulation(experiment.simulation)
+        part = read_simulation(experiment.simulation)
         warn_of_edits([] if part is None else [part])
 
 

@@ -9,9 +9,9 @@ from swarmwright.common.simulation_names import SimulationName, is_in_file
 from swarmwright.controllers.modules import Condition, grammar
 from swarmwright.controllers.modules.grammar import PYTHON_KIND, Catalogue, Module
 from swarmwright.controllers.modules.registered import REGISTRIES, module, name_of
-from swarmwright.simulations.loading import code_in
+from swarmwright.simulations.loading import import_with_digest
 from swarmwright.simulations.user_code import trust
-from swarmwright.simulations.user_code.parts import of_plug_in, part_of
+from swarmwright.simulations.user_code.parts import format_part_name, read_plug_in
 
 ROLES = {"behaviour": "behaviours", "condition": "conditions"}
 """What a module is -> the key of specifications that lists such modules."""
@@ -29,7 +29,7 @@ def sha256_of(role: str, known: Module) -> str | None:
 
 @cache
 def _sha256_of_installed(role: str, name: str) -> str | None:
-    part = of_plug_in(part_of(role, name), name)
+    part = read_plug_in(format_part_name(role, name), name)
     return None if part is None else trust.digest_of(part.digests)
 
 
@@ -108,5 +108,5 @@ def _role_in_file(name: str) -> str:
     """Return what the class in a file is; behaviour for what is neither, for the message of that."""
     parsed = SimulationName.parse(name)
     assert parsed.file is not None
-    kind = getattr(code_in(parsed.file)[0], parsed.member, None)
+    kind = getattr(import_with_digest(parsed.file)[0], parsed.member, None)
     return "condition" if isinstance(kind, type) and issubclass(kind, Condition) else "behaviour"

@@ -42,7 +42,7 @@ from swarmwright.servers.supervision.local_servers import (
 )
 from swarmwright.servers.supervision.place import Limits
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.user_code.changes import files_of
+from swarmwright.simulations.user_code.changes import list_files
 
 _SESSION = (
     "simulation: {} is defined in this session alone, where no server finds it; write the class to a file, "
@@ -244,7 +244,7 @@ def open_servers(
     else:
         # Others may have servers on this broker; ids must differ.
         address, first = broker, 1 + secrets.randbelow(2**31 - 1 - count)
-    files = files_of(experiment.simulation) if is_python(experiment.simulation) else {}
+    files = list_files(experiment.simulation) if is_python(experiment.simulation) else {}
     settings = [
         {
             "simulation": experiment.simulation,

@@ -1,4 +1,4 @@
-"""Copies of source in run folders: `code/1/simulation/gather.py`, and a manifest that says where it was."""
+"""Copies of source in run folders: `code/1/simulation/gather.py`, and a manifest with their origin."""
 
 import hashlib
 import json
@@ -15,34 +15,34 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.files import read_bytes
 from swarmwright.common.json_text import loads
 from swarmwright.common.simulation_names import SimulationName, is_in_file
-from swarmwright.simulations.user_code.parts import Part, part_of
+from swarmwright.simulations.user_code.parts import Part, format_part_name
 
 FOLDER = "code"
-"""Where copies lie in a run folder, one in a folder for each version: 1, 2, .."""
+"""Folder of copies in a run folder, with a subfolder for each version: 1, 2, .."""
 _MANIFEST = "manifest.json"
 _LARGEST_FILE_BYTES = 1 << 28
-"""Bytes of one file of a copy."""
+"""Most bytes of a file of a copy."""
 
 
 @dataclass(frozen=True)
-class Kept:
-    """One component's source, as a copy has it."""
+class CopiedPart:
+    """The source of a component in a copy."""
 
     name: str
     """simulation, controller, method or ranking"""
     component: str
-    """What the experiment called it."""
+    """Its name in the experiment."""
     main: str
     module: str | None
     digests: Mapping[str, str]
     origin: Path
-    """Where the main file was, absolute."""
-    beside: str
-    """Where it was, seen from the run folder."""
+    """Absolute path of the original main file."""
+    relative_origin: str
+    """Path of the original main file relative to the run folder."""
     data: frozenset[str] = frozenset()
-    """Places of the files that it reads and does not import."""
+    """Locations of the data files, which it reads and does not import."""
     patterns: tuple[str, ...] = ()
-    """By which the experiment named them."""
+    """The experiment's patterns for the data files."""
 
     @property
     def in_file(self) -> bool:
@@ -52,20 +52,20 @@ class Kept:
 
 @dataclass(frozen=True)
 class Copy:
-    """One version of the source, in a run folder."""
+    """A version of the source in a run folder."""
 
     folder: Path
 
     @classmethod
     def write(cls, run: Path, version: int, parts: Sequence[Part]) -> Self:
-        """Write a version, replacing what a killed process may have left. Raises OSError."""
+        """Write a version, replacing an incomplete one of a killed process. Raises OSError."""
         copy = cls(run / FOLDER / str(version))
         if copy.folder.exists():
             shutil.rmtree(copy.folder)
         described = {}
         for part in parts:
-            for place, source in part.files.items():
-                target = copy.folder / part.name / place
+            for location, source in part.files.items():
+                target = copy.folder / part.name / location
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_bytes(source.data)
                 if os.access(source.origin, os.X_OK):
@@ -84,19 +84,19 @@ class Copy:
         return copy
 
     @classmethod
-    def of(cls, run: Path, version: int) -> Self | None:
-        """Return a version, None where there is none."""
+    def find(cls, run: Path, version: int) -> Self | None:
+        """Return a version of a run; None if it does not exist."""
         copy = cls(run / FOLDER / str(version))
         return copy if (copy.folder / _MANIFEST).is_file() else None
 
     @classmethod
-    def holding(cls, path: Path) -> "tuple[Self, Kept] | None":
-        """Return the copy that a file belongs to, and the component; None for a file in no copy."""
+    def find_containing(cls, path: Path) -> "tuple[Self, CopiedPart] | None":
+        """Return the copy and the component that a file belongs to; None if it is not in a copy."""
         for folder in path.parents:
             if folder.parent.name == FOLDER and (folder / _MANIFEST).is_file():
                 copy = cls(folder)
-                kept = copy.parts.get(path.relative_to(folder).parts[0])
-                return None if kept is None else (copy, kept)
+                copied = copy.parts.get(path.relative_to(folder).parts[0])
+                return None if copied is None else (copy, copied)
         return None
 
     @property
@@ -106,165 +106,165 @@ class Copy:
 
     @property
     def version(self) -> int:
-        """From 1 on."""
+        """Number of the version, from 1."""
         return int(self.folder.name)
 
     @cached_property
-    def parts(self) -> dict[str, Kept]:
-        """The components, by section. Raises InputError when the manifest cannot be read."""
+    def parts(self) -> dict[str, CopiedPart]:
+        """The components, by section. Raises InputError if the manifest cannot be read."""
         file = self.folder / _MANIFEST
         try:
             described: dict[str, Any] = loads(file.read_text(encoding="utf-8"))["parts"]
-            return {_inside(name): _kept(name, written) for name, written in described.items()}
+            return {_check_location(name): _parse_part(name, written) for name, written in described.items()}
         except OSError as error:
             raise InputError(f"{file}: cannot be read: {error.strerror}") from error
         except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise InputError(f"{file}: is damaged: {error!r}") from error
+            raise InputError(f"{file}: damaged manifest: {error!r}") from error
 
     @property
     def digest(self) -> str:
-        """SHA-256, in hexadecimal, of all that was copied."""
-        return digest_of({name: kept.digests for name, kept in self.parts.items()})
+        """SHA-256, in hexadecimal, of all copied files."""
+        return compute_digest({name: copied.digests for name, copied in self.parts.items()})
 
-    def place(self, kept: Kept) -> Path:
+    def main_path(self, copied: CopiedPart) -> Path:
         """Return the copy of a component's main file."""
-        return self.folder / kept.name / kept.main
+        return self.folder / copied.name / copied.main
 
-    def place_in_run(self, kept: Kept) -> str:
+    def main_path_in_run(self, copied: CopiedPart) -> str:
         """Return the path of the copy of a component's main file within the run folder."""
-        return self.place(kept).relative_to(self.run).as_posix()
+        return self.main_path(copied).relative_to(self.run).as_posix()
 
-    def read(self, kept: Kept, place: str) -> bytes:
-        """Return the copy of a file. Raises InputError when it is not what was copied."""
-        path = self.folder / kept.name / place
+    def read(self, copied: CopiedPart, location: str) -> bytes:
+        """Return the bytes of a copied file. Raises InputError if the copy has been changed."""
+        path = self.folder / copied.name / location
         try:
             data = read_bytes(path, _LARGEST_FILE_BYTES)
         except OSError as error:
+            raise InputError(f"{path}: cannot read this copy of the run's code: {error.strerror}") from error
+        if hashlib.sha256(data).hexdigest() != copied.digests[location]:
             raise InputError(
-                f"{path}: this copy of the run's code cannot be read: {error.strerror}"
-            ) from error
-        if hashlib.sha256(data).hexdigest() != kept.digests[place]:
-            raise InputError(
-                f"{path}: was edited, but copies of a run's code are kept as they were; restore it, or name "
-                "the file to use: --simulation FILE:Class"
+                f"{path}: this copy of the run's code was edited; restore it, or name another file with "
+                "--simulation FILE:Class"
             )
         return data
 
 
-def _kept(name: str, described: Mapping[str, Any]) -> Kept:
+def _parse_part(name: str, described: Mapping[str, Any]) -> CopiedPart:
     module = described["module"]
-    return Kept(
+    return CopiedPart(
         name=name,
         component=str(described["component"]),
-        main=_inside(described["main"]),
+        main=_check_location(described["main"]),
         module=None if module is None else str(module),
-        digests={_inside(place): str(digest) for place, digest in described["sha256"].items()},
+        digests={_check_location(location): str(digest) for location, digest in described["sha256"].items()},
         origin=Path(described["origin"]),
-        beside=str(described["beside"]),
+        relative_origin=str(described["beside"]),
         data=frozenset(map(str, described.get("data", ()))),
         patterns=tuple(map(str, described.get("patterns", ()))),
     )
 
 
-def _inside(place: str) -> str:
-    """Return a path below the copy as it is. Raises ValueError for one that leads out of it."""
-    path = PurePosixPath(place)
+def _check_location(location: str) -> str:
+    """Return a location unchanged. Raises ValueError if it is outside the copy."""
+    path = PurePosixPath(location)
     if path.is_absolute() or ".." in path.parts or not path.parts:
-        raise ValueError(f"{place!r} lies outside the copy")
-    return place
+        raise ValueError(f"{location!r} is outside the copy")
+    return location
 
 
 def with_files(
-    experiment: Mapping[str, Any], place: Callable[[str, str], str | None]
+    experiment: Mapping[str, Any], replace: Callable[[str, str], str | None]
 ) -> dict[str, dict[str, Any]]:
-    """Return the sections of an experiment that name plug-ins by their files, with other files.
+    """Return the sections of an experiment with the files of plug-ins replaced.
 
     Args:
         experiment: plain values, with the sections controller, method and ranking.
-        place: returns the file of a part, see `Part.name`, None where it stays; its second argument is the
-            name.
-
+        replace: called with the name of a part, see `Part.name`, and of its file; returns another file, or
+            None to keep it.
     """
-    found = {"controller": _with_modules(experiment["controller"], place)}
+    sections = {"controller": _with_modules(experiment["controller"], replace)}
     for section in ("method", "ranking"):
         values = experiment[section]
-        found[section] = {**values, "kind": _placed(values["kind"], section, place)}
-    return found
+        sections[section] = {**values, "kind": _replace_file(values["kind"], section, replace)}
+    return sections
 
 
-def _with_modules(controller: Mapping[str, Any], place: Callable[[str, str], str | None]) -> dict[str, Any]:
+def _with_modules(controller: Mapping[str, Any], replace: Callable[[str, str], str | None]) -> dict[str, Any]:
     values = dict(controller)
-    for what, key in (("behaviour", "behaviours"), ("condition", "conditions")):
+    for kind, key in (("behaviour", "behaviours"), ("condition", "conditions")):
         names = values.get(key)
         if isinstance(names, list):
             values[key] = [
-                _placed(name, part_of(what, name), place) if isinstance(name, str) else name for name in names
+                _replace_file(name, format_part_name(kind, name), replace) if isinstance(name, str) else name
+                for name in names
             ]
     return values
 
 
-def _placed(name: str, part: str, place: Callable[[str, str], str | None]) -> str:
+def _replace_file(name: str, part: str, replace: Callable[[str, str], str | None]) -> str:
     if not is_in_file(name):
         return name
-    found = place(part, name)
-    return name if found is None else SimulationName.parse(name).in_file(found)
+    file = replace(part, name)
+    return name if file is None else SimulationName.parse(name).in_file(file)
 
 
-def beside(run: Path, file: Path) -> list[Path]:
-    """Return where a file that was copied together with a run folder may be: in it, or next to it."""
+def list_paths_beside(run: Path, file: Path) -> list[Path]:
+    """Return the paths of a file in and next to a run folder, if it was copied together with the folder."""
     return [run / file.name, run.parent / file.name]
 
 
-def digest_of(parts: Mapping[str, Mapping[str, str]]) -> str:
-    """Return the SHA-256, in hexadecimal, of components' files: section -> place -> their SHA-256."""
+def compute_digest(parts: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the SHA-256, in hexadecimal, of components' files: section -> location -> SHA-256."""
     lines = sorted(
-        f"{name}/{place} {digest}\n" for name, part in parts.items() for place, digest in part.items()
+        f"{name}/{location} {digest}\n" for name, part in parts.items() for location, digest in part.items()
     )
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
 def display_name(simulation: str) -> str:
-    """Return a simulation's name for people; of a class that a run has a copy of, what it was called."""
+    """Return a simulation's name for display; for a run's copy, its name in the experiment."""
     parsed = SimulationName.parse(simulation)
     if parsed.is_command:
         return parsed.label
     if parsed.file is None:
         return simulation
     try:
-        held = Copy.holding(parsed.file)
+        containing = Copy.find_containing(parsed.file)
     except InputError:
-        held = None
-    if held is None:
+        containing = None
+    if containing is None:
         return simulation
-    _, kept = held
-    return parsed.in_file(kept.module or kept.main)
+    _, copied = containing
+    return parsed.in_file(copied.module or copied.main)
 
 
-def holds_copies_alone(run: Path) -> bool:
-    """Whether `remove` would leave nothing of the folder of copies."""
-    known = _copied(run)
+def contains_only_copies(run: Path) -> bool:
+    """Return whether `remove` would empty the folder of copies."""
+    copied_files = _list_copied_files(run)
     return not (run / FOLDER).is_symlink() and all(
-        entry in known or "__pycache__" in entry.parts or (entry.is_dir() and not entry.is_symlink())
+        entry in copied_files or "__pycache__" in entry.parts or (entry.is_dir() and not entry.is_symlink())
         for entry in (run / FOLDER).rglob("*")
     )
 
 
-def _copied(run: Path) -> set[Path]:
+def _list_copied_files(run: Path) -> set[Path]:
     """Return the manifests of the copies in a run folder, and the files that they name."""
-    found = set()
+    files = set()
     for manifest in (run / FOLDER).glob(f"*/{_MANIFEST}"):
-        found.add(manifest)
+        files.add(manifest)
         copy = Copy(manifest.parent)
         with suppress(InputError):
-            found |= {
-                copy.folder / kept.name / place for kept in copy.parts.values() for place in kept.digests
+            files |= {
+                copy.folder / copied_part.name / location
+                for copied_part in copy.parts.values()
+                for location in copied_part.digests
             }
-    return found
+    return files
 
 
 def remove(run: Path) -> None:
-    """Delete the copies in a run folder, but no other files beside them."""
-    for file in _copied(run):
+    """Delete the copies in a run folder, and leave other files."""
+    for file in _list_copied_files(run):
         file.unlink(missing_ok=True)
     for folder in sorted((run / FOLDER).glob("**/"), reverse=True):  # inner ones first
         if folder.is_symlink():

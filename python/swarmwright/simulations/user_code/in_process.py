@@ -1,7 +1,7 @@
-"""What this process executes, which may be other code than files and earlier sessions of a run have.
+"""Detection of differences between the code in this process and that of files and earlier sessions of a run.
 
-Classes of notebooks have no file: changes are seen by fingerprints of their code. A module is not imported
-again after an edit: the process executes what it imported, while a run keeps a copy of what the file holds.
+Classes of notebooks have no file; fingerprints of their code reveal changes. A module is not imported again
+after an edit, so the process executes the old code while a run copies the edited file.
 """
 
 import ast
@@ -16,27 +16,27 @@ from typing import Any
 
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.warn_once import warn_once
-from swarmwright.simulations.user_code.changes import near
+from swarmwright.simulations.user_code.changes import shorten_path
 from swarmwright.simulations.user_code.parts import Part, Source
 
 PYTHON = "python"
-"""Whose version decides whether fingerprints can be compared: bytecode differs between versions."""
+"""Key of Python's version; bytecode, and thus fingerprints, differ between versions."""
 _IGNORED = {"__annotations__", "__dict__", "__doc__", "__firstlineno__", "__module__", "__weakref__"}
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(...))
 _EDITED = (
-    "was edited after this process imported it; it executes what it imported, servers and the copy in the "
-    "run have the edited file: begin again in a new process (in a notebook: restart the kernel)"
+    "was edited after this process imported it, so this process runs the old code, but servers and the copy "
+    "in the run have the edited file; start again in a new process (in a notebook: restart the kernel)"
 )
 _RELOADED = "__autoreload_class__."
-"""What the names of methods begin with that IPython's autoreload has replaced in a class."""
+"""Prefix of the qualified names of methods that IPython's autoreload has replaced."""
 
 
 def fingerprint(simulation: str) -> str | None:
-    """Return what is the same for a class of a notebook as long as its code is; None for others.
+    """Return a digest of the code of a class of a notebook; None for other simulations.
 
-    Methods and constants of the class and of its bases in the notebook count, and functions and constants of
-    the notebook that they name. Comments, line numbers, and lists and mappings, which code may change, do
-    not.
+    It covers methods and constants of the class and its bases in the notebook, and the functions and
+    constants of the notebook that they use, but not comments, line numbers, lists and mappings, which code
+    may change.
     """
     parsed = SimulationName.parse(simulation)
     module = sys.modules.get("__main__")
@@ -45,71 +45,78 @@ def fingerprint(simulation: str) -> str | None:
     kind = getattr(module, simulation.rpartition(":")[2], None)
     if not isinstance(kind, type):
         return None
-    text = "\n".join(_described(kind, vars(module), set()))
+    text = "\n".join(_describe_value(kind, vars(module), set()))
     return hashlib.sha256(text.encode(errors="backslashreplace")).hexdigest()[:16]
 
 
 def fingerprints(simulation: str) -> dict[str, str]:
     """Return the fingerprint of a class by its name, for the record of a session; {} for others."""
-    found = fingerprint(simulation)
-    return {} if found is None else {simulation: found}
+    digest = fingerprint(simulation)
+    return {} if digest is None else {simulation: digest}
 
 
 def is_other(simulation: str, versions: Mapping[str, str]) -> bool:
-    """Whether a class of this notebook is known to have other code than in a session with these versions."""
+    """Return whether a class of this notebook has changed since a session with these versions.
+
+    False if that cannot be determined.
+    """
     before = versions.get(simulation)
     if before is None or versions.get(PYTHON) != platform.python_version():
         return False
     return fingerprint(simulation) not in {None, before}
 
 
-def _described(value: object, known: Mapping[str, Any], seen: set[int]) -> Iterator[str]:
-    """Yield what makes a value of a notebook: a class, a function, a constant; each once."""
+def _describe_value(value: object, namespace: Mapping[str, Any], visited: set[int]) -> Iterator[str]:
+    """Yield the content of a class, function or constant of a notebook; each once."""
     value = getattr(value, "__func__", value)  # of a static or class method
     if isinstance(value, property):
-        yield from _described(value.fget, known, seen)
-        yield from _described(value.fset, known, seen)
+        yield from _describe_value(value.fget, namespace, visited)
+        yield from _describe_value(value.fset, namespace, visited)
     elif isinstance(value, type | FunctionType):
         if value.__module__ != "__main__":
             yield f"{value.__module__}.{value.__qualname__}"
-        elif id(value) not in seen:
-            seen.add(id(value))
-            yield from (_class if isinstance(value, type) else _function)(value, known, seen)
+        elif id(value) not in visited:
+            visited.add(id(value))
+            yield from (_describe_class if isinstance(value, type) else _describe_function)(
+                value, namespace, visited
+            )
     else:
-        yield _words(value)
+        yield _format_constant(value)
 
 
-def _class(kind: Any, known: Mapping[str, Any], seen: set[int]) -> Iterator[str]:  # noqa: ANN401 - a class
+def _describe_class(kind: Any, namespace: Mapping[str, Any], visited: set[int]) -> Iterator[str]:  # noqa: ANN401 - a class
     for name, value in sorted(vars(kind).items()):
         if name not in _IGNORED:
             yield f"{kind.__qualname__}.{name}"
-            yield from _described(value, known, seen)
+            yield from _describe_value(value, namespace, visited)
     for base in kind.__bases__:
-        yield from _described(base, known, seen)
+        yield from _describe_value(base, namespace, visited)
 
 
-def _function(function: Any, known: Mapping[str, Any], seen: set[int]) -> Iterator[str]:  # noqa: ANN401 - a function
-    yield _words((function.__defaults__, tuple(sorted((function.__kwdefaults__ or {}).items()))))
-    for code in _within(function.__code__):
-        yield _words((code.co_code, code.co_names, code.co_varnames, code.co_freevars, code.co_consts))
+def _describe_function(function: Any, namespace: Mapping[str, Any], visited: set[int]) -> Iterator[str]:  # noqa: ANN401 - a function
+    yield _format_constant((function.__defaults__, tuple(sorted((function.__kwdefaults__ or {}).items()))))
+    for code in _iterate_code(function.__code__):
+        yield _format_constant(
+            (code.co_code, code.co_names, code.co_varnames, code.co_freevars, code.co_consts)
+        )
         for name in _globals_of(code):
-            value = known.get(name)
+            value = namespace.get(name)
             if isinstance(value, type | FunctionType) and value.__module__ == "__main__":
-                yield from _described(value, known, seen)
-            elif name in known and _is_plain(value):
-                yield f"{name} = {_words(value)}"
+                yield from _describe_value(value, namespace, visited)
+            elif name in namespace and _is_plain(value):
+                yield f"{name} = {_format_constant(value)}"
 
 
-def _within(code: CodeType) -> Iterator[CodeType]:
-    """Yield code and what is defined in it."""
+def _iterate_code(code: CodeType) -> Iterator[CodeType]:
+    """Yield code and all code defined in it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
-            yield from _within(constant)
+            yield from _iterate_code(constant)
 
 
 def _globals_of(code: CodeType) -> list[str]:
-    """Return the names of the notebook that code reads and does not write."""
+    """Return the global names that code reads and does not write."""
     used: dict[str, set[str]] = {"LOAD_GLOBAL": set(), "STORE_GLOBAL": set()}
     for instruction in dis.get_instructions(code):
         if instruction.opname in used:
@@ -117,24 +124,24 @@ def _globals_of(code: CodeType) -> list[str]:
     return sorted(used["LOAD_GLOBAL"] - used["STORE_GLOBAL"])
 
 
-def _words(value: object) -> str:
-    """Return what is the same for equal values, in every process."""
+def _format_constant(value: object) -> str:
+    """Return a text that is the same for equal values in every process."""
     if isinstance(value, frozenset):
-        return f"set{sorted(map(_words, value))}"
+        return f"set{sorted(map(_format_constant, value))}"
     if isinstance(value, tuple):
-        return f"tuple{list(map(_words, value))}"
+        return f"tuple{list(map(_format_constant, value))}"
     return repr(value) if isinstance(value, _PLAIN) else f"an object of {type(value).__qualname__}"
 
 
 def _is_plain(value: object) -> bool:
-    """Whether a value is made of numbers and text alone, and cannot change."""
+    """Return whether a value is immutable and consists of numbers and text."""
     if isinstance(value, tuple | frozenset):
         return all(map(_is_plain, value))
     return isinstance(value, _PLAIN)
 
 
 def warn_of_edits(parts: Sequence[Part]) -> None:
-    """Warn of source that was edited after this process imported it, and of constants with other values."""
+    """Warn of source that was edited after this process imported it, and of changed constants."""
     if not parts:
         return  # modules of a process may be thousands
     modules = {
@@ -142,15 +149,15 @@ def warn_of_edits(parts: Sequence[Part]) -> None:
     }
     for source in (source for part in parts for source in part.files.values()):
         module = modules.get(str(source.origin))
-        text = None if module is None else _difference(module, source)
+        text = None if module is None else _describe_difference(module, source)
         if text is not None:
-            warn_once(f"{near(source.origin)}: {text}")
+            warn_once(f"{shorten_path(source.origin)}: {text}")
 
 
-def _difference(module: ModuleType, source: Source) -> str | None:
-    """Return how a module differs from its source, and what to do; None where it does not.
+def _describe_difference(module: ModuleType, source: Source) -> str | None:
+    """Return how a module differs from its source, and a remedy; None if it does not.
 
-    What differs in comments and line numbers alone is the same.
+    Comments and line numbers are ignored.
     """
     if source.origin.suffix != ".py":
         return None
@@ -159,27 +166,27 @@ def _difference(module: ModuleType, source: Source) -> str | None:
         whole = compile(tree, module.__file__ or "", "exec", dont_inherit=True)
     except (SyntaxError, ValueError):
         return _EDITED  # it could not have been imported
-    written = {(code.co_qualname, _content(code)) for code in _within(whole)}
-    if any((name, _content(code)) not in written for name, code in _functions(module)):
+    source_code = {(code.co_qualname, _format_code(code)) for code in _iterate_code(whole)}
+    if any((name, _format_code(code)) not in source_code for name, code in _functions(module)):
         return _EDITED
     for name, value in _constants(tree):
-        here = vars(module).get(name, value)
-        if isinstance(here, bool | int | float | str | tuple) and repr(here) != repr(value):
-            held, written_value = reprlib.repr(here), reprlib.repr(value)
+        current = vars(module).get(name, value)
+        if isinstance(current, bool | int | float | str | tuple) and repr(current) != repr(value):
+            current_text, source_text = reprlib.repr(current), reprlib.repr(value)
             return (
-                f"{name} is {held} in this process and {written_value} in the file, which "
-                "servers and the copy in the run have: if the program sets it, make it a parameter of the "
-                "simulation; if the file was edited, begin again in a new process (in a notebook: restart "
+                f"{name} is {current_text} in this process and {source_text} in the file, which "
+                "servers and the copy in the run use: if the program sets it, make it a parameter of the "
+                "simulation; if the file was edited, start again in a new process (in a notebook: restart "
                 "the kernel)"
             )
     return None
 
 
-def _content(code: CodeType) -> str:
-    """Return what a function does, without where it is."""
+def _format_code(code: CodeType) -> str:
+    """Return the content of a function without its location."""
     return repr([
-        (inner.co_code, inner.co_names, inner.co_varnames, inner.co_freevars, _words(inner.co_consts))
-        for inner in _within(code)
+        (part.co_code, part.co_names, part.co_varnames, part.co_freevars, _format_constant(part.co_consts))
+        for part in _iterate_code(code)
     ])  # fmt: skip
 
 
@@ -199,7 +206,7 @@ def _functions(module: ModuleType) -> Iterator[tuple[str, CodeType]]:
 
 
 def _constants(tree: ast.Module) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of constants: in capitals, with a literal, assigned once."""
+    """Yield names and values of constants: upper-case names that are assigned a literal once."""
     stored = [
         node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
     ]

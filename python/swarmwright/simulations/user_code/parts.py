@@ -1,6 +1,6 @@
-"""The source of one component of an experiment as it is now.
+"""The current source of a component of an experiment, and data files.
 
-Files that a simulation reads and an experiment names, `servers: {files: [maps/*.json]}`.
+Data files are read by a simulation and named by an experiment, `servers: {files: [maps/*.json]}`.
 """
 
 import dataclasses
@@ -22,13 +22,13 @@ SECTIONS = ("controller", "method", "ranking")
 
 
 MODULES = ("behaviour", "condition")
-"""What in a `controller` of the kind `modules` may be plug-ins."""
+"""Kinds of modules in a `controller` of the kind `modules` that may be plug-ins."""
 _SEPARATOR = "-"
 
 
 @dataclass(frozen=True)
 class Source:
-    """One file."""
+    """A source file."""
 
     origin: Path
     data: bytes
@@ -41,29 +41,29 @@ class Source:
 
 @dataclass(frozen=True)
 class Part:
-    """The source of one component."""
+    """The source of a component."""
 
     name: str
     """simulation, controller, method or ranking; behaviour-NAME, condition-NAME"""
     component: str
-    """What the experiment calls it: the class or environment, or the kind of a plug-in."""
+    """Its name in the experiment: the class or environment, or the kind of a plug-in."""
     main: str
-    """The file that holds it, one of `files`."""
+    """The file that defines it, a key of `files`."""
     module: str | None
-    """What it is imported as; None for a file that is loaded by its path."""
+    """Its import name; None for a file that is loaded by its path."""
     files: Mapping[str, Source]
-    """By their place below a folder of modules."""
+    """Files by location: their path below the import folder."""
     packages: frozenset[str]
-    """Installed packages that it imports, by the names by which they are imported."""
+    """Import names of the installed packages that it imports."""
     data: frozenset[str] = frozenset()
-    """Those of `files` that it reads and does not import, see `data_files`."""
+    """Locations of the data files, which it reads and does not import."""
     patterns: tuple[str, ...] = ()
-    """By which an experiment names them."""
+    """The experiment's patterns for the data files."""
 
     @property
     def digests(self) -> dict[str, str]:
-        """Place -> SHA-256."""
-        return {place: source.digest for place, source in self.files.items()}
+        """Location -> SHA-256."""
+        return {location: source.digest for location, source in self.files.items()}
 
     @property
     def in_file(self) -> bool:
@@ -76,14 +76,14 @@ class Part:
         return self.files[self.main].origin
 
     @classmethod
-    def of_file(cls, name: str, component: str, path: Path) -> Self:
-        """Read what lies in a file and in those that it imports. Raises InputError."""
-        return cls._read(name, component, path.name, None, lambda: Walk.of_file(path.resolve()))
+    def from_file(cls, name: str, component: str, path: Path) -> Self:
+        """Read a file and those that it imports. Raises InputError."""
+        return cls._read(name, component, path.name, None, lambda: Walk.from_file(path.resolve()))
 
     @classmethod
-    def of_module(cls, name: str, component: str, module: str, *, installed: bool = True) -> Self | None:
-        """Read the source of a module; None when there is none. Raises InputError."""
-        part = cls._read(name, component, "", module, lambda: Walk.of_module(module, installed=installed))
+    def from_module(cls, name: str, component: str, module: str, *, installed: bool = True) -> Self | None:
+        """Read the source of a module; return None if there is none. Raises InputError."""
+        part = cls._read(name, component, "", module, lambda: Walk.from_module(module, installed=installed))
         path = module.replace(".", "/")
         for main in (f"{path}.py", f"{path}/__init__.py"):
             if main in part.files:
@@ -91,7 +91,7 @@ class Part:
         return None
 
     @classmethod
-    def of_command(cls, name: str) -> Self:
+    def from_command(cls, name: str) -> Self:
         """Read the files of a command and its definition. Raises InputError."""
         from swarmwright.simulations.command.checking import definition_of_name  # noqa: PLC0415 - pydantic, where there is a command
         from swarmwright.simulations.user_code import command_sources  # noqa: PLC0415 - as above
@@ -100,9 +100,9 @@ class Part:
         main, sources = command_sources.sources_of(options)
         origin = Path(options.folder).resolve() / SimulationName.DEFINITION
         files = {main: Source(origin, command_sources.definition_of(options))}
-        for place, path in sources.items():
+        for location, path in sources.items():
             try:
-                files[place] = Source(path, path.read_bytes())
+                files[location] = Source(path, path.read_bytes())
             except OSError as error:
                 raise InputError(f"{path}: cannot be read: {error.strerror}") from error
         component = SimulationName.parse(name).in_file(SimulationName.DEFINITION)
@@ -112,28 +112,30 @@ class Part:
     def _read(cls, name: str, component: str, main: str, module: str | None, walk: Any) -> Self:  # noqa: ANN401 - a function
         try:
             walked = walk()
-            files = {place: Source(path, path.read_bytes()) for place, path in sorted(walked.files.items())}
+            files = {
+                location: Source(path, path.read_bytes()) for location, path in sorted(walked.files.items())
+            }
         except OSError as error:
             raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
         return cls(name, component, main, module, files, frozenset(walked.packages))
 
 
-def of_simulation(name: str) -> Part | None:
-    """Return the source of a simulation that is named by its class; None where there is none to keep.
+def read_simulation(name: str) -> Part | None:
+    """Return the source of a simulation; None for built-in ones and classes of a notebook.
 
-    That is so for built-in ones and for classes of a notebook. Raises InputError when a file cannot be read.
+    Raises InputError if a file cannot be read.
     """
     parsed = SimulationName.parse(name)
     module = parsed.module
     if parsed.is_command:
-        return Part.of_command(name)
+        return Part.from_command(name)
     if parsed.is_environment:
-        return Part.of_module("simulation", name, module, installed=False) if _importable(module) else None
+        return Part.from_module("simulation", name, module, installed=False) if _importable(module) else None
     if parsed.file is not None:
-        return Part.of_file("simulation", parsed.in_file(parsed.file.name), parsed.file)
+        return Part.from_file("simulation", parsed.in_file(parsed.file.name), parsed.file)
     if module.partition(".")[0] in {"__main__", "swarmwright"} or not module:
         return None
-    return Part.of_module("simulation", name, module)
+    return Part.from_module("simulation", name, module)
 
 
 def _importable(module: str) -> bool:
@@ -141,81 +143,83 @@ def _importable(module: str) -> bool:
 
 
 def is_plug_in(name: str) -> bool:
-    """Whether a part is that of a plug-in: of a section of the experiment, or of a module of `modules`."""
+    """Return whether a part is a plug-in: of a section of the experiment, or of a module of `modules`."""
     return name in SECTIONS or name.partition(_SEPARATOR)[0] in MODULES
 
 
-def of_plug_in(section: str, kind: str) -> Part | None:
-    """Return the source of a plug-in, None for what is built in. Raises InputError as the registry does."""
-    what = section.partition(_SEPARATOR)[0]
+def read_plug_in(section: str, kind: str) -> Part | None:
+    """Return the source of a plug-in; None if it is built in. Raises InputError like the registry."""
+    kind_of_module = section.partition(_SEPARATOR)[0]
     parsed = SimulationName.parse(kind)
     if parsed.file is not None:
-        return Part.of_file(section, parsed.in_file(parsed.file.name), parsed.file)
-    if what in MODULES:
+        return Part.from_file(section, parsed.in_file(parsed.file.name), parsed.file)
+    if kind_of_module in MODULES:
         from swarmwright.controllers.modules.registered import REGISTRIES as OF_MODULES  # noqa: PLC0415 - NumPy, not for --help
 
-        found = OF_MODULES[what].module(kind)
-        return None if found is None else Part.of_module(section, kind, found)
+        module = OF_MODULES[kind_of_module].module(kind)
+        return None if module is None else Part.from_module(section, kind, module)
     from swarmwright.methods.plug_ins import REGISTRIES  # noqa: PLC0415 - NumPy, not for --help
 
     module = REGISTRIES[section].module(kind)
-    return None if module is None else Part.of_module(section, kind, module)
+    return None if module is None else Part.from_module(section, kind, module)
 
 
-def part_of(what: str, name: str) -> str:
-    """Return what the part of a module is called, where that is named so by an experiment."""
-    return f"{what}{_SEPARATOR}{label_of(name)}"
+def format_part_name(kind: str, name: str) -> str:
+    """Return the name of the part for a module with this name in an experiment."""
+    return f"{kind}{_SEPARATOR}{label_of(name)}"
 
 
-def of_plug_ins(experiment: Any) -> list[Part]:  # noqa: ANN401 - an Experiment, which is above this
+def read_plug_ins(experiment: Any) -> list[Part]:  # noqa: ANN401 - an Experiment, which is above this
     """Return the sources of all plug-ins that an experiment uses."""
     sections = ((section, getattr(experiment, section)) for section in SECTIONS)
-    # What is not installed here has no source, and needs none where its run is only read.
+    # Plug-ins that are not installed have no source, and need none if the run is only read.
     names = [
         (name, options.kind)
         for name, options in sections
         if not getattr(options, "unavailable", False) or SimulationName.parse(options.kind).file is not None
     ]
-    for what, name in getattr(experiment.controller, "plug_ins", ()):
-        names.append((part_of(what, name), name))
-    found = (of_plug_in(*part_name) for part_name in names)
-    return [part for part in found if part is not None]
+    for kind, name in getattr(experiment.controller, "plug_ins", ()):
+        names.append((format_part_name(kind, name), name))
+    parts = (read_plug_in(*part_name) for part_name in names)
+    return [part for part in parts if part is not None]
 
 
 def distributions(parts: Iterable[Part]) -> tuple[str, ...]:
-    """Return the installed packages that parts import, by the names under which they are installed."""
+    """Return the distribution names of the installed packages that parts import."""
     names = sorted({name for part in parts for name in part.packages})
-    known: Mapping[str, list[str]] | None = None
-    found = []
+    distributions_by_package: Mapping[str, list[str]] | None = None
+    distribution_names = []
     for name in names:
         try:
             version(name)
         except PackageNotFoundError:
-            if known is None:
-                known = packages_distributions()  # reads the lists of all files of all packages
-            found += sorted(set(known.get(name, ())))
+            if distributions_by_package is None:
+                distributions_by_package = (
+                    packages_distributions()
+                )  # reads the lists of all files of all packages
+            distribution_names += sorted(set(distributions_by_package.get(name, ())))
         else:
-            found.append(name)
-    return tuple(dict.fromkeys(found))
+            distribution_names.append(name)
+    return tuple(dict.fromkeys(distribution_names))
 
 
 LARGEST_BYTES = 1 << 28
-"""Bytes of all files of a simulation."""
+"""Most bytes of all data files of a simulation."""
 _OF_A_RUN = ("run.sqlite", "run.sqlite.new")
-"""By which a run folder is known."""
+"""Files that identify a run folder."""
 
 
-def home_of(part: Part) -> Path:
-    """Return the folder that patterns are relative to: the one that modules of the part are found in."""
+def get_home(part: Part) -> Path:
+    """Return the folder that patterns are relative to: the import folder of the part's modules."""
     return part.origin.parents[len(Path(part.main).parts) - 1]
 
 
-def named_files(home: Path, patterns: Sequence[str]) -> list[Path]:
-    """Return the files that patterns name.
+def find_named_files(home: Path, patterns: Sequence[str]) -> list[Path]:
+    """Return the files that match patterns.
 
-    Raises InputError for a pattern without any, and one that leads out of the folder.
+    Raises InputError for a pattern without matches or outside the folder.
     """
-    found: set[Path] = set()
+    files: set[Path] = set()
     for pattern in patterns:
         if not _lies_inside(pattern):
             raise InputError(f"servers: files: {pattern!r} must lie in {home}, beside the simulation")
@@ -223,42 +227,46 @@ def named_files(home: Path, patterns: Sequence[str]) -> list[Path]:
             matches = _matches(home, pattern)
         except (ValueError, NotImplementedError) as error:
             raise InputError(
-                f"servers: files: {pattern!r} is no pattern: {error}; write a path, * for any name in one "
-                "folder, or **/ for any folders"
+                f"servers: files: {pattern!r} is not a valid pattern: {error}; write a path, with * for any "
+                "name and **/ for any folders"
             ) from None
         if not matches:
             raise InputError(
-                f"servers: files: there is no file {pattern} in {home}, the folder from which the "
-                f"simulation's code is imported{_left_out(pattern)}"
+                f"servers: files: there is no file {pattern} in {home}, the import folder of the "
+                f"simulation's code{_explain_exclusion(pattern)}"
             )
         outside = next((path for path in matches if not _is_in(home, path)), None)
         if outside is not None:
             raise InputError(
-                f"servers: files: {outside} leads through a link out of {home}, to {outside.resolve()}; put "
-                "the file itself there, or name files without it"
+                f"servers: files: {outside} is a link to {outside.resolve()}, outside {home}; put the file "
+                "itself there, or exclude it from the pattern"
             )
-        found.update(matches)
-    return sorted(found)
+        files.update(matches)
+    return sorted(files)
 
 
 def with_data(part: Part, patterns: Sequence[str]) -> Part:
-    """Return a part with the files that patterns name now; patterns without any are left out.
+    """Return a part with the files that match patterns; patterns without matches are ignored.
 
-    Raises InputError when a file cannot be read, or there are too many.
+    Raises InputError if a file cannot be read, or the files are too large.
     """
     if not patterns:
         return part
-    home = home_of(part)
+    home = get_home(part)
     paths = {path for pattern in patterns for path in _safe_matches(home, pattern)}
-    places = {path.relative_to(home).as_posix(): path for path in sorted(paths)}
-    places = {place: path for place, path in places.items() if place not in part.files or place in part.data}
+    located_paths = {path.relative_to(home).as_posix(): path for path in sorted(paths)}
+    located_paths = {
+        location: path
+        for location, path in located_paths.items()
+        if location not in part.files or location in part.data
+    }
     try:
-        size = sum(path.stat().st_size for path in places.values())
+        size = sum(path.stat().st_size for path in located_paths.values())
     except OSError as error:
         raise InputError(f"servers: files: {error.filename}: cannot be read: {error.strerror}") from error
     if size > LARGEST_BYTES:
-        raise too_large(size)
-    data = {place: Source(path, read_named(path)) for place, path in places.items()}
+        raise make_size_error(size)
+    data = {location: Source(path, read_file(path)) for location, path in located_paths.items()}
     return dataclasses.replace(
         part,
         files={**part.files, **data},
@@ -267,16 +275,16 @@ def with_data(part: Part, patterns: Sequence[str]) -> Part:
     )
 
 
-def too_large(size: int) -> InputError:
-    """Return the error for files of so many bytes."""
+def make_size_error(size: int) -> InputError:
+    """Return the error for data files with too many bytes."""
     return InputError(
-        f"servers: files: {size >> 20} MiB are more than {LARGEST_BYTES >> 20}; copy them to the servers' "
-        "machines and name their folder with the option code"
+        f"servers: files: {size >> 20} MiB exceed the limit of {LARGEST_BYTES >> 20} MiB; copy the files to "
+        "the servers' machines and name their folder with the option code"
     )
 
 
-def read_named(path: Path) -> bytes:
-    """Return what a file holds. Raises InputError."""
+def read_file(path: Path) -> bytes:
+    """Return the bytes of a data file. Raises InputError."""
     try:
         return path.read_bytes()
     except OSError as error:
@@ -293,7 +301,7 @@ def _is_in(home: Path, path: Path) -> bool:
 
 
 def _safe_matches(home: Path, pattern: str) -> list[Path]:
-    """Return what a pattern of a run folder names, which may be anybody's: nothing outside of the folder."""
+    """Return the matches of an untrusted pattern of a run folder that are inside the folder."""
     if not _lies_inside(pattern):
         return []
     with suppress(ValueError, NotImplementedError):
@@ -302,37 +310,37 @@ def _safe_matches(home: Path, pattern: str) -> list[Path]:
 
 
 def _matches(home: Path, pattern: str) -> list[Path]:
-    """Return the files that a pattern names. Raises ValueError and NotImplementedError as `Path.glob` does.
+    """Return the files that match a pattern. Raises ValueError and NotImplementedError like `Path.glob`.
 
-    Below a run folder, a hidden one and __pycache__ it names none, unless it names that folder without a
-    wildcard: runs lie beside their simulation, and no run could go on once it has written its own files.
+    Run folders, hidden folders and __pycache__ are skipped unless the pattern names them without a wildcard:
+    runs may lie beside their simulation, and their files would otherwise count as changes.
     """
-    named = len(_folders_named(pattern))
-    passed: dict[Path, bool] = {home: True}
+    leading = len(_get_leading_folders(pattern))
+    searched: dict[Path, bool] = {home: True}
 
-    def is_passed(folder: Path) -> bool:
-        if folder not in passed:
-            own = len(folder.relative_to(home).parts) <= named or not _is_left_out(folder)
-            passed[folder] = own and is_passed(folder.parent)
-        return passed[folder]
+    def is_searched(folder: Path) -> bool:
+        if folder not in searched:
+            is_included = len(folder.relative_to(home).parts) <= leading or not _is_excluded(folder)
+            searched[folder] = is_included and is_searched(folder.parent)
+        return searched[folder]
 
-    return [path for path in home.glob(pattern) if is_passed(path.parent) and path.is_file()]
+    return [path for path in home.glob(pattern) if is_searched(path.parent) and path.is_file()]
 
 
-def _folders_named(pattern: str) -> tuple[str, ...]:
-    """Return the folders that a pattern begins with, up to its first wildcard."""
+def _get_leading_folders(pattern: str) -> tuple[str, ...]:
+    """Return the folders of a pattern before its first wildcard."""
     folders = Path(pattern).parts[:-1]
     return tuple(itertools.takewhile(lambda name: not set("*?[") & set(name), folders))
 
 
-def _is_left_out(folder: Path) -> bool:
+def _is_excluded(folder: Path) -> bool:
     if folder.name.startswith(".") or folder.name == "__pycache__":
         return True
     return any((folder / name).exists() for name in _OF_A_RUN)
 
 
-def _left_out(pattern: str) -> str:
-    """Return, for an error, where a pattern finds nothing."""
-    if len(_folders_named(pattern)) == len(Path(pattern).parts) - 1:
+def _explain_exclusion(pattern: str) -> str:
+    """Return a note for an error about folders that a pattern skips; empty if it skips none."""
+    if len(_get_leading_folders(pattern)) == len(Path(pattern).parts) - 1:
         return ""
-    return ", apart from folders that a wildcard leaves out: of runs, hidden ones and __pycache__"
+    return "; wildcards skip run folders, hidden folders and __pycache__"

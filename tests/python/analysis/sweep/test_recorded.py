@@ -108,7 +108,7 @@ def test_code_of_the_runs_is_used_once_it_is_trusted(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another"))
     refused = program("sweep", "moved/sweep.json", "--out", "again")
     assert refused.returncode == 2
-    assert "is not of a run that was made here by this user" in refused.stderr
+    assert "does not belong to a run that you made on this machine" in refused.stderr
     repeated = program("sweep", "moved/sweep.json", "--out", "again", "--trust", "--jobs", "1")
     assert repeated.returncode == 0, repeated.stderr
     first, second = (one.experiment.simulation for one in Sweep.load(tmp_path / "again/sweep.json").variants)
@@ -241,7 +241,7 @@ def test_code_that_a_record_names_is_not_executed_unless_it_is_trusted(
     (tmp_path / "line.py").write_text(evil)
     refused = program("sweep", "results/sweep.json")
     assert refused.returncode == 2
-    assert re.search(r"line\.py \(SHA-256 \w{16}\.\.\) is code that a run folder names", refused.stderr)
+    assert re.search(r"line\.py \(SHA-256 \w{16}\.\.\) is code named by a run folder", refused.stderr)
     assert not (tmp_path / "executed").exists()
     allowed = program("sweep", "results/sweep.json", "--trust", "--jobs", "1")
     assert allowed.returncode == 0, allowed.stderr

@@ -134,13 +134,13 @@ def test_code_of_another_user_is_not_executed(
         lambda: Controller.load(again.path),
         lambda: export_controller(again.path, to="machine", output=tmp_path / "machine"),
     ):
-        with pytest.raises(InputError, match="is code that a run folder names"):
+        with pytest.raises(InputError, match="is code named by a run folder"):
             read()
     assert not ran.exists()
     # Nor is a file that a run names instead of its copy.
     shutil.rmtree(run.path / "code")
     shutil.copy(file.parent / "parts/own.py", run.path / "own.py")
-    with pytest.raises(InputError, match="is code that a run folder names"):
+    with pytest.raises(InputError, match="is code named by a run folder"):
         _ = Run.open(run.path).best
     assert not ran.exists()
     assert Run.open(again.path, trust=True).best.fitness == again.best.fitness

@@ -12,7 +12,7 @@ from swarmwright.interop.models._experiment import Parameters
 from swarmwright.interop.models._files import load as load_part
 from swarmwright.interop.models._model import Model
 from swarmwright.interop.models._names import Known
-from swarmwright.simulations.names import absolute
+from swarmwright.simulations.names import make_absolute
 from tests.python.interop.models.conftest import Edited
 
 
@@ -242,7 +242,7 @@ def test_names_of_several_parameters_are_refused(edited: Edited, tmp_path: Path)
     simulation = f"{tmp_path / 'lab.py'}:Lab"
     changes = ('"steps" type="INT" value="25"', '"light" type="INT" value="25"')
     words = "'light' may be the parameter 'light\\+' or 'light-' of .*; write one of these names"
-    known = Known(absolute(simulation))
+    known = Known(make_absolute(simulation))
     assert [known.name(one) for one in ("light-", "Speed", "light", "+")] == ["light-", "speed", None, None]
     with pytest.raises(InputError, match=words):
         Parameters.of(Model.of([load_part(edited("problem.xml", changes))]), known, evolved=False)

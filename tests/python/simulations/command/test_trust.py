@@ -32,7 +32,7 @@ def test_it_is_not_run_before_it_is_trusted(received: Path, tmp_path: Path, with
     if without_copy:  # the command names no file, so that none is missing
         shutil.rmtree(received / "code")
         (received / "code" / "1" / "simulation").mkdir(parents=True)
-    with pytest.raises(InputError, match="is code that a run folder names"):
+    with pytest.raises(InputError, match="is code named by a run folder"):
         again(received)
     assert Run.open(received).evaluations, "reading executes nothing"
     assert not (tmp_path / "executed").exists()
@@ -45,14 +45,14 @@ def test_another_command_beside_a_trusted_copy_is_not_trusted(received: Path, tm
     Run.open(received, trust=True)
     file = received / "experiment.yaml"
     file.write_text(file.read_text().replace(f"touch {tmp_path}/executed", f"touch {tmp_path}/evil"))
-    with pytest.raises(InputError, match="is code that a run folder names"):
+    with pytest.raises(InputError, match="is code named by a run folder"):
         simulate(Experiment.load(file))
     change(
         received,
         "UPDATE fact SET value = replace(value, '/executed', '/evil') WHERE value LIKE '%/executed%'",
     )
     seal(received)
-    with pytest.raises(InputError, match="is code that a run folder names"):
+    with pytest.raises(InputError, match="is code named by a run folder"):
         again(received)
     assert not (tmp_path / "evil").exists()
 

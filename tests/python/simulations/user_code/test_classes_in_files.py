@@ -200,7 +200,7 @@ def test_other_code_that_a_store_names_is_not_executed(
     store.close()
     run = Run.open(path)
     use = run.experiment.new_method if section == "method" else run.experiment.new_ranking
-    with pytest.raises(InputError, match=r"evil\.py .*is code that a run folder names"):
+    with pytest.raises(InputError, match=r"evil\.py .*is code named by a run folder"):
         use()
     with pytest.raises(InputError):
         resume(path, generations=4)

@@ -13,7 +13,7 @@ from swarmwright import Experiment, InputError, Run, optimize, repeat, resume, s
 from swarmwright.simulations.gymnasium import Gymnasium
 from swarmwright.simulations.isolation import IsolatedModules
 from swarmwright.simulations.loading import load
-from swarmwright.simulations.names import environment_held
+from swarmwright.simulations.names import find_environment_copy
 from swarmwright.simulations.user_code import trust
 from tests.python.records import same_record
 from tests.python.simulations.user_code.conftest import edit
@@ -121,7 +121,7 @@ def test_an_edited_environment_is_not_used(name: str, folder: Path, caplog: pyte
     forget()
     with caplog.at_level(logging.WARNING):
         assert repeat(Run.open(run.path)).same
-    assert "gain.py was edited since; the copy in the run is used; --simulation" in caplog.text
+    assert "gain.py was edited since the run; its copy in the run folder is used; --simulation" in caplog.text
     with pytest.raises(InputError, match=r"gain.py was edited"):
         resume(run.path, generations=3)
     # The name means the current version as ever, before and after.
@@ -200,8 +200,10 @@ def test_what_a_copy_imports_stays_registered(tmp_path: Path, monkeypatch: pytes
         for number in "12":
             (tmp_path / number).mkdir()
             (tmp_path / number / "maze.py").write_text(WRAPPED)
-            apart = IsolatedModules(tmp_path / number, {"maze"})
-            made.append(type("Copy", (Gymnasium,), {"environment": "maze:Maze-v0", "apart": apart}))
+            modules = IsolatedModules(tmp_path / number, {"maze"})
+            made.append(
+                type("Copy", (Gymnasium,), {"environment": "maze:Maze-v0", "isolated_modules": modules})
+            )
             assert made[-1]().sensors == 4
         for name in ("Third-v0", "Late-v0"):
             gymnasium.make(name).close()
@@ -217,7 +219,7 @@ def test_what_a_copy_imports_stays_registered(tmp_path: Path, monkeypatch: pytes
     "name", ["gymnasium:CartPole-v1", "gymnasium:ale_py:ALE/Pong-v5", "pettingzoo:a.b", "/a/code/1/s/x.py:C"]
 )
 def test_other_names_are_of_no_copy(name: str) -> None:
-    assert environment_held(name) is None
+    assert find_environment_copy(name) is None
 
 
 OPTIONAL = """

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright.simulations.user_code.imports import Walk
-from swarmwright.simulations.user_code.parts import Part, distributions, of_simulation
+from swarmwright.simulations.user_code.parts import Part, distributions, read_simulation
 
 
 def write(folder: Path, **files: str) -> None:
@@ -29,7 +29,7 @@ def test_neighbours_are_followed_wherever_they_are_imported(tmp_path: Path) -> N
         walked_pack__in__plain="from . import inner",
         unused="",
     )
-    walk = Walk.of_file(tmp_path / "main.py")
+    walk = Walk.from_file(tmp_path / "main.py")
     inner = ("__init__.py", "walked_two.py")
     assert sorted(walk.files) == sorted(
         [
@@ -55,22 +55,22 @@ def test_installed_packages_are_named_only(tmp_path: Path, monkeypatch: pytest.M
     information.write_text("Metadata-Version: 2.1\nName: walked_library\nVersion: 1.5\n")
     write(tmp_path, main="import walked_library")
     monkeypatch.syspath_prepend(str(site))
-    part = Part.of_file("simulation", "main.py:Main", tmp_path / "main.py")
+    part = Part.from_file("simulation", "main.py:Main", tmp_path / "main.py")
     assert list(part.files) == ["main.py"]
     assert distributions([part]) == ("walked_library",)
     # A simulation or a plug-in that is itself installed is source of the run.
-    own = Part.of_module("method", "kind", "walked_library")
+    own = Part.from_module("method", "kind", "walked_library")
     assert own is not None
     assert (list(own.files), own.main) == (["walked_library.py"], "walked_library.py")
-    assert Part.of_module("method", "kind", "walked_missing") is None
+    assert Part.from_module("method", "kind", "walked_missing") is None
 
 
 def test_what_has_no_source_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(tmp_path))
     write(tmp_path, walked_env="")
-    assert of_simulation("__main__:Gather") is None
-    assert of_simulation("swarmwright.simulations.mujoco:Rovers") is None
-    assert of_simulation("gymnasium:CartPole-v1") is None
-    adapted = of_simulation("gymnasium:walked_env:Own-v1")
+    assert read_simulation("__main__:Gather") is None
+    assert read_simulation("swarmwright.simulations.mujoco:Rovers") is None
+    assert read_simulation("gymnasium:CartPole-v1") is None
+    adapted = read_simulation("gymnasium:walked_env:Own-v1")
     assert adapted is not None
     assert list(adapted.files) == ["walked_env.py"]

@@ -16,7 +16,9 @@ VALUES = {
     "method": {"population": 6, "generations": 1},
     "servers": "in-process",
 }
-WORDS = "was edited after this process imported it; it executes what it imported, servers and the copy"
+WORDS = (
+    "was edited after this process imported it, so this process runs the old code, but servers and the copy"
+)
 
 
 @pytest.mark.parametrize(

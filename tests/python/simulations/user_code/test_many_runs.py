@@ -7,7 +7,7 @@ import pytest
 from swarmwright import InputError, Run, RunError, compare, optimize
 from swarmwright.analysis.sweep import Executor, Sweep, tasks
 from swarmwright.servers.supervision.local_servers import LocalServers
-from swarmwright.simulations.user_code.changes import files_of
+from swarmwright.simulations.user_code.changes import list_files
 from tests.python.simulations.user_code.conftest import edit
 
 pytestmark = pytest.mark.slow
@@ -47,7 +47,7 @@ def test_runs_of_different_code_are_no_group(project: Path) -> None:
 def test_servers_of_a_run_have_one_code(project: Path, embedded_broker: str) -> None:
     name = f"{project}/gather.py:Gather"
     settings = {"simulation": name, "broker": embedded_broker, "prefix": "", "step_timeout": 5.0}
-    files = files_of(name)
+    files = list_files(name)
     assert sorted(map(Path, files)) == [project / "gather.py", project / "helper.py"]
     with LocalServers([{**settings, "id": 1, "files": files}]) as servers:
         assert len(servers.pids) == 1

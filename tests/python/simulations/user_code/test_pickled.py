@@ -154,7 +154,7 @@ def test_names_run_no_code_that_is_not_trusted(tmp_path: Path) -> None:
     for known in [one for one in sys.modules if one.startswith("swarmwright_files.")]:
         del sys.modules[known]
     files.clear()
-    with pytest.raises(InputError, match="is code that a run folder names"):
+    with pytest.raises(InputError, match="is code named by a run folder"):
         pickle.loads(pickled)
     Experiment.from_mapping({"simulation": f"{name}:Gather"})  # is a title, of a server's simulation
     for simulation in (f"gymnasium:{name}:Room-v0", f"pettingzoo:{name}"):

@@ -111,7 +111,10 @@ def test_a_change_that_is_accepted_is_recorded(
     assert not caplog.messages
     assert repeat(longer, generation=0).same
     assert len(caplog.messages) == 1
-    assert "gather.py was edited since; the copy in the run is used; --simulation" in caplog.messages[0]
+    assert (
+        "gather.py was edited since the run; its copy in the run folder is used; --simulation"
+        in caplog.messages[0]
+    )
     # From then on it is the run's own code: it goes on without another word.
     assert resume(longer, generations=6).generations == 6
 
@@ -124,7 +127,7 @@ def test_what_repeats_an_evaluation_says_so_and_uses_the_copy(
     found = repeat(run)
     assert found.same
     assert len(caplog.messages) == 1
-    assert "run: helper.py was edited since; the copy in the run is used" in caplog.messages[0]
+    assert "run: helper.py was edited since the run; its copy in the run folder is used" in caplog.messages[0]
     other = repeat(run, simulation="gather.py:Gather")
     assert not other.same
     with pytest.raises(InputError, match="names no class in Python"):
@@ -176,7 +179,10 @@ def test_a_file_beside_a_run_that_was_copied_is_not_ignored(
         shutil.copy(project / name, there)
     edit(there / "gather.py", *FACTOR)
     assert repeat(Run.open(there / "copied")).same
-    assert f"{there}/copied: {there}/gather.py was edited since; the copy in the run is used" in caplog.text
+    assert (
+        f"{there}/copied: {there}/gather.py was edited since the run; its copy in the run folder is used"
+        in caplog.text
+    )
 
 
 def test_a_copy_and_the_file_have_each_their_own_modules(
@@ -247,7 +253,7 @@ def test_a_manifest_leads_nowhere_else(place: str, run: Run, project: Path) -> N
     values = json.loads(file.read_text())
     values["parts"]["simulation"]["sha256"][place] = "0" * 64
     file.write_text(json.dumps(values))
-    with pytest.raises(InputError, match=r"manifest\.json: is damaged: .* lies outside the copy"):
+    with pytest.raises(InputError, match=r"manifest\.json: damaged manifest: .* is outside the copy"):
         repeat(run)
     from swarmwright.runs.folders import remove_run
 

@@ -65,7 +65,7 @@ USES: dict[str, Callable[[Path], object]] = {
 @pytest.mark.slow
 @pytest.mark.parametrize("use", USES)
 def test_nothing_of_it_is_executed_before_it_is_trusted(use: str, received: Path, tmp_path: Path) -> None:
-    words = r"simulation/gather\.py \(SHA-256 [0-9a-f]{16}\.\.\) is code that a run folder names, with 1 more"
+    words = r"simulation/gather\.py \(SHA-256 [0-9a-f]{16}\.\.\) is code named by a run folder, with 1 more"
     with pytest.raises(InputError, match=f"{words} files.*--trust .*trust=True"):
         USES[use](received)
     assert Run.open(received).evaluations, "reading executes nothing"
@@ -96,7 +96,7 @@ def test_a_state_that_cannot_be_written_holds_for_the_process(
     (tmp_path / "state").write_text("no folder")
     run = Run.open(received, trust=True)
     assert repeat(run).same
-    assert "later commands ask whether the code of this run is to be trusted, or need --trust" in caplog.text
+    assert "later commands will ask whether to trust the code of this run, or need --trust" in caplog.text
 
 
 def no_home(monkeypatch: pytest.MonkeyPatch, _folder: Path) -> None:
@@ -129,7 +129,7 @@ def test_without_a_state_a_process_knows_what_it_was_told(
         trust.remember(code, "it")
         assert trust.is_trusted(code)
         trust.remember({"simulation.py": "1" * 64}, "it, with other files")
-    assert caplog.text.count("later commands ask whether the code of this run is to be trusted") == 1
+    assert caplog.text.count("later commands will ask whether to trust the code of this run") == 1
 
 
 @pytest.mark.parametrize("relative", ["state", ""])
@@ -271,7 +271,7 @@ def test_nor_is_what_a_run_names_beside_its_own(
     for name in [name for name, module in sys.modules.items() if hasattr(module, "Gather")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr("swarmwright.simulations.names.files", {})
-    refused = r"beside\.py \(SHA-256 .*is code that a run folder names"
+    refused = r"beside\.py \(SHA-256 .*is code named by a run folder"
     with pytest.raises(InputError, match=refused):
         optimize(Experiment.load(run.path / "experiment.yaml"), out=tmp_path / "again")
     if kind == "slow":

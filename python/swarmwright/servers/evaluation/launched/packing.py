@@ -7,11 +7,11 @@ from pathlib import Path
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import SimulationName, is_command, is_python
 from swarmwright.servers.launchers import Code, LauncherOptions
-from swarmwright.simulations.names import environment_held
+from swarmwright.simulations.names import find_environment_copy
 from swarmwright.simulations.user_code import parts, trust
 from swarmwright.simulations.user_code.changes import choose
-from swarmwright.simulations.user_code.copying import Copy, Kept
-from swarmwright.simulations.user_code.parts import Part, of_simulation
+from swarmwright.simulations.user_code.copying import CopiedPart, Copy
+from swarmwright.simulations.user_code.parts import Part, read_simulation
 
 _FOLDER = "modules/"
 """Of the code of modules, in that of the servers."""
@@ -42,15 +42,15 @@ def packed(
         files.update({f"{folder}{place}": source.data for place, source in part.files.items()})
     size = sum(map(len, files.values()))
     if size > parts.LARGEST_BYTES:
-        raise parts.too_large(size)
+        raise parts.make_size_error(size)
     travels = files and options.code is None
     return name, names, Code.of(files, programs) if travels else None
 
 
 def _part(path: Path) -> Part:
     """Return the source of a file; of a run's copy that of the original, as long as it is the same."""
-    held = Copy.holding(path)
-    return Part.of_file("", path.name, path) if held is None else choose(*held).part
+    held = Copy.find_containing(path)
+    return Part.from_file("", path.name, path) if held is None else choose(*held).part
 
 
 def _simulation(
@@ -68,9 +68,9 @@ def _simulation(
         return name, {}, set()
     files = {place: source.data for place, source in part.files.items()}
     programs = {place for place, source in part.files.items() if os.access(source.origin, os.X_OK)}
-    home = parts.home_of(part)
-    for path in parts.named_files(home, options.files):
-        files.setdefault(path.relative_to(home).as_posix(), parts.read_named(path))
+    home = parts.get_home(part)
+    for path in parts.find_named_files(home, options.files):
+        files.setdefault(path.relative_to(home).as_posix(), parts.read_file(path))
     return name, files, programs
 
 
@@ -81,22 +81,24 @@ def _source(simulation: str) -> tuple[str, Part | None]:
     beside it.
     """
     parsed = SimulationName.parse(simulation)
-    environment = environment_held(simulation)
+    environment = find_environment_copy(simulation)
     if environment is not None:
         copy, kept = environment
         return kept.component, choose(copy, kept).part
-    held = None if parsed.file is None else Copy.holding(parsed.file.absolute())
-    part = of_simulation(simulation) if held is None or _is_other(simulation, held[1]) else choose(*held).part
+    held = None if parsed.file is None else Copy.find_containing(parsed.file.absolute())
+    part = (
+        read_simulation(simulation) if held is None or _is_other(simulation, held[1]) else choose(*held).part
+    )
     if part is None or parsed.file is None:
         return simulation, part
     return parsed.in_file(part.main if part.module is None else part.module), part
 
 
-def _is_other(simulation: str, kept: Kept) -> bool:
+def _is_other(simulation: str, kept: CopiedPart) -> bool:
     """Whether a command is another one than the run's, whose files it uses."""
     if not is_command(simulation):
         return False
-    now = of_simulation(simulation)
+    now = read_simulation(simulation)
     return now is None or now.digests.get(kept.main) != kept.digests[kept.main]
 
 

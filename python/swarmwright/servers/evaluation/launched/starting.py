@@ -21,7 +21,7 @@ from swarmwright.servers.evaluation.launched.servers import LaunchedServers
 from swarmwright.servers.evaluation.module_code import names_of
 from swarmwright.servers.launchers import LAUNCHERS, LauncherOptions, Specification
 from swarmwright.servers.server_use import ServerUse, ServerUses
-from swarmwright.simulations.user_code.changes import files_of
+from swarmwright.simulations.user_code.changes import list_files
 
 MOST_EMBEDDED = 4_000
 """Servers for which the embedded broker is enough; it admits 4,096 clients."""
@@ -143,7 +143,7 @@ def _specification(
         key=credentials.key,
         code=code,
         modules=modules,
-        sources=files_of(simulation) if here and is_python(simulation) else {},
+        sources=list_files(simulation) if here and is_python(simulation) else {},
         environment={**experiment.timeouts.variables(), **options.environment},
         label=f"swarmwright-{experiment.label}",
     )
