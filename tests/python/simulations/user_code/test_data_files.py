@@ -103,7 +103,7 @@ def test_a_run_keeps_the_files(run: Run, project: Path) -> None:
     assert verify(run.path).problems == []
     edit(run.path / COPY / "maps" / "a.json", "100.0", "7")
     (problem,) = verify(run.path).problems
-    assert "a.json: was edited" in problem.what
+    assert "a.json: this copy of the run" in problem.what
 
 
 @pytest.mark.slow

@@ -51,7 +51,7 @@ def test_a_constant_with_another_value(
     optimize(experiment, out=project / "before")
     monkeypatch.setattr(sys.modules["helper"], "GAIN", 0.25)
     optimize(experiment, out=project / "after")
-    assert [message.partition(" have: ")[0] for message in caplog.messages] == [
+    assert [message.partition(" use: ")[0] for message in caplog.messages] == [
         "helper.py: GAIN is 0.25 in this process and 0.1 in the file, which servers and the copy in the run"
     ]
     assert "make it a parameter of the simulation" in caplog.messages[0]

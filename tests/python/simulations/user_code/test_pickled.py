@@ -158,6 +158,6 @@ def test_names_run_no_code_that_is_not_trusted(tmp_path: Path) -> None:
         pickle.loads(pickled)
     Experiment.from_mapping({"simulation": f"{name}:Gather"})  # is a title, of a server's simulation
     for simulation in (f"gymnasium:{name}:Room-v0", f"pettingzoo:{name}"):
-        with pytest.raises(InputError, match="name the file of the class itself"):
+        with pytest.raises(InputError, match="name the file of the class instead"):
             Experiment.from_mapping({"simulation": simulation})
     assert not (tmp_path / "executed").exists()
