@@ -257,7 +257,7 @@ def _print_version(context: click.Context, _parameter: click.Parameter, wanted: 
     is_eager=True,
     expose_value=False,
     callback=_print_version,
-    help="Show the version, and the commit where it is used from a checkout.",
+    help="Show the version, and the commit of a checkout.",
 )
 def program() -> None:
     """Evolve controllers for swarms on many simulation servers through an MQTT broker."""

@@ -48,12 +48,12 @@ def watch_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         "--tensorboard",
         type=click.Path(path_type=Path, file_okay=False),
         metavar="DIR",
-        help="Write the statistics of each generation for TensorBoard, into this folder.",
+        help="Write the statistics of each generation to this TensorBoard folder.",
     )
     mlflow = click.option(
         "--mlflow",
         metavar="URI",
-        help="Log to a new run on this MLflow tracking server (http://..) or database (sqlite:///..).",
+        help="Log to a new run of this MLflow tracking server (http://..) or database (sqlite:///..).",
     )
     return tensorboard(mlflow(command))
 

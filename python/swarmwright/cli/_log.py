@@ -29,21 +29,21 @@ def log_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         "--log",
         type=click.Path(path_type=Path, dir_okay=False, allow_dash=True),
         metavar="FILE",
-        help="Append events to a file, one JSON object per line; - for standard error.",
+        help="Append events to FILE, one JSON object per line; - is standard error.",
     )
     level = click.option(
         "--log-level",
         type=click.Choice(LEVELS),
         default="info",
         show_default=True,
-        help="With --log: the lowest level that is written.",
+        help="Lowest level to log.",
     )
     size = click.option(
         "--log-size",
         type=WholeNumber(min=1, max=2**20),
         metavar="MIB",
-        help="With --log: largest size of the file in MiB; before it grows beyond, it is renamed to FILE.1, "
-        "replacing an earlier one. Default: 64 for `broker`, else no limit.",
+        help="Rename the log to FILE.1 before it exceeds this size. Default: 64 for `broker`, else "
+        "unlimited.",
     )
     return file(level(size(command)))
 

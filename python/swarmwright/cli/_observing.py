@@ -122,7 +122,7 @@ def observe_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         "--metrics",
         type=Endpoint(),
         metavar="[HOST:]PORT",
-        help="Expose Prometheus metrics at http://HOST:PORT/metrics. Default of HOST: 127.0.0.1.",
+        help="Serve Prometheus metrics at http://HOST:PORT/metrics. Default host: 127.0.0.1.",
     )
     return log_options(metrics(command))
 

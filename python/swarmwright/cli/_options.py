@@ -323,7 +323,7 @@ class ObjectiveValue(click.ParamType[tuple[str, float]]):
 Decorator = Callable[[Any], Any]
 
 
-def stacked(*options: Decorator) -> Decorator:
+def combine_options(*options: Decorator) -> Decorator:
     """Return one decorator for several options, which the help lists in this order."""
 
     def decorated(command: Any) -> Any:  # noqa: ANN401 - click's decorators
@@ -340,22 +340,20 @@ servers_option: Decorator = click.option(
     metavar="N",
     help="""\b
 N           start N servers on this machine
-auto        one per processor, 2 to 8; same
-            as local in notebooks and with
-            modules in Python
-local       no server: one process per
-            processor for simulations in
-            Python, this process for others
-in-process  no server: all in this process
+auto        one per processor, 2 to 8; local
+            in notebooks and with modules in
+            Python
+local       no servers: this process, or one
+            per processor for Python code
+in-process  no servers: this process alone
 LAUNCHER:N  servers elsewhere: slurm:200, or
-            slurm:100,process:2; options of
-            launchers are in the experiment""",
+            slurm:100,process:2""",
 )
 
 simulation_option: Decorator = click.option(
     "--simulation",
     metavar="FILE:CLASS",
-    help="Use this Python class instead of the run's, whose code was edited or moved.",
+    help="Python class to use if the run's was edited or moved.",
 )
 
 
@@ -371,8 +369,7 @@ trust_option: Decorator = click.option(
     is_flag=True,
     expose_value=False,
     callback=_trust,
-    help="Execute the code in a run folder even if the run was not made on this machine. Remembered for this "
-    "code.",
+    help="Execute the code in a run folder from another machine. Remembered for this code.",
 )
 
 
@@ -385,7 +382,7 @@ def set_option(
         "settings",
         multiple=True,
         metavar="KEY=VALUE",
-        help=f"{text} The value is YAML; null means the default. May be repeated.",
+        help=f"{text} VALUE is YAML; null restores the default. Repeatable.",
     )
 
 
@@ -403,7 +400,7 @@ def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         "--generation",
         type=WholeNumber(min=0, max=2**63 - 1),
         metavar="G",
-        help="Generation of the candidate, numbered from 0. Without --candidate: its best one.",
+        help="Generation, counted from 0. Without --candidate: its best candidate.",
     )
     candidate = click.option(
         "--candidate",
@@ -414,7 +411,7 @@ def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
 G:N  candidate N of generation G
 N    with --generation: candidate N of it
 N    alone: evaluation N of the whole run
-All are numbered from 0. Default: the best.""",
+Counted from 0. Default: the best.""",
     )
 
     @functools.wraps(command)
@@ -432,22 +429,19 @@ All are numbered from 0. Default: the best.""",
 held_out_option: Decorator = click.option(
     "--held-out",
     is_flag=True,
-    help="Compare the fitness of each run's best candidate on held-out seeds, by its validation, instead of "
-    "the best recorded fitness.",
+    help="Compare the best candidates by their validation on held-out seeds.",
 )
 at_option: Decorator = click.option(
     "--at",
     type=WholeNumber(min=1),
     metavar="EVALUATIONS",
-    help="Compare the best of the first EVALUATIONS of each run; where candidates are evaluated again "
-    "(racing, reevaluate), the last generation that was finished by then. Default: the whole runs.",
+    help="Compare the best of each run's first EVALUATIONS. Default: whole runs.",
 )
 at_episodes_option: Decorator = click.option(
     "--at-episodes",
     type=WholeNumber(min=1),
     metavar="EPISODES",
-    help="Compare after equally much simulation, where ranking.episodes differs: the best of the evaluations "
-    "that took at most EPISODES episodes.",
+    help="Compare the best after at most EPISODES episodes, for runs that differ in ranking.episodes.",
 )
 
 
@@ -457,24 +451,23 @@ _BY_OPTIONS: tuple[Decorator, ...] = (
         type=click.Choice(["fitness", "hypervolume", "qd_score", "coverage"]),
         default="fitness",
         show_default=True,
-        help="What is compared: the best fitness, the hypervolume of the fronts of nsga2, or the QD score or "
-        "the coverage of the archives of map_elites.",
+        help="Value to compare: best fitness, hypervolume of nsga2 fronts, or QD score or coverage of "
+        "map_elites archives.",
     ),
     click.option(
         "--reference",
         type=ObjectiveValue(),
         multiple=True,
         metavar="NAME=VALUE",
-        help="With --by hypervolume: reference point, once for fitness and for each objective; hypervolume "
-        "is then in their units. Default: objectives are scaled to the range that they have in the fronts "
-        "that are compared, and the point is a tenth of it worse.",
+        help="With --by hypervolume: reference point, a value for fitness and each objective. Default: "
+        "objectives scaled to their range in the compared fronts, and a point 10 % beyond the worst.",
     ),
     click.option(
         "--offset",
         type=FiniteNumber(),
         metavar="FITNESS",
-        help="With --by qd_score: worst possible fitness, which is subtracted from that of each elite. "
-        "Default: 0, or the lowest fitness of an elite that is compared where that is negative.",
+        help="With --by qd_score: worst possible fitness, subtracted from each elite's. Default: 0, or "
+        "the lowest compared fitness if negative.",
     ),
 )
 
@@ -483,16 +476,15 @@ _SHOWN_OPTIONS: tuple[Decorator, ...] = (
     click.option(
         "--unfinished",
         is_flag=True,
-        help="Also count runs that failed, were interrupted or are still running, with what they have. "
-        "Without it, they are left out and named, except those that had as many evaluations or episodes as "
-        "--at or --at-episodes ask for.",
+        help="Include runs that failed, were interrupted or are still running. Runs that reached --at or "
+        "--at-episodes are always included.",
     ),
     click.option(
         "--order",
         multiple=True,
         metavar="ORDER",
-        help="Order of the groups in tables and figures: rank (by their median, the best first), name, "
-        "given (as the runs are), or labels of groups, each with an --order of its own. Default: rank.",
+        help="Order of the groups: rank (by median, best first), name, given (as listed), or group "
+        "labels, each with its own --order. Default: rank.",
     ),
     click.option(
         "--label",
@@ -500,12 +492,14 @@ _SHOWN_OPTIONS: tuple[Decorator, ...] = (
         type=Renamed(),
         multiple=True,
         metavar="GROUP=NAME",
-        help="Call a group, or a task, otherwise: --label nnga='genetic algorithm'. Repeatable.",
+        help="Rename a group or task: --label nnga='genetic algorithm'. Repeatable.",
     ),
 )
 
 
-compare_options = stacked(*_BY_OPTIONS, at_option, at_episodes_option, held_out_option, *_SHOWN_OPTIONS)
+compare_options = combine_options(
+    *_BY_OPTIONS, at_option, at_episodes_option, held_out_option, *_SHOWN_OPTIONS
+)
 """What commands that compare runs have in common: the fields of `_comparison.Compared`."""
 
 
@@ -534,8 +528,7 @@ peer_prefix_option: Decorator = click.option(
     "--prefix",
     type=Prefix(),
     metavar="P",
-    help=f"Prefix of all topics, such as lab/1. Default: {PREFIX_VARIABLE}'s on a broker that is named, or "
-    "none.",
+    help=f"Topic prefix, such as lab/1. Default: {PREFIX_VARIABLE} on a named broker, or none.",
 )
 prefix_option: Decorator = click.option(
     "--prefix",
@@ -544,11 +537,11 @@ prefix_option: Decorator = click.option(
     metavar="P",
     envvar=PREFIX_VARIABLE,
     show_envvar=True,
-    help="Prefix of all topics, such as lab/1. Default: none.",
+    help="Topic prefix, such as lab/1. Default: none.",
 )
 
 
-def _without_environment(
+def _clear_environment_prefix(
     _context: click.Context, _parameter: click.Parameter, prefix: str | None
 ) -> str | None:
     """Let an empty prefix, which an experiment cannot distinguish from none, win over the environment's."""
@@ -557,34 +550,22 @@ def _without_environment(
     return prefix
 
 
-def experiment_prefix_option(whose: str) -> Decorator:
-    """`--prefix P` of commands that have an experiment, which names a prefix itself.
-
-    whose: experiment, `FILE's`. The environment's prefix is used where neither names one, see
-    `swarmwright.experiment.derived.with_environment`.
-    """
-    return click.option(
-        "--prefix",
-        type=Prefix(),
-        metavar="P",
-        callback=_without_environment,
-        help=f"Prefix of all topics on the broker. Default: {whose}, {PREFIX_VARIABLE}'s, or none.",
-    )
+experiment_prefix_option: Decorator = click.option(
+    "--prefix",
+    type=Prefix(),
+    metavar="P",
+    callback=_clear_environment_prefix,
+    help=f"Topic prefix. Default: the experiment's, {PREFIX_VARIABLE}, or none.",
+)
+"""`--prefix P` of commands that have an experiment, which may name a prefix itself."""
 
 
-def experiment_broker_options(whose: str, text: str | None = None) -> Decorator:
-    """`--broker URL` and `--prefix P` of commands that have an experiment.
-
-    whose: experiment, `FILE's`. text: of the help of `--broker`.
-    """
-    return stacked(
-        broker_option(
-            default=None,
-            text=text
-            or f"Use the servers on this broker. Default: {whose}, {BROKER_VARIABLE}'s, or one started here.",
-        ),
-        experiment_prefix_option(whose),
-    )
+def experiment_broker_options(
+    text: str = "Use the servers on this broker. Default: the experiment's, SWARMWRIGHT_BROKER, or a private "
+    "one.",
+) -> Decorator:
+    """Add `--broker URL`, with this help, and `--prefix P` to a command that has an experiment."""
+    return combine_options(broker_option(default=None, text=text), experiment_prefix_option)
 
 
 def prefix_settings(prefix: str | None) -> tuple[str, ...]:
@@ -596,8 +577,7 @@ wait_option: Decorator = click.option(
     "--wait",
     type=RealNumber(0, 31 * 86400.0),
     metavar="SECONDS",
-    help="How long to wait for a broker that does not answer yet. Default: timeouts.connect of the "
-    "experiment, or 0.",
+    help="Time to wait for an unreachable broker. Default: the experiment's timeouts.connect, or 0.",
 )
 
 
@@ -670,7 +650,7 @@ def server_output_option(command: Any) -> Any:  # noqa: ANN401 - click's decorat
         is_flag=True,
         expose_value=False,
         callback=_wanted,
-        help=f"At the end, show the last {LINES} lines that servers started here printed, on standard error.",
+        help=f"At the end, show the last {LINES} output lines of local servers on standard error.",
     )
     return option(command)
 
@@ -680,7 +660,7 @@ def episodes_options(figure: str, table: str) -> Decorator:
 
     The command gets `picture` and `table`, whose endings are checked before it runs.
     """
-    return stacked(
+    return combine_options(
         click.option("--out", "picture", cls=SaveOption, type=OutputFile(), metavar="FILE", help=figure),
         click.option("--csv", "table", type=OutputFile(), metavar="FILE", help=table),
         _with_checked_files,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 from click.core import ParameterSource
 
-from swarmwright.cli._options import OutputFile, RealNumber, SaveOption, experiment_broker, stacked
+from swarmwright.cli._options import OutputFile, RealNumber, SaveOption, combine_options, experiment_broker
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def open_in_browser(file: Path) -> bool:
 
 Colors = Literal["auto", "state", "value", "controller"]
 
-picture_options = stacked(
+picture_options = combine_options(
     click.option(
         "--save",
         "picture",
@@ -67,7 +67,7 @@ picture_options = stacked(
         type=OutputFile(),
         metavar="FILE",
         help="Write the episode to a file: .html is an interactive page, .gif an animation, .mp4 a video, "
-        ".png a still image with all trajectories.",
+        ".png a still image with trajectories.",
     ),
     click.option(
         "--open",
@@ -81,7 +81,7 @@ picture_options = stacked(
         default=1.0,
         show_default=True,
         metavar="FACTOR",
-        help="How many times faster than the simulation's step size.",
+        help="Playback speed as a multiple of simulated time.",
     ),
     click.option(
         "--show",
@@ -89,16 +89,16 @@ picture_options = stacked(
         metavar="WHAT",
         default="trails,labels",
         show_default=True,
-        help="Drawn in addition to bodies, separated by commas: trails, rays (of sensors), links (who hears "
-        "whom), labels; or none. On a page it can be changed.",
+        help="Comma-separated parts to draw besides bodies: trails, rays (of sensors), links (who hears "
+        "whom), labels; or none.",
     ),
     click.option(
         "--colors",
         type=click.Choice(["auto", "state", "value", "controller"]),
         default="auto",
         show_default=True,
-        help="What gives bodies their colours: their kind and state, their value, or the state of the "
-        "agent's controller where that is a state machine. A page begins with it.",
+        help="Colour bodies by kind and state, by value, or by the state of their controller's state "
+        "machine.",
     ),
 )
 """`--save`, `--open`, `--speed`, `--show` and `--colors`.

@@ -1,5 +1,8 @@
 """The command line's reference page, made of the help texts."""
 
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
 import click
 
 from swarmwright.cli._commands import program
@@ -7,54 +10,90 @@ from swarmwright.cli._commands import program
 INTRODUCTION = """\
 # Command line
 
-All commands and options of `swarmwright`, as `swarmwright COMMAND --help` prints them. (`make docs` generates
-this page from the help texts; edit those.) Exit status of every command: 0 if it is done; 1 if it failed, or
-what it checked or compared is not as it should be; 2 if the input is wrong; 130 if it was interrupted:
-finished generations, if any, are kept. Commands that run until Ctrl-C (`broker`, `serve`, `servers --watch`)
-end with 0 then. With `--json` a command prints one JSON object per line and nothing else; numbers that JSON
-does not know (NaN, infinities) are null. `NO_COLOR` turns colours off. SWARMWRIGHT_DEBUG=1 shows Python's
-traceback of an internal error. With SWARMWRIGHT_PLOT=0 runs end without their plot, which saves about a
-second of processor time each, for example on a cluster. SWARMWRIGHT_INSTRUCTIONS (portable, avx2, avx512)
-limits the instruction set that is used, to see that results do not depend on it.
+All commands and options of `swarmwright`. `swarmwright COMMAND --help` prints the same, including the
+[common options](#common-options), which several commands share and which are listed once below. (`make docs`
+generates this page from the help texts; edit those.)
 
-An option that names the file or folder to write is accepted as `--out` and as `--output` in every command;
-where the file holds what is otherwise shown, as `--save`, too.
+| exit status | meaning |
+|---|---|
+| 0 | success; also after Ctrl-C in commands that run until then (`broker`, `serve`, `servers --watch`) |
+| 1 | failure, or a check or comparison found a difference |
+| 2 | invalid input |
+| 130 | interrupted; finished generations are kept |
 
-Bash completes commands and options with the Tab key after `eval "$(_SWARMWRIGHT_COMPLETE=bash_source
-swarmwright)"`, for example in `~/.bashrc`; `zsh_source` and `fish_source` are for zsh and fish.
+With `--json`, a command prints one JSON object per line and nothing else; NaN and infinities are null.
+Options for files and folders to write are accepted as `--out` and `--output`, and as `--save` if the file
+holds what is otherwise shown. For completion with the Tab key, run `eval
+"$(_SWARMWRIGHT_COMPLETE=bash_source swarmwright)"`, for example in `~/.bashrc`; `zsh_source` and
+`fish_source` are for zsh and fish.
 
-Credentials are never given on the command line. They come from the environment: SWARMWRIGHT_USERNAME,
-SWARMWRIGHT_PASSWORD or a file named by SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE, the
-certificate authority of the broker, and, where the broker requires a client certificate,
-SWARMWRIGHT_CERTIFICATE_FILE and SWARMWRIGHT_KEY_FILE. SWARMWRIGHT_BROKER is the address of the broker where
-none is given, SWARMWRIGHT_PREFIX the prefix of topics on it, SWARMWRIGHT_KEEP_ALIVE the keep-alive interval
-of connections to it, 1 to 3600 whole seconds (30). For a broker that the same user runs on this machine
-nothing needs to be set.
+Credentials come from the environment, never from the command line. A broker that the same user runs on this
+machine needs none.
+
+| environment variable | meaning |
+|---|---|
+| SWARMWRIGHT_USERNAME, SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE | account on the broker |
+| SWARMWRIGHT_CA_FILE | TLS: certificate authority of the broker |
+| SWARMWRIGHT_CERTIFICATE_FILE, SWARMWRIGHT_KEY_FILE | TLS: client certificate, if the broker requires one |
+| SWARMWRIGHT_BROKER, SWARMWRIGHT_PREFIX | default broker and topic prefix |
+| SWARMWRIGHT_KEEP_ALIVE | keep-alive interval of connections, 1 to 3600 whole seconds (30) |
+| SWARMWRIGHT_PLOT=0 | end runs without a plot, which saves a second of processor time each |
+| SWARMWRIGHT_INSTRUCTIONS | limit the instruction set (portable, avx2, avx512), to check independence of it |
+| SWARMWRIGHT_DEBUG=1 | show the traceback of an internal error |
+| NO_COLOR | turn colours off |
 """
+Record = tuple[str, str]
+"""The names of an option, and its help."""
 
 
 def reference() -> str:
-    """The page, Markdown."""
+    """Return the page as Markdown."""
+    contexts = list(_walk_commands(program, None, "swarmwright"))
+    counts = Counter(record for context in contexts for record in _option_records(context).values())
+    common = [record for record in counts if counts[record] > 1]
+    # Of two descriptions of one option, the more frequent is common; the other stays with its commands.
+    common = [
+        record for record in common
+        if counts[record] == max(count for other, count in counts.items() if other[0] == record[0])
+    ]  # fmt: skip
+    formatter = contexts[0].make_formatter()
+    with formatter.indentation():
+        formatter.write_dl(common)
+    sections = [INTRODUCTION, f"## Common options\n\n```text\n{formatter.getvalue().rstrip()}\n```\n"]
+    return "\n".join([*sections, *(_format_command(context, common) for context in contexts)])
+
+
+def _walk_commands(
+    command: click.Command, parent: click.Context | None, name: str
+) -> Iterator[click.Context]:
+    """Yield a context of the command, and of each command below it."""
     with click.Context(
-        program, info_name="swarmwright", max_content_width=100, terminal_width=100,
+        command, info_name=name, parent=parent, max_content_width=100, terminal_width=100,
         help_option_names=["-h", "--help"],
     ) as context:  # fmt: skip
-        sections = [INTRODUCTION, *_sections(program, context)]
-    return "\n".join(sections)
+        yield context
+        if isinstance(command, click.Group):
+            for inner_name in command.list_commands(context):
+                inner = command.get_command(context, inner_name)
+                assert inner is not None
+                yield from _walk_commands(inner, context, inner_name)
 
 
-def _sections(command: click.Command, context: click.Context) -> list[str]:
-    sections = [f"## {context.command_path}\n\n```text\n{command.get_help(context).rstrip()}\n```\n"]
-    if isinstance(command, click.Group):
-        for name in command.list_commands(context):
-            inner = command.get_command(context, name)
-            assert inner is not None
-            with click.Context(
-                inner, info_name=name, parent=context, max_content_width=100, terminal_width=100,
-                help_option_names=["-h", "--help"],
-            ) as below:  # fmt: skip
-                sections += _sections(inner, below)
-    return sections
+def _option_records(context: click.Context) -> dict[click.Option, Record]:
+    options = [option for option in context.command.get_params(context) if isinstance(option, click.Option)]
+    return {option: record for option in options if (record := option.get_help_record(context)) is not None}
+
+
+def _format_command(context: click.Context, common: Sequence[Record]) -> str:
+    """Return the section of a command, which names its common options below the others."""
+    hidden = [option for option, record in _option_records(context).items() if record in common]
+    for option in hidden:
+        option.hidden = True
+    text = f"## {context.command_path}\n\n```text\n{context.command.get_help(context).rstrip()}\n```\n"
+    for option in hidden:
+        option.hidden = False
+    names = ", ".join(f"`{option.opts[-1]}`" for option in hidden if "--help" not in option.opts)
+    return f"{text}\nCommon options: {names}.\n" if names else text
 
 
 if __name__ == "__main__":

@@ -206,28 +206,27 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
 
 
 @click.command("broker", cls=Command, example=EXAMPLE)
-@click.option("--port", type=Port, help="TCP port; 0 takes any free one.  [default: 1883, or 8883 with TLS]")
+@click.option("--port", type=Port, help="TCP port; 0 takes a free one.  [default: 1883, or 8883 with TLS]")
 @click.option(
     "--host",
     "hosts",
     multiple=True,
     metavar="HOST",
-    help="Address to listen on (default: 127.0.0.1); with --init, a name or address by which clients reach "
-    "the broker, may be repeated (default: this machine's name).",
+    help="Address to listen on (default: 127.0.0.1). With --init: a name or address of the broker for "
+    "clients (default: this machine's name), repeatable.",
 )
 @click.option(
     "--socket",
     "socket_file",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Listen on a Unix socket, unix:///PATH for clients, without TLS; on TCP too only with --port or "
-    "--host.",
+    help="Listen on a Unix socket (unix:///PATH), and on TCP only with --port or --host.",
 )
 @click.option(
     "--socket-mode",
     type=Mode(),
     metavar="MODE",
-    help="Permissions of the socket's file: who may write to it may connect.  [default: 600]",
+    help="Permissions of the socket; users who may write to it may connect.  [default: 600]",
 )
 @click.option("--websocket-port", type=Port, metavar="PORT", help="Also listen for MQTT over websockets.")
 @click.option(
@@ -235,8 +234,8 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     "origins",
     multiple=True,
     metavar="URL",
-    help="A web page of this origin, such as https://dash.example.org, may connect by websocket; may be "
-    "repeated; * for all. Pages of the broker's host are always allowed.",
+    help="Allow websocket connections from web pages of this origin, such as https://dash.example.org, or "
+    "* for all. Pages of the broker's host are always allowed. Repeatable.",
 )
 @click.option(
     "--users", type=ExistingPath(), metavar="FILE", help="Password file; only its users may connect."
@@ -244,47 +243,47 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
 @click.option(
     "--anonymous",
     is_flag=True,
-    help="Admit every client without an account, so that every user of this machine can read and change "
-    "runs on this broker. Default: only programs of the user who starts it are admitted.",
+    help="Admit every client without an account. Every user of this machine can then read and change runs "
+    "on this broker.",
 )
 @click.option(
     "--account",
     "account_file",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Write the variables with the account of this user into a file (mode 0600), for peers that are not "
-    "made with Swarmwright: `. FILE` in a shell before they start. It is removed when the broker ends.",
+    help="Write the account to a file of shell variables (mode 0600), for peers not made with "
+    "Swarmwright: `. FILE` before they start. Removed when the broker ends.",
 )
 @click.option(
     "--access",
     type=ExistingPath(),
     metavar="FILE",
-    help="Who may read and write which topics, in the format of Mosquitto's acl_file.",
+    help="Access rules for topics, in the format of Mosquitto's acl_file.",
 )
 @click.option(
     "--certificate", type=ExistingPath(), metavar="FILE", help="Listen with TLS; certificate chain, PEM."
 )
-@click.option("--key", type=ExistingPath(), metavar="FILE", help="The certificate's private key, PEM.")
+@click.option("--key", type=ExistingPath(), metavar="FILE", help="Private key of the certificate, PEM.")
 @click.option(
     "--client-ca",
     type=ExistingPath(),
     metavar="FILE",
-    help="Require a certificate of each client, signed by an authority in this file, PEM (mutual TLS).",
+    help="Require client certificates signed by an authority in this file, PEM (mutual TLS).",
 )
 @click.option(
     "--add-user",
     nargs=2,
     metavar="FILE NAME",
-    help="Write a user into a password file, or give one another password, and end. The password is asked "
-    "for, or is the first line of standard input.",
+    help="Add a user to a password file or change the password, and exit. The password is prompted for, "
+    "or read from the first line of standard input.",
 )
 @click.option(
     "--init",
     "folder",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Write a Mosquitto configuration with TLS, passwords and access rules into a folder, and end. "
-    "Nothing is overwritten. With --prefix, a folder that was made so gets accounts for that prefix too.",
+    help="Write a Mosquitto configuration with TLS, passwords and access rules to a folder, and exit. "
+    "With --prefix, add accounts to an existing one.",
 )
 @click.option(
     "--prefix",
@@ -292,13 +291,13 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     type=Prefix(),
     multiple=True,
     metavar="P",
-    help="With --init: topic prefix that gets separate accounts. May be repeated.",
+    help="With --init: topic prefix with separate accounts. Repeatable.",
 )
 @click.option(
     "--iterations",
     type=WholeNumber(min=1000, max=10_000_000),
     metavar="N",
-    help="With --init: rounds of PBKDF2 for each password.  [default: 210000, as OWASP advises]",
+    help="With --init: PBKDF2 rounds per password.  [default: 210000, as OWASP advises]",
 )
 @click.option(
     "--rate",
@@ -306,15 +305,14 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     default=500_000,
     show_default=True,
     metavar="N",
-    help="Packets accepted from one client per second; a client that sends more is read later.",
+    help="Packets accepted from one client per second; a faster client is slowed down.",
 )
 @click.option(
     "--memory",
     type=WholeNumber(min=16, max=2**24),
     metavar="MIB",
-    help="Memory for everything that is kept for clients, MiB; beyond it, the client that holds most is "
-    "disconnected."
-    " Default: a quarter of the machine's, at least 256.",
+    help="Memory limit in MiB; beyond it, the client that holds most is disconnected. Default: a quarter "
+    "of the machine's, at least 256.",
 )
 @log_options
 @json_option
@@ -345,11 +343,11 @@ def command(
 ) -> int:
     """Run an MQTT broker, or write the configuration of one.
 
-    It runs until Ctrl-C. Without a password file, it admits only programs of the user who starts it, on this
-    machine: swarmwright's commands, and servers in C++ and Python, find the account by themselves, others
-    take it from the environment (--account). A Unix socket is for users who may write to its file. To other
-    machines it listens only with TLS and a password file or client certificates. On SIGHUP it reads its
-    files again.
+    It runs until Ctrl-C. By default, it listens on this machine and admits only programs of the user who
+    starts it: Swarmwright's commands and servers in C++ and Python find the account by themselves, others
+    take it from the environment (--account). A Unix socket admits users who may write to its file. Other
+    machines are admitted only with TLS and a password file or client certificates. On SIGHUP the broker
+    reloads its files.
     """
     output = Output(as_json=as_json)
     if folder is not None or add_user is not None:

@@ -39,7 +39,7 @@ from swarmwright.cli._output import Output, show_warnings
     "experiment_file",
     type=ExistingPath(folder=False),
     metavar="FILE",
-    help="Evaluate both in this experiment. Default: A's, or B's where A is not a run.",
+    help="Experiment for both controllers. Default: A's, or B's if A is not a run.",
 )
 @click.option(
     "--episodes",
@@ -47,21 +47,21 @@ from swarmwright.cli._output import Output, show_warnings
     metavar="N",
     default=100,
     show_default=True,
-    help="Episodes of each controller.",
+    help="Number of episodes.",
 )
 @click.option(
     "--seed",
     type=WholeNumber(min=0, max=2**62),
     metavar="S",
-    help="Simulation seed of the first episode; the others have S + 1, S + 2, .. Default: held-out seeds, "
-    "which neither run used; name another S for fresh ones.",
+    help="Simulation seed of the first episode; the others count up. Default: held-out seeds that neither "
+    "run used.",
 )
-@set_option("Another value than the experiment's: parameters.maxSteps=40, ranking.failed=0.")
+@set_option("Override a value of the experiment: parameters.maxSteps=40, ranking.failed=0.")
 @episodes_options(
-    "Draw the episodes of both and their differences: .png, .svg or .pdf. --save does the same.",
+    "Draw the episodes of both and their differences: .png, .svg or .pdf.",
     "Write every episode as a table: seed, first, second, difference.",
 )
-@experiment_broker_options("the experiment's")
+@experiment_broker_options()
 @servers_option
 @server_output_option
 @trust_option
@@ -82,17 +82,16 @@ def command(
 ) -> None:
     """Compare two controllers in the same episodes.
 
-    A and B are each a run folder, whose best candidate is taken; a candidate of a run,
-    RUN:GENERATION:CANDIDATE; or a file with a controller: best.json, controller.json of a bundle, a
-    controller written by hand (JSON), or a machine (YAML). Both are evaluated with the same seeds in the same
-    experiment. Printed are the mean difference with its 95 % confidence interval (Student's t of the
-    differences), Wilcoxon's signed-rank test and its effect size.
+    A and B are each a run folder (its best candidate), a candidate RUN:GENERATION:CANDIDATE, or a controller
+    file (JSON, or YAML of a machine). Both are evaluated on the same seeds. The output is the mean
+    difference with its 95 % confidence interval (Student's t), Wilcoxon's signed-rank test and its effect
+    size.
 
-    An episode in which a controller fails is named. Its pair is left out, and the figures are not to be
-    reported, unless ranking.failed gives failures a fitness.
+    If a controller fails in an episode, the pair is excluded and the result is not reportable, unless
+    ranking.failed gives failures a fitness.
 
-    `swarmwright runs compare` compares groups of runs, that is methods; `swarmwright evaluate --controller`
-    evaluates a single controller.
+    `swarmwright runs compare` compares methods; `swarmwright evaluate --controller` evaluates one
+    controller.
     """
     from swarmwright.analysis.paired import Match
     from swarmwright.cli._experiments import experiment_of

@@ -22,8 +22,8 @@ from swarmwright.cli._output import Output, show_warnings
     "connections",
     multiple=True,
     metavar="A.OUT:B.IN",
-    help="Connect an output of a component with an input of another. Units are converted, and so are scaled "
-    "variables (-1 to 1) of FMUs that Swarmwright exported. May be repeated.",
+    help="Connect an output of a component to an input of another. Units, and scaled variables (-1 to 1) "
+    "of Swarmwright's FMUs, are converted. Repeatable.",
 )
 @click.option(
     "--output",
@@ -31,18 +31,18 @@ from swarmwright.cli._output import Output, show_warnings
     type=click.Path(path_type=Path),
     required=True,
     metavar="FILE.ssp",
-    help="The file to write.",
+    help="File to write.",
 )
-@click.option("--force", is_flag=True, help="Write over a file that exists.")
+@click.option("--force", is_flag=True, help="Overwrite an existing file.")
 @json_option
 def command(
     fmus: tuple[str, ...], connections: tuple[str, ...], output: Path, force: bool, as_json: bool
 ) -> None:
     """Connect FMUs to one system (SSP).
 
-    SSP is System Structure and Parameterization 1.0. Components are named like their files, or NAME=FILE.fmu.
-    Names, causalities and units of connections are checked. The system is a simulation: `simulation:
-    FILE.ssp`.
+    The system is a System Structure and Parameterization 1.0 archive, which an experiment uses as
+    `simulation: FILE.ssp`. Components are named like their files, or by NAME=FILE.fmu. Names, causalities
+    and units of connections are checked.
     """
     from swarmwright.common.errors import InputError
     from swarmwright.simulations.fmu.coupling import component_files, coupled

@@ -27,15 +27,14 @@ if TYPE_CHECKING:
     cls=SaveOption,
     type=OutputFile(),
     metavar="FILE",
-    help="Where to draw: .png, .svg or .pdf. Default: controller.png in the run's folder, or FILE's name "
+    help="File to write: .png, .svg or .pdf. Default: controller.png in the run's folder, or FILE's name "
     "with .png.",
 )
 @candidate_options
 @click.option(
     "--simulation",
     metavar="NAME",
-    help="Simulation that names the sensors and actuators: the title of a built-in one, or FILE.py:CLASS. "
-    "Default: the run's.",
+    help="Built-in simulation or FILE.py:CLASS that names the sensors and actuators. Default: the run's.",
 )
 @json_option
 def command(
@@ -48,8 +47,8 @@ def command(
 ) -> None:
     """Draw a controller: its network or its states.
 
-    The controller of RUN or FILE: a network with its weights, the states of a state machine. The best
-    candidate of a run is drawn unless another is named.
+    The controller is the one in FILE, or the best candidate of RUN. Networks are drawn with their weights,
+    state machines with their states.
     """
     from swarmwright import Controller, Run
     from swarmwright.controllers.figures import figure

@@ -57,29 +57,28 @@ NOT_EVALUATED = (
     "controller_file",
     type=ExistingPath(folder=None),
     metavar="C",
-    help="A controller from elsewhere (JSON, as best.json; YAML of a machine) or a run folder, instead of a "
-    "candidate of RUN, which may be an experiment file then. Needs --episodes or --seed.",
+    help="Controller file (JSON, or YAML of a machine) or run folder to evaluate instead; RUN may then be "
+    "an experiment file. Needs --episodes or --seed.",
 )
 @click.option(
     "--episodes",
     type=WholeNumber(min=1, max=10_000_000),
     metavar="N",
-    help="Evaluate in N episodes with other seeds than the record's. Default with --seed: 100.",
+    help="Evaluate in N episodes on seeds outside the record. Default with --seed: 100.",
 )
 @click.option(
     "--seed",
     type=WholeNumber(min=0, max=2**62),
     metavar="S",
-    help="Simulation seed of the first of these episodes; the others have S + 1, S + 2, .. Default: the "
-    "held-out seeds of the run's validation, which evolution did not use; name another S for fresh ones.",
+    help="Simulation seed of the first episode; the others count up. Default: the held-out seeds of the "
+    "run's validation; give S for fresh seeds.",
 )
 @click.option(
     "--curve",
     type=WholeNumber(min=1, max=100_000),
     metavar="N",
-    help="Evaluate what the run would have returned after N of its generations, evenly spaced, on the same "
-    "held-out seeds: its learning curve without the luck that the record has. 100 episodes unless "
-    "--episodes says otherwise.",
+    help="Evaluate the best candidate after each of N evenly spaced generations, on the same held-out "
+    "seeds. Default of --episodes: 100.",
 )
 @click.option(
     "--out",
@@ -87,17 +86,17 @@ NOT_EVALUATED = (
     cls=OutputOption,
     type=OutputFile(),
     metavar="FILE",
-    help="With --curve, draw it (.png, .svg or .pdf), or write it as a table (.csv).",
+    help="With --curve: draw it (.png, .svg or .pdf), or write it as a table (.csv).",
 )
 @candidate_options
-@set_option("With --episodes, another value than the run's: parameters.maxSteps=40.")
+@set_option("With --episodes: override a value of the run: parameters.maxSteps=40.")
 @click.option(
     "--metrics",
     metavar="NAME,..",
-    help="With --episodes, metrics to measure in addition to those that the fitness needs: arrived,steps. "
-    "'all': those that the simulation announces.",
+    help="With --episodes: additional metrics to measure, such as arrived,steps; 'all' for every "
+    "announced metric.",
 )
-@experiment_broker_options("the run's")
+@experiment_broker_options()
 @servers_option
 @simulation_option
 @server_output_option
@@ -122,21 +121,19 @@ def command(
 ) -> int:
     """Repeat an evaluation, or evaluate on held-out seeds.
 
-    The candidate is the best one of RUN unless another is named.
+    By default, the recorded episodes of the best candidate of RUN are repeated. The exit status is 0 if all
+    results are bit-identical, else 1.
 
-    Without --episodes and --seed, the recorded episodes are repeated: the exit status is 0 if every one is
-    bit-identical, else 1.
+    With --episodes or --seed, the candidate is evaluated on seeds that the run did not use. If fitness
+    depends on the seed, report this fitness: selection biases the recorded fitness upwards.
 
-    With --episodes or --seed, the candidate is evaluated on seeds that the run did not use. Where fitness
-    depends on the seed, report this fitness: the recorded one is biased upwards by selection.
+    With --controller, that controller is evaluated in the simulation of RUN or of an experiment file.
+    `swarmwright compare` compares two controllers.
 
-    With --controller, that controller is evaluated instead, in the simulation of RUN or of an experiment
-    file. `swarmwright compare` compares two controllers in the same episodes.
+    With --curve, the best candidates of several generations are evaluated. Fitness on held-out seeds falls
+    where evolution overfits its seeds.
 
-    With --curve, the best candidates of several generations are evaluated: fitness on held-out seeds falls
-    where evolution adapts to the seeds that it uses.
-
-    If the code of the simulation was edited after the run, the copy in RUN is used, and a message says so.
+    If the simulation's code was edited after the run, the copy in RUN is used, with a message.
     """
     from swarmwright import Run
     from swarmwright.experiment.experiment import ELSEWHERE

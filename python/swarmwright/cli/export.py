@@ -28,55 +28,53 @@ from swarmwright.cli._output import Output, show_warnings
     "--to",
     "form",
     metavar="FORMAT",
-    help="c, cpp, fmu, fmu3, python, micropython, onnx, machine, ros1, ros2 or scxml, or what an installed "
-    "package adds.",
+    help="c, cpp, fmu, fmu3, python, micropython, onnx, machine, ros1, ros2 or scxml, or a format of an "
+    "installed package.",
 )
 @click.option(
     "--output",
     cls=OutputOption,
     type=OutputFolder(),
     metavar="DIR",
-    help="Folder to write to. Default: one named like the prefix, here.",
+    help="Folder to write to. Default: the prefix, in the working folder.",
 )
 @candidate_options
 @click.option(
     "--group",
     metavar="NAME",
-    help="Group of agents whose controller is exported; required for controllers of the kind team.",
+    help="Group whose controller is exported; required for controllers of the kind team.",
 )
 @click.option(
     "--prefix",
     metavar="NAME",
-    help="Prefix of the names of files, functions and types: NAME.c, NAME_step. Give each controller in a "
-    "program another one. Default: controller, or the name of the group.",
+    help="Prefix of files, functions and types: NAME.c, NAME_step. Controllers in one program need "
+    "different ones. Default: controller, or the group's name.",
 )
 @click.option(
     "--verify",
     is_flag=True,
-    help="Compile and run what was written, in 10,000 random sequences and in the run's episodes, and "
-    "compare its actuators with the simulation's. The last line holds the largest difference.",
+    help="Compile and run the exported code in 10,000 random sequences and in the run's episodes, and "
+    "compare its actuators with the simulation's.",
 )
 @click.option(
     "--bundle",
     type=click.Path(path_type=Path),
     metavar="FILE.zip",
-    help="Instead of --to: write an archive to hand over, with every format that the controller has (FMUs "
-    "with their C source, without a library), each verified where its compiler is installed, the record of "
-    "the evaluation, and a manifest. `swarmwright verify` checks it.",
+    help="Instead of --to: write an archive with every format, verified where its compiler is installed, "
+    "the record of the evaluation and a manifest. `swarmwright verify` checks it.",
 )
 @click.option(
     "--mapping",
     type=ExistingPath(),
     metavar="FILE",
-    help="With --bundle: put this file into it as mapping.yaml, which says what topics the sensors and "
-    "actuators are.",
+    help="With --bundle: add this file as mapping.yaml, which maps sensors and actuators to topics.",
 )
 @click.option(
     "--license",
     "terms",
     type=ExistingPath(),
     metavar="FILE",
-    help="With --bundle: put this text into it as LICENSE.txt. Default: permission to do anything with it.",
+    help="With --bundle: add this text as LICENSE.txt. Default: permission to do anything with it.",
 )
 @click.option(
     "--model",
@@ -84,13 +82,13 @@ from swarmwright.cli._output import Output, show_warnings
     type=ExistingPath(folder=None),
     multiple=True,
     metavar="FILE",
-    help="Instead of --to: write a copy of this file of the model that `swarmwright import` has read, with "
-    "the candidate's values. May be repeated.",
+    help="Instead of --to: write a copy of this file, which `swarmwright import` has read, with the "
+    "candidate's values. Repeatable.",
 )
 @click.option(
     "--force",
     is_flag=True,
-    help="Write over files that Swarmwright did not export, or that were edited since.",
+    help="Overwrite files that Swarmwright did not export, or that were edited since.",
 )
 @trust_option
 @json_option
@@ -112,9 +110,9 @@ def command(
 ) -> int:
     """Export a controller for robots and other programs.
 
-    It is the best one of RUN unless another is named. The exported controller keeps its state from step to
-    step, as in the simulation. With --verify, the exit status is 1 unless it has the same bits as in the
-    simulation, or for ONNX differs by 1e-5 at most.
+    The controller is the best candidate of RUN unless you name another. It keeps its state between steps, as
+    in the simulation. With --verify, the exit status is 1 unless its output is bit-identical to the
+    simulation's, or for ONNX within 1e-5.
     """
     from swarmwright.export import EXPORTERS
     from swarmwright.export.exporting import PREFIX, export_controller

@@ -47,40 +47,38 @@ _PROXY_ONLY = "is for FMUs of simulation servers; add --proxy"
     cls=OutputOption,
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="The file to write. Default: SIMULATION.fmu, here.",
+    help="File to write. Default: SIMULATION.fmu.",
 )
 @click.option(
     "--proxy",
     is_flag=True,
-    help="An FMU of a simulation server: it holds no simulation, but steps that of a server, which it "
-    "finds through the broker.",
+    help="Export an FMU that steps the simulation of a server, found through the broker.",
 )
 @broker_option(
     default=None,
-    text="With --proxy: the broker. Default: that of the experiment, SWARMWRIGHT_BROKER, or "
-    f"{DEFAULT_BROKER}. Masters can set another one.",
+    text="With --proxy: the broker, which masters can change. Default: the experiment's, SWARMWRIGHT_BROKER, "
+    f"or {DEFAULT_BROKER}.",
 )
 @click.option(
     "--prefix",
     type=Prefix(),
     metavar="P",
-    help=f"With --proxy: prefix of all topics. Default: the experiment's, {PREFIX_VARIABLE}'s, or none.",
+    help=f"With --proxy: topic prefix. Default: the experiment's, {PREFIX_VARIABLE}, or none.",
 )
 @click.option(
     "--server",
     type=WholeNumber(min=0, max=2**31 - 1),
     metavar="ID",
-    help="With --proxy: the only server to be used. Default: any free one that offers the simulation.",
+    help="With --proxy: use only this server. Default: any free server with the simulation.",
 )
 @click.option(
     "--agents",
     type=WholeNumber(min=1),
     metavar="N",
-    help="With --proxy: for how many agents there are variables. Default: as many as the simulation has with "
-    "its parameters.",
+    help="With --proxy: number of agents that have variables. Default: the simulation's.",
 )
 @set_option("Set a parameter of the simulation: parameters.numAgents=3.")
-@click.option("--force", is_flag=True, help="Write over a file that Swarmwright did not export.")
+@click.option("--force", is_flag=True, help="Overwrite a file that Swarmwright did not export.")
 @json_option
 def command(
     simulation: str,
@@ -97,11 +95,10 @@ def command(
 ) -> None:
     """Export a simulation as an FMU for co-simulation.
 
-    The engine is inside; with --proxy the FMU is one of a server. SIMULATION is a built-in simulation
-    (minisim, emergency_exit, arena) or an experiment file, whose simulation and parameters are taken; with
-    --proxy also a class, FILE.py:CLASS, or the title of a simulation that a server offers. Parameters are
-    parameters of the FMU, actuators inputs, sensors, fitness and metrics outputs. How many agents there are
-    is decided by the parameters at the export.
+    SIMULATION is a built-in simulation (minisim, emergency_exit, arena) or an experiment file; with --proxy
+    also a class, FILE.py:CLASS, or the title of a simulation on a server. The FMU contains the engine; with
+    --proxy it uses a server. Actuators are its inputs, sensors, fitness and metrics its outputs, and the
+    simulation's parameters its parameters. The number of agents is fixed at export.
     """
     from swarmwright.common.errors import InputError
     from swarmwright.experiment.derived import with_environment

@@ -9,9 +9,7 @@ from swarmwright.cli._experiments import importer_of
 from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption
 from swarmwright.cli._output import Output, complain, document
 
-_FIELD = (
-    "Of a FREVO session: the field, as JSON or FREVO's .ser. Default: the one that FILE names, next to FILE."
-)
+_FIELD = "For a FREVO session: the field, as JSON or FREVO's .ser. Default: the one FILE names, next to FILE."
 
 
 @click.command(
@@ -30,7 +28,7 @@ _FIELD = (
     cls=SaveOption,
     type=OutputFile(),
     metavar="FILE.yaml",
-    help="Write there, into a new file. Default: print.",
+    help="Write to this new file instead of standard output.",
 )
 @click.option("--field", type=ExistingPath(), metavar="FIELD", help=_FIELD)
 @click.option(
@@ -41,18 +39,17 @@ _FIELD = (
 @click.option(
     "--method",
     metavar="KIND",
-    help="Use this method, with its defaults, instead of FREVO's, or for a model instead of nnga.",
+    help="Use this method with its defaults. Default: the session's method, or nnga for a model.",
 )
 @click.option(
     "--controller",
     metavar="KIND",
-    help="Use this controller, with its defaults, instead of FREVO's representation or the model's "
-    "controller.",
+    help="Use this controller with its defaults instead of the session's or model's.",
 )
 @click.option(
     "--ranking",
     metavar="KIND",
-    help="For a FREVO session: use this ranking, with its defaults, instead of FREVO's.",
+    help="For a FREVO session: use this ranking with its defaults.",
 )
 def command(
     files: tuple[Path, ...],
@@ -65,19 +62,18 @@ def command(
 ) -> None:
     """Make an experiment from a FREVO session or a model.
 
-    A model is a diagram made in a modelling tool and exported as files. Each FILE is recognised by what it
-    holds; a folder stands for its .json, .scxml, .sysml and .xml files.
+    FILE is a FREVO session (.zse) or a file exported by a modelling tool; its content decides. A folder
+    stands for its .json, .scxml, .sysml and .xml files.
 
-    Components of a session (.zse) that can be imported: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch;
-    FullyMeshedNet, CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork, MealyFSM, HebbNet and NEAT, whose
-    connections do not evolve; AbsoluteRanking. For others a replacement can be named.
+    Supported components of sessions: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch; FullyMeshedNet,
+    CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork, MealyFSM, HebbNet and NEAT (with fixed
+    connections); AbsoluteRanking. Name a replacement for any other component.
 
-    The files of a model are those of Modelio's CPSwarm modules: FREVO problem descriptions (<icomponent>),
-    OptimisedParameters (JSON), SwarmComposition (XML), abstraction descriptions (ADF JSON) and state machines
-    (SCXML). Give all of them that there are in one command. Models in SysML v2's textual notation are read,
-    too.
+    Supported models: FREVO problem descriptions (<icomponent>), OptimisedParameters (JSON), SwarmComposition
+    (XML), abstraction descriptions (ADF JSON) and state machines (SCXML) of Modelio's CPSwarm modules, and
+    SysML v2's textual notation. Pass all files of a model in one command.
 
-    Comments in the experiment say where every line comes from.
+    Comments in the experiment name the origin of each line.
     """
     if target is not None and target.exists():
         raise click.UsageError(f"'{target}' exists and is not written over; name another file, or remove it.")

@@ -28,20 +28,20 @@ class _MissionOption(click.Option):
     "--mission",
     cls=_MissionOption,
     metavar="MISSION",
-    help="For arena: the task of the robots. Default: aggregation. Available:",
+    help="For arena: the mission. Default: aggregation. Available:",
 )
 @click.option(
     "--mission-file",
     is_flag=True,
-    help="For arena: print the mission itself instead, to start a custom one from. An experiment names its "
-    "file: `parameters: {mission: FILE.yaml}`.",
+    help="For arena: print the mission as a file to customize. An experiment refers to it by `parameters: "
+    "{mission: FILE.yaml}`.",
 )
 def command(template: str, mission: str | None, mission_file: bool) -> None:
     """Print a commented experiment file to start from.
 
-    NAME is the template: arena, emergency_exit or minisim. For missions of the
-    arena in another simulator, whose servers are on a broker: arena-argos,
-    arena-enki, arena-gazebo, arena-gz, arena-mujoco or arena-stage.
+    NAME is the template: arena, emergency_exit or minisim. The templates arena-argos, arena-enki,
+    arena-gazebo, arena-gz, arena-mujoco and arena-stage run the arena's missions in another simulator, whose
+    servers are on a broker.
     """
     from swarmwright import InputError
     from swarmwright.cli import templates

@@ -34,9 +34,9 @@ from swarmwright.cli._output import Output, show_warnings
     "swarmwright optimize experiments/minisim.yaml --set method.kind=cma_es --set method.generations=30",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
-@experiment_broker_options("FILE's")
+@experiment_broker_options()
 @set_option()
-@click.option("--seed", type=WholeNumber(min=0), metavar="S", help="Seed of the run. Default: the file's.")
+@click.option("--seed", type=WholeNumber(min=0), metavar="S", help="Seed of the run. Default: FILE's.")
 @click.option(
     "--out",
     cls=OutputOption,
@@ -70,9 +70,9 @@ def command(
 ) -> int:
     """Run the experiment in FILE.
 
-    FILE may also be a session of FREVO (.zse), which is read as by `swarmwright import`.
+    FILE may also be a FREVO session (.zse), converted as by `swarmwright import`.
 
-    Ctrl-C ends the run early and keeps the results so far; `swarmwright resume` continues it.
+    Ctrl-C ends the run early and keeps its results; `swarmwright resume` continues it.
     """
     from swarmwright import optimize
 

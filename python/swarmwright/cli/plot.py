@@ -30,39 +30,39 @@ if TYPE_CHECKING:
     cls=SaveOption,
     type=OutputFile(),
     metavar="FILE",
-    help="Where to draw: .png, .svg or .pdf. Default: plot.png in the folder of one run, comparison.png here "
-    "for several.",
+    help="File to write: .png, .svg or .pdf. Default: plot.png in the run's folder, or comparison.png for "
+    "several runs.",
 )
 @click.option(
     "--x",
     type=click.Choice(["evaluations", "generations"]),
     default="evaluations",
     show_default=True,
-    help="What the runs are drawn over.",
+    help="Horizontal axis.",
 )
 @click.option(
     "--metric",
     "metrics",
     multiple=True,
     metavar="NAME",
-    help="Draw fitness and this metric instead; can be given several times, 'all' for those recorded. Of one "
-    "run with lines of the best candidate of each generation, the best quarter, the middle half and the "
-    "worst quarter by fitness; of several runs those of the best quarter.",
+    help="Draw fitness and this metric, or all recorded ones with 'all'. One run shows the best "
+    "candidate, the best quarter, the middle half and the worst quarter by fitness; several runs "
+    "show the best quarter. Repeatable.",
 )
 @click.option(
     "--style",
     type=click.Choice(["screen", "ieee", "nature", "science", "acm", "elsevier", "springer"]),
     default="screen",
     show_default=True,
-    help="Widths, fonts and sizes of a publisher, without a title; screen: as wide as the figure needs.",
+    help="Width, fonts and sizes of a publisher, without a title; screen: as wide as the figure needs.",
 )
 @click.option(
     "--width",
     metavar="WIDTH",
-    help="Width of the figure: column or page of the style, inches, or a length such as 89mm. Default: a "
-    "column of the style.",
+    help="Width of the figure: column or page of the style, inches, or a length such as 89mm. Default: "
+    "one column.",
 )
-@click.option("--title", metavar="TEXT", help="Title instead of the figure's own; '' for none.")
+@click.option("--title", metavar="TEXT", help="Title of the figure; '' for none.")
 @compare_options
 @json_option
 def command(
@@ -78,11 +78,10 @@ def command(
 ) -> int:
     """Plot a run, or compare several.
 
-    One run: fitness and diversity over its evaluations. Several runs: those that differ only in the seed
-    form a group. The groups are drawn on one axis, and their final fitness, or what --by names, is tested
-    (Mann-Whitney, Kruskal-Wallis, with effect sizes). RUN can be the folder of a sweep, which stands for its
-    runs. Runs that have not finished, have no generation, are damaged or are missing in a sweep do not
-    count: they are named, tables have their number, and the exit status is 1.
+    For one run, draw fitness and diversity over its evaluations. For several, draw the groups of runs that
+    differ only in the seed, and test their final fitness or the value of --by (Mann-Whitney, Kruskal-Wallis,
+    effect sizes). RUN can be the folder of a sweep. Runs that are unfinished, empty, damaged or missing are
+    reported and excluded, and the exit status is 1.
     """
     from swarmwright.cli._comparison import Compared, single_run
     from swarmwright.display.figures.style import Page, on

@@ -55,33 +55,31 @@ _BEFORE_A_RUN = (
     "--beside",
     multiple=True,
     metavar="WHICH",
-    help="Another candidate on the same page, in the same episode: GENERATION:CANDIDATE of RUN, "
-    "or another run's folder, of which the best one is shown in RUN's simulation with RUN's parameters, if "
-    "its controllers fit. Can be given several times.",
+    help="Show another candidate in the same episode on the page: GENERATION:CANDIDATE of RUN, or the "
+    "best of another run folder. Repeatable.",
 )
 @candidate_options
 @click.option(
     "--controller",
     type=ExistingPath(folder=None),
     metavar="C",
-    help="Another controller than the run's: a file or a run folder.",
+    help="Replay this controller file or run folder instead of a candidate of RUN.",
 )
 @click.option(
     "--episode",
     type=WholeNumber(min=0),
     metavar="E",
-    help="Which of the run's episodes, from 0. Default: 0.",
+    help="Episode of the run, counted from 0. Default: 0.",
 )
 @click.option(
     "--seed",
     type=WholeNumber(min=0),
     metavar="S",
-    help="An episode that the run did not have: the simulation's seed.",
+    help="Simulation seed of a new episode.",
 )
 @experiment_broker_options(
-    "the run's",
-    "A server on this broker computes the episode and sends its scenes. Default: this process; for a "
-    "simulation that is not here, the run's broker or SWARMWRIGHT_BROKER's.",
+    "Compute the episode on a server that sends scenes. Default: this process, or if it lacks the "
+    "simulation, the run's broker or SWARMWRIGHT_BROKER.",
 )
 @simulation_option
 @set_option("Override a value of the run: parameters.maxSteps=40.")
@@ -108,8 +106,8 @@ def command(
 ) -> None:
     """Watch an episode of a candidate, or save it as a page or film.
 
-    The candidate is the best one of RUN, and parameters and seed are those of the run, unless others are
-    given. The simulation runs in this process, or with --broker on a server that sends scenes.
+    By default, the best candidate of RUN is replayed in this process, with the parameters and seed of the
+    run.
     """
     if controller is not None and (generation is not None or candidate is not None):
         raise click.UsageError(

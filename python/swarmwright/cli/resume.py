@@ -34,11 +34,7 @@ from swarmwright.cli._output import Output, show_warnings
     "swarmwright resume runs/minisim-1 --evaluations 20000",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
-@experiment_broker_options(
-    "the run's",
-    "Use the servers on this broker. Default: that of the run's experiment.yaml, SWARMWRIGHT_BROKER's, "
-    "or one started here.",
-)
+@experiment_broker_options()
 @servers_option
 @server_output_option
 @wait_option
@@ -46,21 +42,24 @@ from swarmwright.cli._output import Output, show_warnings
     "--generations",
     type=WholeNumber(min=1),
     metavar="G",
-    help="A larger budget than the experiment's; prolongs finished runs, too. Other limits stay.",
+    help="Extend the budget to G generations, also of a finished run. Other limits stay.",
 )
 @click.option(
-    "--evaluations", type=WholeNumber(min=1), metavar="N", help="The same, in evaluations of candidates."
+    "--evaluations",
+    type=WholeNumber(min=1),
+    metavar="N",
+    help="Extend the budget to N evaluations of candidates.",
 )
-@click.option("--seconds", type=FiniteNumber(), metavar="S", help="The same, in seconds of all sessions.")
+@click.option(
+    "--seconds", type=FiniteNumber(), metavar="S", help="Extend the budget to S seconds over all sessions."
+)
 @click.option(
     "--accept-changed-code",
     is_flag=True,
-    help="Go on although the code of the simulation or of a plug-in was edited; it is noted in the run.",
+    help="Continue although the code of the simulation or a plug-in was edited; the run records it.",
 )
 @simulation_option
-@set_option(
-    "Change the budget, or where and how the run is evaluated: method.evaluations=9000, timeouts.step=5."
-)
+@set_option("Change the budget, or how and where to evaluate: method.evaluations=9000, timeouts.step=5.")
 @watch_options
 @observe_options
 @trust_option
@@ -87,9 +86,9 @@ def command(
 ) -> int:
     """Continue a run that was interrupted or failed.
 
-    The result is bit-identical to that of an undisturbed run. A finished RUN is left as it is, unless
-    --generations, --evaluations, --seconds or --set ask for more of it. Changes that would make it another
-    run are refused: edited code of its simulation or of a plug-in, an edited experiment.yaml.
+    The result is bit-identical to that of an uninterrupted run. A finished RUN stays unchanged unless
+    --generations, --evaluations, --seconds or --set extend it. A run is refused if experiment.yaml, or the
+    code of its simulation or a plug-in, was edited.
     """
     from swarmwright import Run, resume
     from swarmwright.runs.code import continuation

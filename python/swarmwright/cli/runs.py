@@ -188,25 +188,25 @@ def command() -> None:
     type=ConditionType(),
     multiple=True,
     metavar="CONDITION",
-    help="Show the runs for which KEY=VALUE holds (or !=, <, <=, >, >=). KEY is one that --sort takes, or a "
-    "key of the experiment: method.population. VALUE may have wildcards: method=*cma*. May be repeated.",
+    help="Show only runs that match KEY=VALUE (or !=, <, <=, >, >=). KEY is a --sort column or an "
+    "experiment key such as method.population; VALUE may have wildcards: method=*cma*. Repeatable.",
 )
 @click.option(
     "--sort",
     type=click.Choice(COLUMNS),
     default="created",
     show_default=True,
-    help="Sort by this, the largest last.",
+    help="Sort by this column, the largest value last.",
 )
-@click.option("--reverse", is_flag=True, help="Sort the other way round.")
+@click.option("--reverse", is_flag=True, help="Reverse the order.")
 @json_option
 def list_(
     folder: Path | None, conditions: tuple[Condition, ...], sort: str, reverse: bool, as_json: bool
 ) -> None:
     """List the runs in DIR (default: runs), the newest last.
 
-    A folder that is not a run, or that is damaged, is named with the reason. Runs that were validated have
-    the fitness of their best candidate on held-out seeds, and runs with failed evaluations their number.
+    Damaged folders are listed with the reason. The table includes held-out fitness if runs were validated,
+    and the number of failed evaluations if there are any.
     """
     from swarmwright import InputError, Run
     from swarmwright.common.values import flat
@@ -271,7 +271,7 @@ def show(run: Path, as_json: bool) -> None:
     default=20,
     show_default=True,
     metavar="N",
-    help="List the N with the best fitness, 0: all. --json has all.",
+    help="List the N candidates with the best fitness; 0 lists all. --json always has all.",
 )
 @click.option(
     "--plot",
@@ -285,17 +285,16 @@ def show(run: Path, as_json: bool) -> None:
     "--offset",
     type=FiniteNumber(),
     metavar="FITNESS",
-    help="Worst possible fitness, which the QD score of an archive subtracts from that of each elite. "
-    "Default: 0.",
+    help="Worst possible fitness, subtracted from each elite's in the QD score. Default: 0.",
 )
 @json_option
 def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_json: bool) -> None:
     """List the elites of RUN, an archive or a front.
 
-    These are made by the methods map_elites (quality diversity) and nsga2 (several objectives). With each
-    elite come its generation and candidate, by which `evaluate`, `replay`, `draw` and `export`
-    take it. Of candidates of a front that are equal in all values, the earliest is listed. Below the list
-    stand how many candidates have no value of a metric, or one outside of the range of a measure.
+    Archives come from map_elites (quality diversity), fronts from nsga2 (several objectives). `evaluate`,
+    `replay`, `draw` and `export` take the listed generation and candidate. Of equal candidates on a front,
+    the earliest is listed. The lines below the table count candidates without a value of a metric, or
+    outside the range of a measure.
     """
     from swarmwright import Run
     from swarmwright.cli._runs import elites_facts, list_elites
@@ -336,9 +335,9 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_js
 def diff(one: Path, other: Path, as_json: bool) -> int:
     """Compare the records of two runs, byte for byte.
 
-    The first difference is shown. The exit status is 0 when they are the same, else 1. Both can be folders of
-    sweeps: then the runs of the same name are compared, and those that one of them lacks are named; with
-    --json there is a line for each run.
+    Print the first difference. The exit status is 0 if the records are identical, else 1. Both can be
+    folders of sweeps: runs of the same name are compared and missing ones reported, with a line for each run
+    in --json.
     """
     from swarmwright import Run
     from swarmwright.analysis.sweep_folders import runs_of
@@ -375,7 +374,7 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
     "csv_file",
     type=OutputFile(),
     metavar="FILE",
-    help="Write what is compared of every run as a table, .csv.",
+    help="Write the compared value of each run as a table, .csv.",
 )
 @click.option(
     "--latex",
@@ -394,15 +393,15 @@ def compare(
 ) -> int:
     """Compare the best fitness that runs reached, or their fronts or archives.
 
-    Statistical tests and effect sizes are printed, of each task where methods were run in several
-    simulations, or with several parameters or definitions of fitness. Runs whose experiments differ in
-    the seed alone are a group. Fronts are compared by hypervolume where all runs have the same
-    objectives, archives by QD score or coverage where all have the same measures, ranges and bins;
-    reference point and offset are printed. RUN can be the folder of a sweep: then its runs are compared.
-    Files among the runs, which a pattern such as results/* also names, are ignored. Runs that have not
-    finished, have no generation, are damaged or are missing in a sweep do not count: they are named, tables
-    have their number, and the exit status is 1. `swarmwright plot` draws it as well. `swarmwright compare`
-    compares two controllers instead, `swarmwright evaluate --controller` evaluates a single one.
+    Print statistical tests and effect sizes. Runs that differ only in the seed form a group; groups are
+    compared separately for each task, that is each simulation with its parameters and fitness. Fronts with
+    the same objectives can be compared by hypervolume, archives with the same measures, ranges and bins by
+    QD score or coverage.
+
+    RUN can be the folder of a sweep. Files are ignored, so patterns such as results/* work. Runs that are
+    unfinished, empty, damaged or missing are reported and excluded, and the exit status is 1.
+
+    `swarmwright plot` draws the comparison; `swarmwright compare` compares two controllers.
     """
     from swarmwright.analysis import table
     from swarmwright.cli._comparison import Compared, show_comparison
@@ -432,22 +431,21 @@ def compare(
 @click.option(
     "--validation",
     is_flag=True,
-    help="Write the validation instead, .csv, a line per candidate and episode: generation, candidate, "
-    "recorded fitness, seed, fitness, metrics.",
+    help="Write the validation instead (.csv): generation, candidate, recorded fitness, seed, fitness and "
+    "metrics of each episode.",
 )
 @json_option
 def export(run: Path, file: Path, validation: bool, as_json: bool) -> int:
     """Write the record of RUN as a table.
 
-    .csv or .parquet, a row per evaluation, sorted by generation and candidate. Columns: generation,
-    candidate, fitness, then the fitness of each episode, metrics if there are any, and the genome. .csv has a
-    column of numbers for each episode (episode_0, ..), for each metric in each episode (NAME_0, ..) and for
-    each gene (g0, ..); .parquet has lists instead, in the columns episodes, NAME of each metric, and genome.
-    A metric that has the name of another column, such as episode, is called metric_episode.
+    FILE is .csv or .parquet, with a row per evaluation, sorted by generation and candidate. The columns are
+    generation, candidate, fitness, the fitness of each episode, metrics and genome. In .csv, each episode
+    (episode_0, ..), each metric of an episode (NAME_0, ..) and each gene (g0, ..) has a column; in .parquet,
+    the columns episodes, NAME and genome hold lists. A metric named like another column, such as episode,
+    becomes metric_episode.
 
-    RUN can be the folder of a sweep: then the records of its runs are one table, with the columns run, seed
-    and what the experiments differ in before the others, which are empty where a run does not have them. Runs
-    that are missing, damaged or hold no generation are left out and named; the exit status is then 1.
+    RUN can be the folder of a sweep: the table then begins with the columns run, seed and the settings that
+    differ. Missing, damaged and empty runs are reported and excluded, and the exit status is 1.
     """
     from swarmwright import InputError, Run
     from swarmwright.analysis.sweep_folders import runs_of
@@ -480,15 +478,15 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> int:
 @click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
 @json_option
 def verify(runs: tuple[Path, ...], as_json: bool) -> int:
-    """Verify that the content of each RUN is what was written.
+    """Check the content of each RUN against its checksums.
 
-    It is compared with its SHA-256, and best.json with the record. Damage is named with its generation and
-    table, and so are the generations that are intact; the exit status is then 1. It is 2 when a folder is not
-    a run or cannot be read, for example because another version of Swarmwright wrote it; --json has no line
-    for it. Files among the runs, which a pattern such as results/* also names, are ignored.
+    The record must match its SHA-256, and best.json the record. Damage is reported with its generation and
+    table, and the exit status is 1. It is 2 if a folder is not a run or cannot be read, for example because
+    another version of Swarmwright wrote it; --json has no line for it. Files are ignored, so patterns such
+    as results/* work.
 
-    RUN can be the folder of a sweep: then all its runs are verified. Missing ones are named, and the exit
-    status is then 1.
+    RUN can be the folder of a sweep: all its runs are verified, and the exit status is 1 if some are
+    missing.
     """
     from swarmwright import InputError
     from swarmwright.cli._comparison import folders_of
@@ -521,14 +519,13 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     example="swarmwright runs delete runs/minisim-1 --yes\nswarmwright runs delete results/sizes",
 )
 @click.argument("runs", type=ExistingPath(folder=True), nargs=-1, required=True, metavar="RUN...")
-@click.option("--yes", is_flag=True, help="Do not ask.")
+@click.option("--yes", is_flag=True, help="Do not ask for confirmation.")
 @json_option
 def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     """Delete runs, or sweeps with all of their runs.
 
-    RUN can be the folder of a sweep: then the runs that its sweep.json names are deleted, damaged ones too,
-    and the files of the sweep. Files that Swarmwright wrote are deleted; a folder with other files stays,
-    with these. The exit status is 1 when the question was answered with no.
+    RUN can be the folder of a sweep: its runs, even damaged ones, and its own files are deleted. Files that
+    Swarmwright did not write stay, with their folder. The exit status is 1 if you answer no.
     """
     from swarmwright.cli._deletion import Deletion
 

@@ -18,7 +18,7 @@ from swarmwright.cli._output import document
 def command() -> None:
     """Print the JSON Schema of experiment files.
 
-    With it an editor completes keys, shows what they mean and marks mistakes.
+    Editors use it to complete keys, show their meaning and mark mistakes.
     """
     from swarmwright import Experiment
 

@@ -51,7 +51,7 @@ LARGEST_RANDOM_ID = 2**31 - 1
     "first",
     type=WholeNumber(0, LARGEST_ID),
     metavar="N",
-    help="Id of the first server; the others count on from it. Default: random.",
+    help="Id of the first server; the others count up. Default: random.",
 )
 @click.option(
     "--count", type=WholeNumber(1, 1024), default=1, show_default=True, metavar="N", help="Number of servers."
@@ -63,21 +63,20 @@ LARGEST_RANDOM_ID = 2**31 - 1
     default=60.0,
     show_default=True,
     metavar="SECONDS",
-    help="How long an episode may wait for an agent's actuators before it is given up.",
+    help="Time an episode waits for an agent's actuators before it is aborted.",
 )
 @click.option(
     "--restart/--no-restart",
     default=True,
-    help="Start a server again whose process crashed or was killed, or leave that to a service manager, "
-    "such as systemd or Slurm.  [default: restart]",
+    help="Restart servers that crash or are killed. Turn it off if a service manager such as systemd or "
+    "Slurm does it.  [default: restart]",
 )
 @wait_option
 @click.option(
     "--broker-timeout",
     type=RealNumber(1.0, 31 * 86400.0),
     metavar="SECONDS",
-    help="End when the broker has not been reached for so long, for servers that another program started. "
-    "Default: keep trying.",
+    help="Exit when the broker has been unreachable for this long. Default: keep trying.",
 )
 @click.option(
     "--grace",
@@ -85,16 +84,14 @@ LARGEST_RANDOM_ID = 2**31 - 1
     default=3.0,
     show_default=True,
     metavar="SECONDS",
-    help="On SIGTERM, how long a server may go on with the request or the episode that it computes; a second "
-    "signal ends it at once.",
+    help="Time after SIGTERM to finish the current request or episode; a second signal exits at once.",
 )
 @click.option(
     "--modules",
     multiple=True,
     metavar="MODULE,..",
-    help="Behaviours and conditions in Python that the servers have, as path/to/file.py:Class or by the "
-    "names under which packages install them; can be repeated. Without them no machines of such modules are "
-    "evaluated.",
+    help="Behaviours and conditions in Python to offer, as path/to/file.py:Class or by their installed "
+    "names. Without them, machines that use Python modules are not evaluated. Repeatable.",
 )
 @observe_options
 @trust_option
@@ -119,12 +116,12 @@ def command(
 ) -> int:
     """Start simulation servers.
 
-    SIMULATION is the title of a built-in one (minisim); a class derived from swarmwright.Simulation
+    SIMULATION is the title of a built-in simulation (minisim); a subclass of swarmwright.Simulation
     (file.py:Class or package.module:Class); an environment of another library (gymnasium:CartPole-v1,
-    pettingzoo:mpe2.simple_spread_v3?N=5); or an experiment file, whose simulation is served: the way to serve
-    a command.
+    pettingzoo:mpe2.simple_spread_v3?N=5); or an experiment file, whose simulation is served, for example a
+    command.
 
-    Each server is a separate process and serves one optimization tool at a time, until Ctrl-C.
+    Each server is a process that serves one optimization tool at a time, until Ctrl-C.
     """
     simulation = _named(simulation)
     title = _title(simulation)

@@ -46,39 +46,38 @@ USUAL_DIMENSIONS = (1, 2, 3)
 @click.option(
     "--simulation",
     metavar="TITLE",
-    help="Also send a discovery of this simulation, as an optimization tool does, and list the servers that "
-    "answer: those without presence, too; with --json `presence` and `answers` say which holds for each. "
-    "Needs the account of a tool, and the extra `conformance`.",
+    help="Also send a discovery for this simulation and list the servers that answer, even without "
+    "presence; `presence` and `answers` in --json tell them apart. Needs the account of a tool and "
+    "the extra `conformance`.",
 )
 @click.option(
     "--dimensions",
     type=WholeNumber(0, 1000),
     metavar="N",
-    help="With --simulation: the number of dimensions that is required. Default: 1, 2 and 3 are tried.",
+    help="With --simulation: required number of dimensions. Default: 1, 2 and 3 are tried.",
 )
 @click.option(
     "--wait",
     type=RealNumber(0.0, 3600.0),
     metavar="SECONDS",
-    help="How long to listen for announcements, and then for answers to --simulation. Default: 1.",
+    help="Time to listen for announcements, and again for answers to --simulation. Default: 1.",
 )
 @click.option(
     "--watch",
     is_flag=True,
-    help="Refresh until Ctrl-C: what each server does, which one is blocking, and every active optimization "
-    "tool. With --json, one object every --every seconds.",
+    help="Refresh until Ctrl-C, showing current work, the blocking server and all active optimization tools.",
 )
 @click.option(
     "--every",
     type=RealNumber(0.1, 3600.0),
     metavar="SECONDS",
-    help="With --watch: how often it is shown. Default: 1.",
+    help="With --watch: refresh interval. Default: 1.",
 )
 @click.option(
     "--forget-lost",
     is_flag=True,
-    help="Remove what the broker keeps of lost servers, whose process was killed or whose machine is gone. "
-    "Needs the account of a server; one that is back announces itself again.",
+    help="Remove the retained messages of lost servers. Needs the account of a server; a server that "
+    "returns announces itself again.",
 )
 @json_option
 def command(
@@ -94,11 +93,10 @@ def command(
 ) -> int:
     """List the servers on a broker, or watch them at work.
 
-    What each simulation server offers, and whether it is ready, busy (and for whom) or lost.
+    Show the simulations of each server, and whether it is ready, busy (and for which tool) or lost.
 
-    Servers announce themselves by presence, an extension of the protocol. Servers without it, such as those
-    that implement D6.1 alone, are not listed, although runs use them: give --simulation to find those that
-    are free.
+    Servers announce themselves with presence messages, an extension of the protocol. Servers without it,
+    such as those that implement D6.1 alone, are not listed; --simulation finds those that are free.
     """
     from swarmwright import _engine
 

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     "--controller",
     type=ExistingPath(folder=None),
     metavar="C",
-    help="A controller (best.json) or a run folder. Default: a random one.",
+    help="Controller file (best.json) or run folder. Default: a random controller.",
 )
 @set_option("Override a value of FILE: parameters.maxSteps=30.")
 @click.option(
@@ -63,12 +63,11 @@ if TYPE_CHECKING:
     help="Seed of the simulation. Default: parameters.seed, else 0.",
 )
 @experiment_broker_options(
-    "FILE's",
-    "Use a server on this broker, with --save one that sends its scenes. Default: FILE's, "
-    "SWARMWRIGHT_BROKER's, or one started here; with --save this process, where the simulation is here.",
+    "Use a server on this broker; with --save, one that sends scenes. Default: FILE's, SWARMWRIGHT_BROKER, "
+    "or a private one; with --save, this process if it has the simulation.",
 )
 @picture_options
-@click.option("--visual", is_flag=True, help="Ask the server to draw the episode, a frame every step.")
+@click.option("--visual", is_flag=True, help="Ask the server to draw every step.")
 @server_output_option
 @trust_option
 @json_option
@@ -89,7 +88,7 @@ def command(
 ) -> None:
     """Run one episode without optimization, or save it as a page, video or picture.
 
-    FILE is an experiment, or a session of FREVO (.zse), whose simulation is run once.
+    FILE is an experiment or a FREVO session (.zse).
     """
     if visual and as_json:
         raise click.UsageError("--visual draws where --json prints; give one of them.")

@@ -42,28 +42,29 @@ FAILED = 1
     "swarmwright sweep results/sweep.json --out again",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
-@set_option("Override a value of the experiment, for all variants: method.generations=50.")
-@experiment_broker_options("FILE's")
+@set_option("Override a value in all variants: method.generations=50.")
+@experiment_broker_options()
 @click.option(
     "--out",
     cls=OutputOption,
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
-    help="Folder for the runs. Default: the file's, else runs/ and the file's name; that of a sweep.json.",
+    help="Folder for the runs. Default: FILE's, else runs/ and FILE's name; for a sweep.json, its own "
+    "folder.",
 )
 @servers_option
 @click.option(
     "--jobs",
     type=WholeNumber(min=1, max=1024),
     metavar="N",
-    help="Runs at a time. Default: one for each server that is started, or for each processor with --servers "
-    "local; on a broker as many as its servers can serve.",
+    help="Number of simultaneous runs. Default: one per started server, one per processor with --servers "
+    "local, or as many as the servers on the broker can serve.",
 )
 @click.option(
     "--tensorboard",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
-    help="Write the statistics of each generation for TensorBoard, into a folder of each run in this folder.",
+    help="Write the statistics of each generation for TensorBoard, in a subfolder per run.",
 )
 @observe_options
 @trust_option
@@ -85,23 +86,20 @@ def command(
 ) -> int:
     """Run an experiment with several settings and seeds, and compare.
 
-    Every variant that FILE names is run with every seed, several runs at a time where they do not compete
-    for servers. Finished runs are not repeated and interrupted ones are continued: after Ctrl-C, give the
-    same command again. To extend a sweep, give FILE more seeds or values, or larger limits (or --set), and
-    give the command again: finished runs go on to the larger limits, and are validated where more is asked
-    for than they have. A run that fails does not stop the others: it is named at the end, comparisons leave
-    it out, as `runs compare` does, and the exit status is 1. Several processes, on several machines too, can
-    work on one sweep: each leaves the runs of the others alone. `runs delete` deletes the folder of a sweep.
+    Every variant in FILE is run with every seed, several runs at a time where they do not compete for
+    servers. Repeat the command to continue after Ctrl-C, or after adding seeds or values or raising limits
+    in FILE or with --set: finished runs are kept or extended, interrupted runs continue. A failed run does
+    not stop the others; it is reported and excluded from comparisons, and the exit status is 1. Several
+    processes, also on several machines, can work on one sweep. `runs delete` deletes the folder of a sweep.
 
-    At the end the variants are compared, by fitness on held-out seeds where all runs were validated and
-    fitness depends on the seed, and by recorded fitness. The folder of the runs gets the figure
-    (comparison.png), tables (comparison.csv, comparison.tex) and sweep.json, which holds variants, seeds and
-    --set. Variants of nsga2 with the same objectives (up to 3 besides fitness) are also compared by
-    hypervolume, those of map_elites with the same measures by QD score and coverage.
+    At the end, the variants are compared by recorded fitness, and by fitness on held-out seeds if all runs
+    were validated and fitness depends on the seed. Variants of nsga2 with the same objectives (up to 3
+    besides fitness) are also compared by hypervolume, those of map_elites with the same measures by QD score
+    and coverage. The folder gets comparison.png, comparison.csv, comparison.tex and sweep.json (variants,
+    seeds and --set).
 
-    FILE can be a sweep.json: with --out, the sweep is repeated in another folder, with the experiments and
-    the code that are stored in its runs; without --out, its missing runs are run. `runs diff` compares the
-    records of both folders.
+    FILE can be a sweep.json. With --out, the sweep is repeated in that folder with the recorded experiments
+    and code, and `runs diff` compares both; without --out, missing runs are run.
     """
     from swarmwright.analysis.sweep import Sweep, conduct, tasks
     from swarmwright.analysis.sweep.run import UnreadableRunError

@@ -32,24 +32,22 @@ from swarmwright.cli._output import Output, show_warnings
     "targets",
     multiple=True,
     metavar="NAME,..",
-    help="Simulations with the same sensors and actuators, as experiments name them, or files (.yaml) with "
-    "the keys of the experiment that differ: simulation, parameters, fitness, servers, broker. May be "
-    "repeated.",
+    help="Simulations with the same sensors and actuators, or .yaml files with the experiment keys that "
+    "differ: simulation, parameters, fitness, servers, broker. Repeatable.",
 )
 @click.option(
     "--vary",
     multiple=True,
     metavar="KEY=LOW..HIGH",
-    help="Evaluate in models of the run's own simulation too, in which this parameter has random values from "
-    "LOW to HIGH, another model for each seed (pseudo-reality). May be repeated.",
+    help="Also evaluate in variants of the run's own simulation, with a random value of this parameter "
+    "from LOW to HIGH for each seed (pseudo-reality). Repeatable.",
 )
 @click.option(
     "--pseudo-reality",
     "pseudo_reality",
     is_flag=True,
-    help="Vary the noise of the arena's e-pucks around that of their reference model, which describes the "
-    "sensors and actuators of the robot: drive 0..0.15, proximity and ground 0..0.1, light 0..0.9, loss of "
-    "messages 0.8..0.95.",
+    help="Vary the noise of the arena's e-pucks around their reference model: drive 0..0.15, proximity "
+    "and ground 0..0.1, light 0..0.9, message loss 0.8..0.95.",
 )
 @click.option(
     "--candidates",
@@ -57,7 +55,7 @@ from swarmwright.cli._output import Output, show_warnings
     metavar="K",
     default=10,
     show_default=True,
-    help="How many of the best candidates of each run, with different controllers.",
+    help="Number of best candidates of each run, with different controllers.",
 )
 @click.option(
     "--random",
@@ -65,7 +63,7 @@ from swarmwright.cli._output import Output, show_warnings
     metavar="K",
     default=0,
     show_default=True,
-    help="Number of random controllers in addition.",
+    help="Number of additional random controllers.",
 )
 @click.option(
     "--seeds",
@@ -73,23 +71,22 @@ from swarmwright.cli._output import Output, show_warnings
     metavar="N",
     default=30,
     show_default=True,
-    help="Episodes of each candidate in each simulation, with held-out seeds, the same for all.",
+    help="Episodes of each candidate in each simulation, on the same held-out seeds.",
 )
 @click.option(
     "--seed",
     type=WholeNumber(min=0, max=2**62),
     metavar="S",
-    help="Simulation seed of the first of them; the others have S + 1, S + 2, .. Default: those "
-    "of the runs' validations, which the evolution of no RUN used; name another S for fresh ones.",
+    help="First simulation seed; the others count up. Default: those of the runs' validations; give S for "
+    "fresh seeds.",
 )
 @episodes_options(
-    "Write a scatter plot, .png, .svg or .pdf: fitness in the other simulation (y) over the run's own (x).",
+    "Draw fitness in the other simulation (y) over that in the run's own (x): .png, .svg or .pdf.",
     "Write every episode as a table.",
 )
 @experiment_broker_options(
-    "the runs'",
-    "Use the servers on this broker for simulations that only a broker offers and whose file does not "
-    "name another one, and for all where the runs had a broker. Default: the runs'.",
+    "Use the servers on this broker where the runs used one, and for simulations that only a server offers. "
+    "Default: the runs'.",
 )
 @servers_option
 @server_output_option
@@ -114,8 +111,7 @@ def command(
     """Test the best controllers of runs in other simulations.
 
     The best candidates of each RUN are evaluated there, and the loss of fitness is printed. Runs that differ
-    only in the seed form a group; the losses of several groups are compared (Mann-Whitney, with effect
-    sizes).
+    only in the seed form a group; the losses of groups are compared (Mann-Whitney, effect sizes).
     """
     from swarmwright import transfer
     from swarmwright.cli._comparison import run_folders

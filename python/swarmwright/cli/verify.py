@@ -14,24 +14,23 @@ from swarmwright.cli._output import Output, show_warnings
 @click.option(
     "--require-fitness",
     is_flag=True,
-    help="Exit with status 1 also where the fitness was not checked, for example since the simulation is not "
-    "a built-in one.",
+    help="Also exit with 1 if the fitness was not checked, for example because the simulation is not "
+    "built-in.",
 )
 @click.option(
     "--require-formats",
     is_flag=True,
-    help="Exit with status 1 also where the files of a format were not checked, for example since another "
-    "version of Swarmwright wrote them.",
+    help="Also exit with 1 if a format was not checked, for example because another version of "
+    "Swarmwright wrote it.",
 )
 @json_option
 def command(bundle: Path, require_fitness: bool, require_formats: bool, as_json: bool) -> int:
     """Check an archive of `swarmwright export --bundle`.
 
-    BUNDLE is the archive, or the folder that it was unpacked to. Every file must be as its manifest says, and
-    one that bundles have; the controller is exported again to each format, compared, compiled and run; and if
-    its simulation is a built-in one, it is evaluated again. The last line says if the fitness or formats were
-    not checked. The exit status is 1 when anything is not as stated. Only code that this version of
-    Swarmwright exports itself is executed.
+    BUNDLE is the archive or the folder it was unpacked to. Every file is checked against the manifest. The
+    controller is exported again to each format, compared, compiled and run, and evaluated again if its
+    simulation is built-in. The last line names unchecked fitness and formats. The exit status is 1 if
+    anything differs. Only code that this version of Swarmwright exports itself is executed.
     """
     from swarmwright.export.bundle_verification import verify_bundle
 

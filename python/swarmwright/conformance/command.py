@@ -13,11 +13,11 @@ from swarmwright.cli._options import (
     RealNumber,
     WholeNumber,
     broker_option,
+    combine_options,
     json_option,
     peer_broker,
     peer_prefix,
     peer_prefix_option,
-    stacked,
 )
 from swarmwright.cli._output import Output, aside
 from swarmwright.common.errors import InputError
@@ -37,51 +37,51 @@ if TYPE_CHECKING:
 def command() -> None:
     """Check that a server or a tool follows the protocol.
 
-    The peer is a simulation server or an optimization tool. Every rule is checked over a broker, independent
-    of the peer's language. Rules come from D6.1 or from Swarmwright; --profile d6.1 checks the former only.
+    The peer is a simulation server or an optimization tool in any language; every rule is checked over a
+    broker. Rules come from D6.1 or from Swarmwright; --profile d6.1 checks only the former.
     """
 
 
-_shared = stacked(
+_shared = combine_options(
     click.option(
         "--exec",
         "start",
         metavar="COMMAND",
-        help="Command that starts the peer; see above for its placeholders.",
+        help="Command that starts the peer, with the placeholders above.",
     ),
     broker_option(
         default=None,
-        text=f"Address of a broker. Default: {BROKER_VARIABLE}'s for a peer that runs already, else an "
-        "embedded one on a free port.",
+        text=f"Address of a broker. Default: {BROKER_VARIABLE} for a peer that runs already, else an "
+        "embedded broker on a free port.",
     ),
     peer_prefix_option,
     click.option(
         "--rules",
         multiple=True,
         metavar="IDS",
-        help="Check only these rules or groups, such as S2,S4.1; with '-' before it, all but these.",
+        help="Check only these rules or groups, such as S2,S4.1; a leading '-' excludes them.",
     ),
     click.option(
         "--profile",
         type=click.Choice(["d6.1", "all"]),
         default="all",
         show_default=True,
-        help="d6.1: check only the rules that deliverable D6.1 demands; all: Swarmwright's as well.",
+        help="d6.1: only the rules of deliverable D6.1; all: Swarmwright's as well.",
     ),
     click.option(
         "--junit",
         type=OutputFile(),
         metavar="FILE",
-        help="Write the results as JUnit XML, too.",
+        help="Also write the results as JUnit XML.",
     ),
-    click.option("--list", "listing", is_flag=True, help="List the rules without checking."),
+    click.option("--list", "listing", is_flag=True, help="List the rules without checking them."),
     click.option(
         "--wait",
         type=RealNumber(0.1, 86400.0),
         default=30.0,
         show_default=True,
         metavar="SECONDS",
-        help="How long to wait for the peer at the beginning.",
+        help="Time to wait for the peer at the start.",
     ),
     json_option,
 )
@@ -99,24 +99,24 @@ _shared = stacked(
     "server",
     type=WholeNumber(0, LARGEST_ID),
     metavar="N",
-    help="Id of the server. Default: 1 with --exec, else it must be given.",
+    help="Id of the server. Default: 1 with --exec, else required.",
 )
 @click.option(
     "--simulation",
     metavar="TITLE",
-    help="Simulation to ask for. Default: the first one in its presence message.",
+    help="Simulation to request. Default: the first in the server's presence message.",
 )
 @click.option(
     "--dimensions",
     type=float,
     metavar="D",
-    help="Its spatial dimensions. Default: 2, 3 and 1 are tried.",
+    help="Spatial dimensions of the simulation. Default: 2, 3 and 1 are tried.",
 )
 @click.option(
     "--parameters",
     metavar="JSON",
-    help="Parameters of the episodes: a JSON object, or a file that holds one. Several agents, few steps and "
-    "a random start try most.",
+    help="Parameters of the episodes: a JSON object, or a file with one. Several agents, few steps and a "
+    "random start cover most rules.",
 )
 @click.option(
     "--sensors", type=WholeNumber(1, 1_000_000), metavar="N", help="Values per agent, if not announced."
@@ -127,7 +127,7 @@ _shared = stacked(
 @click.option(
     "--vary",
     metavar="JSON",
-    help="Parameters that change an episode, as --parameters: used where the seed changes nothing.",
+    help="Parameters that change an episode, for simulations that ignore the seed; as --parameters.",
 )
 @click.option(
     "--timeout",
@@ -135,13 +135,13 @@ _shared = stacked(
     default=5.0,
     show_default=True,
     metavar="SECONDS",
-    help="How long one answer may take.",
+    help="Time-out of a single answer.",
 )
 @click.option(
     "--step-timeout",
     type=RealNumber(0.1, 86400.0),
     metavar="SECONDS",
-    help="After how long the server gives up an episode, as it was started.",
+    help="Time after which the server aborts an episode, as configured.",
 )
 @_shared
 def server_command(
@@ -166,11 +166,11 @@ def server_command(
 ) -> int:
     """Try every rule on a simulation server.
 
-    In COMMAND {broker}, {id} and {prefix} are replaced by the broker's address, the server's id and the
-    prefix. Without --exec start the server yourself, with the address that is printed.
+    In COMMAND, {broker}, {id} and {prefix} are replaced by the broker's address, the server's id and the
+    topic prefix. Without --exec, start the server yourself with the printed address.
 
-    The exit status is 0 when every rule that applies is kept, 1 when one is broken or could not be tried, 2
-    when the input is wrong.
+    The exit status is 0 if all applicable rules hold, 1 if a rule is broken or could not be tried, 2 if the
+    input is wrong.
     """
     from swarmwright.conformance.server import RULES
 
@@ -212,7 +212,7 @@ def server_command(
     "swarmwright conformance optimizer --simulation rovers --sensors 8 --actuators 2",
 )
 @click.option(
-    "--simulation", metavar="TITLE", help="Offer only this simulation. Default: any that is asked for."
+    "--simulation", metavar="TITLE", help="Offer only this simulation. Default: any that the tool requests."
 )
 @click.option(
     "--sensors",
@@ -220,7 +220,7 @@ def server_command(
     default=3,
     show_default=True,
     metavar="N",
-    help="Sensor values of an agent.",
+    help="Sensor values per agent.",
 )
 @click.option(
     "--actuators",
@@ -228,13 +228,13 @@ def server_command(
     default=2,
     show_default=True,
     metavar="N",
-    help="Actuator values of an agent.",
+    help="Actuator values per agent.",
 )
 @click.option(
     "--episodes",
     type=WholeNumber(1, 1000),
     metavar="K",
-    help="In how many episodes the tool evaluates each candidate; with {experiment} it is 2.",
+    help="Episodes per candidate; 2 with {experiment}.",
 )
 @click.option(
     "--lasts",
@@ -242,7 +242,7 @@ def server_command(
     default=30.0,
     show_default=True,
     metavar="SECONDS",
-    help="How long one run of the tool may take.",
+    help="Time-out of a single run of the tool.",
 )
 @_shared
 def optimizer_command(
@@ -263,13 +263,13 @@ def optimizer_command(
 ) -> int:
     """Try every rule on an optimization tool; the kit plays the simulation servers.
 
-    In COMMAND {broker} and {prefix} are replaced by the broker's address and the prefix, {experiment} by an
-    experiment file that the kit writes, {folder} by an empty folder. The tool is started anew for each
-    scenario: servers that behave correctly, send invalid messages, fall silent, or are reserved by other
-    tools. Without --exec start it once, with the address that is printed; what needs another run is skipped.
+    In COMMAND, {broker} and {prefix} are replaced by the broker's address and the topic prefix, {experiment}
+    by an experiment file and {folder} by an empty folder. The tool is started for each scenario: servers
+    that behave correctly, send invalid messages, fall silent, or are reserved by other tools. Without
+    --exec, start it once with the printed address; rules that need further runs are skipped.
 
-    The exit status is 0 when every rule that applies is kept, 1 when one is broken or could not be tried, 2
-    when the input is wrong.
+    The exit status is 0 if all applicable rules hold, 1 if a rule is broken or could not be tried, 2 if the
+    input is wrong.
     """
     from swarmwright.conformance.optimizer import RULES
 
