@@ -9,37 +9,40 @@ INTRODUCTION = """\
 
 <!-- Made by `python -m swarmwright.conformance._reference`; change the rules in the code, not here. -->
 
-What `swarmwright conformance` tries, and what to do about a rule that is broken;
-[how to use it](../how-to/peers.md). A rule is D6.1's, with the section that demands it, and
-`--profile d6.1` tries it; or it is Swarmwright's. All are described in [the protocol](protocol.md), its
-[schemas](../../protocol/README.md), or in a decision, [002](../decisions/002-arithmetic.md) on arithmetic,
-[003](../decisions/003-mqtt-connection.md) on connections. [What D6.1 leaves open](d6.1.md), and what we
-chose, is described on another page. A rule is not tried when one that it needs is broken. Rules that do not
-apply to a server are skipped, with the reason: those on an extension where it is not announced, and those on
-presence, failure messages and tools that name themselves (S6.7 to S6.15, S7.2 to S7.4, S7.6, S11.3, S16)
-where [nothing that the server does requires them](protocol.md#what-an-announcement-requires).
+The rules that `swarmwright conformance` tries, and how to fix a violation;
+[how to use it](../how-to/peers.md). `--profile d6.1` tries only those that name a section of D6.1.
+Descriptions without a file are sections of [the protocol](protocol.md). Decisions are
+[002](../decisions/002-arithmetic.md) on arithmetic, [003](../decisions/003-mqtt-connection.md) on connections
+and [023](../decisions/023-control-messages-to-one-server.md). Where D6.1 is open, see
+[our choices](d6.1.md).
+
+A rule is skipped if its extension is not announced, or if a rule that it needs is broken (`--list --json`
+prints these). Rules on presence, failure messages and tools that name themselves (S6.7 to S6.15, S7.2 to
+S7.4, S7.6, S11.3, S16) are skipped where
+[nothing that the server does requires them](protocol.md#what-an-announcement-requires).
 """
 TITLES = {"server": "Simulation servers", "optimizer": "Optimization tools"}
 SIDES = (SERVER, OPTIMIZER)
 
 
 def reference() -> str:
-    """The page, Markdown."""
-    return "\n".join([INTRODUCTION, *map(_side, SIDES)])
+    """Return the page as Markdown."""
+    return "\n".join([INTRODUCTION, *map(_format_side, SIDES)])
 
 
-def _side(rules: Rules) -> str:
+def _format_side(rules: Rules) -> str:
     parts = [f"## {TITLES[rules.side]}\n"]
     for group, title in rules.groups.items():
         parts += [
             f"### {group} {title}\n",
-            "| | rule | origin | described in | fix | needs |",
-            "|---|---|---|---|---|---|",
+            "| | rule | fix | described in |",
+            "|---|---|---|---|",
         ]
         for rule in rules:
             if rule.group == group:
-                whose = rule.source if rule.d61 else rule.owner
-                cells = (rule.id, rule.sentence, whose, rule.where, rule.fix, ", ".join(rule.needs))
+                where = rule.where.replace("protocol.md, ", "")
+                where = f"{where}; D6.1, {rule.d61}" if rule.d61 else where
+                cells = (rule.id, rule.sentence, rule.fix, where)
                 parts.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |")
         parts.append("")
     return "\n".join(parts)

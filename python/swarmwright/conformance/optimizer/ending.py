@@ -33,9 +33,9 @@ def must_give_back(record: Record) -> None:
 
 @rule(
     "O7.1",
-    "A tool that names itself gives its servers back when its run is over: control with run: false.",
+    "A tool that names itself releases its servers at the end: control with run: false.",
     where=TAKEN,
-    fix="publish control with run: false, tool and the last hash for each server that you have used",
+    fix="publish control with run: false, tool and the last hash for each server that you used",
     needs=["O2.1"],
     seconds=600,
 )
@@ -49,9 +49,9 @@ def gives_back(tool: Tool) -> str:
 
 @rule(
     "O7.2",
-    "Interrupted (SIGINT), it ends the episodes under way with run: false, and ends.",
+    "On SIGINT, it ends its episodes with run: false, and exits.",
     where=TAKEN,
-    fix="on SIGINT publish control with run: false for every server that runs an episode for you",
+    fix="on SIGINT, publish control with run: false for every server with an episode of yours",
     needs=["O2.1"],
     seconds=600,
 )

@@ -20,7 +20,7 @@ EPISODE = "protocol.md, An episode"
 
 @rule(
     "O1.1",
-    "It asks with a discovery: simulation and simulation_hash as text, requirements with dimensions.",
+    "It sends a discovery: simulation and simulation_hash as text, requirements with dimensions.",
     where="protocol.md, Topics; protocol/schemas/discovery.schema.json",
     fix="publish {simulation, simulation_hash, requirements: {dimensions}} on discovery",
     d61="6.2 Discovery message, Schema 1",
@@ -49,7 +49,7 @@ def asks(tool: Tool) -> str:
     "O1.2",
     "It sends parameters and control only to servers that have answered.",
     where=f"{EPISODE}, 1",
-    fix="take the servers from the answers to your discovery, by their hash; presence is for people",
+    fix="take servers from the answers to your discovery, by hash, not from presence",
     d61="6.2 Server message",
     needs=["O1.1"],
     seconds=600,
@@ -90,9 +90,9 @@ class LateBatching(Late, Batching):
 
 @rule(
     "O1.3",
-    "It asks again until a server is free.",
+    "It repeats the discovery until a server is free.",
     where=f"{EPISODE}, 1",
-    fix="repeat the discovery while no server answers, for some seconds at least",
+    fix="repeat the discovery for at least some seconds while no server answers",
     needs=["O1.2"],
     seconds=600,
 )
@@ -109,9 +109,9 @@ def asks_again(tool: Tool) -> str:
 
 @rule(
     "O2.1",
-    "Parameters come before each control that starts an episode, with the same server and hash.",
+    "Parameters with the same server and hash precede each control that starts an episode.",
     where=f"{EPISODE}, 2 and 3",
-    fix="publish parameters, then control, every time, on one connection, with the same simulation_hash",
+    fix="publish parameters, then control, every time, on one connection",
     d61="6.2 Parameters message, Control message",
     needs=["O1.2"],
     seconds=600,
@@ -138,7 +138,7 @@ def parameters_first(tool: Tool) -> str:
     "O2.2",
     "Parameters, control and actuator messages have their keys, with the right types.",
     where="protocol.md, Topics; protocol/schemas",
-    fix="send every key that is required, with the type that the schema says",
+    fix="send every required key with the type in the schema",
     d61="6.2, Schemas 3, 4 and 6",
     needs=["O2.1"],
     seconds=600,
@@ -170,9 +170,9 @@ def _whole(value: object) -> bool:
 
 @rule(
     "O2.3",
-    "Episodes that run at the same time have different hashes.",
+    "Simultaneous episodes have different hashes.",
     where="protocol.md, Hash",
-    fix="give every episode under way a different hash: put a number into what is hashed",
+    fix="add a number to the hashed data, so that every current episode has another hash",
     d61="6.2 Discovery message",
     needs=["O2.1"],
     seconds=600,
@@ -205,9 +205,9 @@ def not_retained(tool: Tool) -> None:
 
 @rule(
     "O2.5",
-    "Servers are used again, and none while its episode runs.",
+    "Servers are reused, but not during their episode.",
     where="protocol.md, Who is taken, and when",
-    fix="wait for the fitness before the next control for this server",
+    fix="wait for the fitness before the next control for a server",
     needs=["O2.1"],
     seconds=600,
 )
@@ -232,9 +232,9 @@ def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:
 
 @rule(
     "O3.1",
-    "It answers each sensor message with one actuator message, for its agent and hash.",
+    "It answers each sensor message with one actuator message for its agent and hash.",
     where="protocol.md, An episode, 4",
-    fix="publish actuators when sensors come, once, with the agent and hash of the sensor message",
+    fix="publish actuators once per sensor message, with its agent and hash",
     d61="6.2 Sensor message, Actuator message",
     needs=["O2.1"],
     seconds=600,
@@ -252,7 +252,7 @@ def one_each(tool: Tool) -> str:
     "O3.2",
     "It sends as many actuators as the server announces.",
     where="protocol.md, Presence",
-    fix="make the controller's outputs as many as capabilities.swarmwright.actuators says",
+    fix="take the number of outputs from capabilities.swarmwright.actuators",
     needs=["O2.1"],
     seconds=600,
 )
@@ -270,7 +270,7 @@ def as_many(tool: Tool) -> None:
     "O3.3",
     "Actuators are numbers from -1 to +1.",
     where="protocol.md, Topics",
-    fix="limit what the controller puts out to -1..+1 before it is sent",
+    fix="limit the controller's outputs to -1..+1",
     d61="5.1",
     needs=["O2.1"],
     seconds=600,
@@ -285,9 +285,9 @@ def in_range(tool: Tool) -> None:
 
 @rule(
     "O3.4",
-    "Every agent has a separate state: agents that have sensed the same act the same.",
+    "Every agent has a separate state: agents with equal sensor histories act the same.",
     where="protocol.md, Controllers; decision 002",
-    fix="keep a controller with its state for each agent of an episode",
+    fix="keep one controller with its state per agent and episode",
     needs=["O3.1"],
     seconds=600,
 )
@@ -304,9 +304,9 @@ def own_states(tool: Tool) -> None:
 
 @rule(
     "O3.5",
-    "Controllers are reset when an episode starts: the same candidate does the same in each of its episodes.",
+    "Controllers are reset: a candidate acts the same in each of its episodes.",
     where="protocol.md, Controllers; decision 002",
-    fix="make or reset the controllers of all agents when an episode starts",
+    fix="create or reset all controllers at the start of an episode",
     needs=["O2.3", "O3.4"],
     seconds=600,
 )
@@ -329,9 +329,9 @@ def reset(tool: Tool) -> str:
 
 @rule(
     "O3.6",
-    "It goes on when agents are asked one at a time, and when agents drop out.",
+    "It works if agents are asked one at a time, and if agents drop out.",
     where="protocol.md, An episode, 4",
-    fix="answer the sensor messages that come; do not wait for those of all agents",
+    fix="answer each sensor message as it arrives; do not wait for all agents",
     needs=["O3.1"],
     seconds=600,
 )
@@ -355,11 +355,9 @@ class Spelled(Actor):
 
 @rule(
     "O3.7",
-    "Sensors are read as the nearest IEEE binary32: agents that have sensed 0.1 and 0.10000000149011612, "
-    "which is the same, act the same.",
+    "Sensors are read as the nearest IEEE binary32: 0.1 and 0.10000000149011612 have the same effect.",
     where="protocol.md, Reading; decision 002",
-    fix="round each number of a sensor message to binary32 before the controller gets it: Math.fround in "
-    "JavaScript, numpy.float32 in Python",
+    fix="round sensors to binary32 before the controller: Math.fround in JavaScript, numpy.float32 in Python",
     needs=["O3.4"],
     seconds=600,
 )

@@ -32,7 +32,7 @@ def must_be_whole(tool: Tool, record: Record, done: str) -> None:
 
 @rule(
     "O6.1",
-    "evaluate has its keys, a controller, whole candidates and seeds; no number of a request comes twice.",
+    "evaluate has its keys, a controller, whole candidates and seeds; request numbers are unique.",
     where=f"{NUMBERS}; protocol/schemas/evaluate.schema.json",
     fix="write every field with its type; count requests",
     needs=["O3.1"],
@@ -67,9 +67,9 @@ class Refusing(Offloading):
 
 @rule(
     "O6.2",
-    "What a server refuses as taken is evaluated by another one, or later.",
+    "Work refused as taken is evaluated by another server, or later.",
     where=NUMBERS,
-    fix="send the work of a request with error taken again, to another server or later",
+    fix="resend a request with error taken to another server or later",
     needs=["O6.1"],
     seconds=600,
 )
@@ -86,7 +86,7 @@ def refused(tool: Tool) -> str:
 
 @rule(
     "O6.3",
-    "The actuators of a batch have the step and the rows of the sensors that they answer, from -1 to +1.",
+    "A batch's actuators match the step and rows of their sensors, from -1 to +1.",
     where="protocol.md, Batched stepwise",
     fix="answer each sensors message with as many rows, the same request and step",
     needs=["O3.1"],

@@ -25,9 +25,9 @@ class TakenByOthers(Actor):
 
 @rule(
     "O5.1",
-    "A server that answered but does not begin is given up: another one gets the episode.",
+    "If a server answered but does not begin, another one gets the episode.",
     where="protocol.md, Who is taken, and when",
-    fix="watch the time since control; without a sensor message look for another server",
+    fix="measure the time since control; without a sensor message, look for another server",
     needs=["O3.1"],
     seconds=600,
 )
@@ -54,9 +54,9 @@ class FallsSilent(Actor):
 
 @rule(
     "O5.2",
-    "When a server falls silent in the middle of an episode, another one gets the episode.",
+    "If a server falls silent during an episode, another one gets the episode.",
     where="protocol.md, Who is taken, and when",
-    fix="watch the time since the last answer; evaluate the candidate elsewhere",
+    fix="measure the time since the last answer; evaluate the candidate elsewhere",
     needs=["O3.1"],
     seconds=600,
 )
@@ -68,9 +68,9 @@ def lost(tool: Tool) -> str:
 
 @rule(
     "O5.3",
-    "It connects again when the connection to the broker broke, and the run goes on.",
+    "It reconnects to the broker, and the run continues.",
     where="decision 003",
-    fix="let the MQTT client connect again and subscribe again; evaluate once more what was under way",
+    fix="let the MQTT client reconnect and subscribe again; repeat current evaluations",
     needs=["O3.1"],
     seconds=600,
 )

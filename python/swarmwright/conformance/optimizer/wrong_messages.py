@@ -114,9 +114,9 @@ class Junk(WrongFirst):
 
 @rule(
     "O4.1",
-    "What is not a JSON object in UTF-8 is refused, and the run goes on.",
+    "Payloads other than a JSON object in UTF-8 are refused, and the run continues.",
     where=READING,
-    fix="catch what your JSON reader throws; in paho an exception in a callback ends the loop",
+    fix="catch errors of your JSON reader; in paho an exception in a callback ends the loop",
     d61="6.1",
     needs=["O3.1"],
     seconds=600,
@@ -157,7 +157,7 @@ class WrongSensors(WrongFirst):
     "O4.2",
     "Sensor messages with missing keys or values of the wrong type are not answered.",
     where=READING,
-    fix="check agent and sensor before the controller gets them; the right message is still to come",
+    fix="check agent and sensor first; the right message is still to come",
     d61="6.2 Sensor message, Schema 5",
     needs=["O3.1"],
     seconds=600,
@@ -181,9 +181,9 @@ class Foreign(WrongFirst):
 
 @rule(
     "O4.3",
-    "Messages with other hashes belong to others: they are ignored.",
+    "Messages with other hashes are ignored.",
     where="protocol.md, Hash",
-    fix="look the hash up among your discoveries and the episodes under way",
+    fix="look up the hash among your discoveries and current episodes",
     d61="6.2 Discovery message",
     needs=["O3.1"],
     seconds=600,
@@ -294,7 +294,7 @@ class BeyondNumbers(WrongFirst):
     "O4.6",
     "Numbers that are not finite, agents below 0 and more than 127 levels of nesting are refused.",
     where=READING,
-    fix="check numbers once they are read; limit the depth in your JSON reader",
+    fix="check numbers after reading; limit the depth in your JSON reader",
     needs=["O4.2", "O4.4"],
     seconds=600,
 )
@@ -314,9 +314,9 @@ class Untitled(Actor):
 
 @rule(
     "O4.7",
-    "simulation may be left out of sensor and fitness messages.",
+    "Sensor and fitness messages may omit simulation.",
     where=READING,
-    fix="tell episodes apart by the hash alone: D6.1's schemas have simulation, its examples do not",
+    fix="distinguish episodes by hash alone: D6.1's schemas have simulation, its examples do not",
     needs=["O3.1"],
     seconds=600,
 )
@@ -343,8 +343,7 @@ class AnotherTitle(WrongFirst):
     "O4.8",
     "Sensor and fitness messages that name another simulation are refused; the right ones count.",
     where=READING,
-    fix="compare simulation, where it is there, with the one that you asked for: another server may have "
-    "the same ID",
+    fix="compare simulation, if present, with yours: another server may have the same ID",
     needs=["O4.7"],
     seconds=600,
 )

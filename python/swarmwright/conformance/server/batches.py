@@ -138,9 +138,9 @@ def _seeds(server: Server) -> list[int]:
 
 @rule(
     "S10.1",
-    "A batch gives each episode the fitness that it has stepwise, to the last bit.",
+    "A batch gives each episode its stepwise fitness, to the last bit.",
     where=f"{BATCHED}; decision 002",
-    fix="give each episode a separate simulation; step all of them when the actuators are there",
+    fix="give each episode a separate simulation; step all once the actuators have arrived",
     needs=["S2.3", "S3.2"],
 )
 def equal(server: Server) -> str:
@@ -188,7 +188,7 @@ def equal(server: Server) -> str:
 
 @rule(
     "S10.2",
-    "Actuators for another step, of another number or not finite are refused, and it waits on.",
+    "Actuators for another step, of the wrong number or not finite are refused, and it keeps waiting.",
     where=BATCHED,
     fix="compare step and the number of actuators with the last sensors message",
     needs=["S10.1"],
@@ -218,7 +218,7 @@ def refused(server: Server) -> None:
     "S10.3",
     "Actuators without numbers end the batch.",
     where=BATCHED,
-    fix="end the batch when actuators is empty; the tool still has the server",
+    fix="end the batch on empty actuators; the server stays reserved for the tool",
     needs=["S10.1"],
 )
 def ended(server: Server) -> None:
@@ -238,9 +238,9 @@ def ended(server: Server) -> None:
 
 @rule(
     "S10.4",
-    "More episodes than announced, and other wrong requests, are answered with error invalid.",
+    "Too many episodes and other wrong requests are answered with error invalid.",
     where=f"{BATCHED}; protocol.md, Messages of numbers",
-    fix="compare the number of seeds with your batch; check every field before the batch starts",
+    fix="compare the number of seeds with your batch; check every field before the start",
     needs=["S10.1"],
 )
 def invalid(server: Server) -> None:
@@ -263,11 +263,11 @@ def invalid(server: Server) -> None:
 
 @rule(
     "S10.5",
-    "While a batch is under way others get taken, and no discovery is answered; a free server answers so a "
-    "start for another instance than it announces.",
+    "During a batch, others get taken and no discovery is answered; a free server answers start "
+    "for another instance with taken.",
     where="protocol.md, Messages of numbers; protocol.md, Two servers with one ID",
-    fix="treat start like control with a tool: taken while the batch lasts, held for 5 s afterwards; compare "
-    "instance, if it is there, with your own",
+    fix="reserve on start as on control with a tool, and for 5 s after the batch; compare instance, if "
+    "present, with yours",
     needs=["S10.1"],
 )
 def taken(server: Server) -> None:
@@ -292,9 +292,9 @@ def taken(server: Server) -> None:
 
 @rule(
     "S10.6",
-    "As many episodes as announced go into one batch.",
+    "A batch accepts as many episodes as announced.",
     where="protocol.md, Presence",
-    fix="announce in capabilities.swarmwright.batch no more than you can step side by side",
+    fix="announce in capabilities.swarmwright.batch only what you can step side by side",
     needs=["S10.1"],
     seconds=90,
 )
@@ -315,10 +315,9 @@ def full(server: Server) -> str:
 
 @rule(
     "S10.8",
-    "Control with run: false from its tool, with any hash, ends a batch, and the server is free.",
+    "Control with run: false from its tool, with any hash, ends a batch and frees the server.",
     where="protocol.md, Messages of numbers",
-    fix="at control with run: false and the tool of the batch, whatever its hash, forget the batch, and "
-    "answer discovery again",
+    fix="on run: false with the batch's tool, drop the batch and answer discovery again",
     needs=["S10.1"],
 )
 def cancelled(server: Server) -> None:
@@ -338,10 +337,9 @@ def cancelled(server: Server) -> None:
 
 @rule(
     "S10.9",
-    "It gives up a batch whose actuators do not come, after its time-out.",
+    "It aborts a batch without actuators after its time-out.",
     where=BATCHED,
-    fix="watch the time since a step of the batch began; after the time-out answer with error failed, and "
-    "forget the batch",
+    fix="measure the time since a step began; after the time-out, answer error failed and drop the batch",
     needs=["S10.1"],
     seconds=60,
 )
@@ -372,17 +370,16 @@ _SEEDS = (BEYOND_32_BITS + 1, 2**53 + 1, LARGEST_SEED)
 """Seeds of evaluate and start that are others if bits are lost."""
 _OTHER_SEED = 5
 """What `parameters` of evaluate and start say as seed, which the seeds of the message replace."""
-_FIX = (
-    "read each of seeds as an unsigned 64-bit integer, not as a double or with 32 bits, and put it into the "
-    "parameters in place of a seed that is there"
+_SEEDS_FIX = (
+    "read each of seeds as an unsigned 64-bit integer and put it into the parameters, replacing their seed"
 )
 
 
 @rule(
     "S9.20",
-    "The seeds of evaluate are read exactly, and replace a seed in its parameters.",
+    "All 64 bits of the seeds of evaluate count, and replace a seed in its parameters.",
     where=f"{NUMBERS}; protocol/schemas/evaluate.schema.json",
-    fix=_FIX,
+    fix=_SEEDS_FIX,
     needs=["S3.5", "S9.3", "S9.6"],
 )
 def seeds_of_evaluations(server: Server) -> None:
@@ -432,9 +429,9 @@ def _must_be_right(server: Server, controllers: ControllerSet) -> None:
 
 @rule(
     "S10.7",
-    "The seeds of start are read exactly, and replace a seed in its parameters.",
+    "All 64 bits of the seeds of start count, and replace a seed in its parameters.",
     where=f"{BATCHED}; protocol/schemas/batch_start.schema.json",
-    fix=_FIX,
+    fix=_SEEDS_FIX,
     needs=["S3.5", "S10.1"],
 )
 def seeds_of_batches(server: Server) -> None:

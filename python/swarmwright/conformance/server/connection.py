@@ -46,9 +46,9 @@ def must_come_back(server: Server, why: str) -> float:
 
 @rule(
     "S11.1",
-    "It connects again when the connection broke.",
+    "It reconnects after the connection broke.",
     where=BROKER,
-    fix="let the MQTT client connect again by itself, and subscribe again whenever it is connected",
+    fix="let the MQTT client reconnect, and subscribe on every connection",
     needs=["S2.3"],
     seconds=40,
 )
@@ -64,7 +64,7 @@ def connects_again(server: Server) -> str:
     "S11.2",
     "It waits for a broker that is unavailable for seconds.",
     where=BROKER,
-    fix="try again without end, with pauses of seconds",
+    fix="retry forever, with pauses of seconds",
     needs=["S11.1"],
     seconds=40,
 )
@@ -79,7 +79,7 @@ def waits(server: Server) -> str:
 
 @rule(
     "S11.3",
-    "When its connection breaks, its last will says that it is lost; back, it is ready.",
+    "When its connection breaks, its last will reports it as lost; after reconnecting, it is ready.",
     where="protocol.md, Presence",
     fix='give the client a last will: presence, retained, with the state "lost"',
     needs=["S11.1"],
@@ -109,9 +109,9 @@ def _must_say(server: Server, wanted: str, sent: str) -> None:
 
 @rule(
     "S11.4",
-    "A message with the retain flag was left by another client: it is ignored.",
+    "Retained messages, which another client left, are ignored.",
     where="protocol.md, Topics",
-    fix="look at the retain flag of each message; take none but presence with it",
+    fix="check the retain flag; accept only presence with it",
     needs=["S11.1"],
     seconds=40,
 )
@@ -178,9 +178,9 @@ def _request(server: Server) -> Json | None:
 
 @rule(
     "S11.5",
-    "An episode whose connection broke does not keep the server for ever: control with run: false frees it.",
+    "An episode whose connection broke does not block the server: control with run: false frees it.",
     where="protocol.md, Who is taken, and when",
-    fix="give up the episode when the connection breaks, or listen to its end when it is back",
+    fix="drop the episode when the connection breaks, or accept its end afterwards",
     needs=["S11.1", "S2.9"],
     seconds=40,
 )
@@ -223,9 +223,9 @@ def instance(server: Server) -> str:
 
 @rule(
     "S16.1",
-    "Control for another start of the server, by instance, starts nothing.",
+    "Control for another instance of the server starts nothing.",
     where=WHERE,
-    fix="compare instance of control, where it is there, with your own",
+    fix="compare instance of control, if present, with yours",
     needs=["S2.3"],
 )
 def another_instance(server: Server) -> None:
@@ -243,11 +243,11 @@ def another_instance(server: Server) -> None:
 
 @rule(
     "S16.2",
-    "A server that starts while another one has its ID leaves, with an exit status other than 0, and does "
-    "not touch the other's presence.",
+    "A server whose ID is in use exits on start with a status other than 0, leaving the other's "
+    "presence alone.",
     where=WHERE,
-    fix="when you start, listen to your presence topic for 0.1 s; if another instance is ready or busy "
-    "there, end with a message, without publishing presence and without a last will that is sent",
+    fix="listen to your presence topic for 0.1 s on start; if another instance is ready or busy, exit "
+    "without publishing presence or a last will",
     needs=["S7.2"],
     seconds=60,
 )
@@ -279,11 +279,11 @@ def second_leaves(server: Server) -> str:
 
 @rule(
     "S16.3",
-    "When it comes back and finds another server's presence under its ID, it publishes its own as lost; if "
-    "no other server contradicts, it goes on.",
+    "If it reconnects and finds another server's presence under its ID, it publishes lost, and "
+    "continues unless the other objects.",
     where=WHERE,
-    fix="connected again, listen to your presence topic for 0.1 s; if another instance is ready or busy "
-    "there, publish your presence as lost, and as ready when nothing came within 1 s",
+    fix="after reconnecting, listen to your presence topic for 0.1 s; if another instance is ready or "
+    "busy, publish lost, and ready if nothing arrives within 1 s",
     needs=["S7.2", "S11.3"],
     seconds=60,
 )
@@ -299,11 +299,11 @@ def lost_first(server: Server) -> None:
 
 @rule(
     "S16.4",
-    "When it comes back and another server with its ID answers, it leaves, with an exit status other than 0, "
-    "and does not touch the other's presence.",
+    "If another server with its ID then objects, it exits with a status other than 0, leaving the "
+    "other's presence alone.",
     where=WHERE,
-    fix="end when, after you came back, another instance publishes ready or busy on your presence topic; do "
-    "not clear the presence then",
+    fix="exit if, after reconnecting, another instance publishes ready or busy on your presence topic; "
+    "do not clear presence",
     needs=["S16.3"],
     seconds=60,
 )
@@ -330,10 +330,10 @@ def gives_way(server: ServerPeer) -> str:
 
 @rule(
     "S16.5",
-    "A last will of its own that comes late, presence of its instance with the state lost, it contradicts.",
+    "It corrects a late last will of its own instance.",
     where=WHERE,
-    fix="when presence of your instance says lost while you are connected, publish your presence again: a "
-    "bridge between brokers may deliver the last will of a connection that you have replaced",
+    fix="if presence of your instance says lost while you are connected, publish presence again: a "
+    "bridge may deliver the last will of a replaced connection",
     needs=["S7.2"],
 )
 def late_will(server: Server) -> None:

@@ -46,9 +46,9 @@ def seeded(server: Server, seed: int) -> Json:
 
 @rule(
     "S3.1",
-    "Same parameters, same actuators: the same episode, to the last bit.",
+    "Equal parameters and actuators give the same episode, to the last bit.",
     where=SAME,
-    fix="take random numbers from the parameter seed alone, use no clock; or declare "
+    fix="take random numbers only from the seed, use no clock; or declare "
     'capabilities.swarmwright.determinism "statistical" or "none"',
     needs=["S2.5", "S2.8"],
 )
@@ -97,7 +97,7 @@ def _within_tolerance(server: Server, one: Trajectory, two: Trajectory) -> None:
     "S3.2",
     "An episode does not depend on the one before it.",
     where=SAME,
-    fix="reset everything when an episode starts: places, counters, controllers, random numbers",
+    fix="reset everything at the start: positions, counters, controllers, random numbers",
     needs=["S3.1", "S2.9"],
 )
 def forgets(server: Server) -> None:
@@ -154,9 +154,9 @@ def differing(server: Server) -> tuple[Json, Json, Trajectory, Trajectory]:
 
 @rule(
     "S3.3",
-    "Control starts an episode with the parameters received last for its hash.",
+    "Control starts an episode with the latest parameters of its hash.",
     where="protocol.md, An episode, 3",
-    fix="replace the parameters of a hash when new ones come",
+    fix="replace the parameters of a hash when new ones arrive",
     needs=["S3.1"],
 )
 def the_last_count(server: Server) -> None:
@@ -175,7 +175,7 @@ def the_last_count(server: Server) -> None:
     "S3.4",
     "Parameters with another hash change nothing.",
     where="protocol.md, An episode, 3",
-    fix="keep parameters by their hash, those of several tools side by side",
+    fix="store parameters by hash, for several tools at once",
     needs=["S3.1"],
 )
 def by_hash(server: Server) -> None:
@@ -193,11 +193,9 @@ def by_hash(server: Server) -> None:
 
 @rule(
     "S3.5",
-    "The seed is read exactly: seeds that differ beyond their lowest 32 bits, or by 1 beyond 2^53, give "
-    "other episodes, and 2^63 - 1 is accepted.",
+    "All 64 bits of the seed count: those beyond the lowest 32, differences of 1 beyond 2^53, and 2^63 - 1.",
     where="protocol.md, An episode, 2",
-    fix="read the seed as a 64-bit integer, not as a double or with 32 bits; fold it rather than truncate it "
-    "where the simulator or its generator takes fewer bits: seed ^ seed >> 32",
+    fix="read the seed as a 64-bit integer; if the generator takes 32 bits, fold it: seed ^ seed >> 32",
     needs=["S3.1"],
 )
 def exact_seed(server: Server) -> None:
@@ -242,7 +240,7 @@ def effective(server: Server, one: Policy, other: Policy) -> tuple[Trajectory, T
     "S4.1",
     "Actuators outside -1 to +1 are clamped.",
     where="protocol.md, Reading",
-    fix="clamp every actuator to -1..+1 when it is read, before the simulation sees it",
+    fix="clamp every actuator to -1..+1 when you read it",
     needs=["S3.1"],
 )
 def clamped(server: Server) -> None:
@@ -261,9 +259,9 @@ def clamped(server: Server) -> None:
 
 @rule(
     "S4.2",
-    "The answers of a step may come in any order.",
+    "Actuators of a step may arrive in any order.",
     where="protocol.md, An episode, 4",
-    fix="sort actuators by their agent, not by arrival",
+    fix="sort actuators by agent, not by arrival",
     needs=["S3.1", "S2.9"],
 )
 def any_order(server: Server) -> None:
@@ -286,9 +284,9 @@ def any_order(server: Server) -> None:
 
 @rule(
     "S4.3",
-    "A second answer for one agent and step is refused: the first one counts.",
+    "A second answer for one agent and step is refused.",
     where="protocol.md, Reading",
-    fix="when an agent has its actuators in this step refuse others",
+    fix="keep the first actuators of an agent in a step",
     needs=["S3.1"],
 )
 def the_first_counts(server: Server) -> None:
@@ -311,7 +309,7 @@ def the_first_counts(server: Server) -> None:
     "S4.4",
     "Actuators are read as the nearest IEEE binary32.",
     where="protocol.md, Reading; decision 002",
-    fix="round to binary32 when actuators are read; in doubt read a double and convert it",
+    fix="round to binary32 on reading, if necessary from a double",
     needs=["S3.1"],
 )
 def binary32(server: Server) -> None:

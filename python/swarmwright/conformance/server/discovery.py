@@ -16,8 +16,7 @@ EPISODE = "protocol.md, An episode, 1"
     "S1.1",
     "A free server answers a discovery of a simulation that it offers.",
     where=EPISODE,
-    fix="subscribe to discovery; publish on server when the title is one of yours and the "
-    "requirements are fulfilled",
+    fix="subscribe to discovery; publish on server if the title is yours and the requirements are fulfilled",
     d61="5.2.3; 6.2 Discovery message",
 )
 def answers(server: Server) -> None:
@@ -34,9 +33,9 @@ def answers(server: Server) -> None:
 
 @rule(
     "S1.2",
-    "The answer has the hash of the discovery, so that the tool knows which question it answers.",
+    "The answer repeats the hash of the discovery.",
     where="protocol.md, Topics",
-    fix="copy simulation_hash from the discovery into the answer, as it is",
+    fix="copy simulation_hash from the discovery unchanged",
     d61="6.2 Server message; 7.2.4, Schemas 8 and 9",
     needs=["S1.1"],
 )
@@ -63,10 +62,10 @@ def echoes(server: Server) -> None:
 
 @rule(
     "S1.3",
-    "The answer has all its keys: server, simulation_hash, simulations with the title, capabilities "
+    "The answer has all keys: server, simulation_hash, simulations with the title, capabilities "
     "with dimensions.",
     where="protocol/schemas/server.schema.json",
-    fix="send every key that is required, with the type that the schema says",
+    fix="send every required key with the type in the schema",
     d61="6.2 Server message, Schema 2",
     needs=["S1.2"],
 )
@@ -88,9 +87,9 @@ def has_its_keys(server: Server) -> None:
 
 @rule(
     "S1.4",
-    "It does not answer a discovery of a simulation that it does not offer.",
+    "It does not answer a discovery of another simulation.",
     where=EPISODE,
-    fix="compare the discovery's simulation with your titles, letter by letter",
+    fix="compare the discovery's simulation with your titles exactly",
     d61="6.2 Discovery message, Server message",
     needs=["S1.2"],
 )
@@ -103,9 +102,9 @@ def other_title(server: Server) -> None:
 
 @rule(
     "S1.5",
-    "It does not answer when another number of dimensions is required.",
+    "It does not answer if another number of dimensions is required.",
     where=EPISODE,
-    fix="answer only when requirements.dimensions equals the dimensions of your capabilities",
+    fix="answer only if requirements.dimensions equals your dimensions",
     needs=["S1.2"],
 )
 def other_dimensions(server: Server) -> None:
@@ -124,9 +123,9 @@ def other_dimensions(server: Server) -> None:
 
 @rule(
     "S1.6",
-    "It answers when no more agents are required than it announces as max_agents, and not when more are.",
+    "It answers if no more agents are required than its max_agents, and not if more are.",
     where=EPISODE,
-    fix="answer only when your max_agents is at least that of the requirements; either may be left out",
+    fix="answer only if max_agents is missing on either side or sufficient",
     d61="6.2 Discovery message, Schema 1; Server message, Schema 2",
     needs=["S1.2"],
 )
@@ -152,9 +151,9 @@ def compare_agents(server: Server, key: str, most: float) -> None:
 
 @rule(
     "S1.7",
-    "A hash is any text.",
+    "A hash can be any text.",
     where="protocol.md, Hash",
-    fix="keep simulation_hash as the text that it is; do not expect 64 hexadecimal digits",
+    fix="treat simulation_hash as opaque text, not as 64 hexadecimal digits",
     d61="6.2 Discovery message, Schema 1",
     needs=["S1.2"],
 )

@@ -99,7 +99,7 @@ def batched(server: Server) -> str:
     "S12.3",
     "Offloaded: episodes and steps per second (measured, not judged).",
     where="explanation/performance.md",
-    fix="evaluate the candidates of a request without a message between them",
+    fix="evaluate the candidates of a request without messages in between",
     needs=["S9.1"],
     seconds=60,
 )
@@ -110,7 +110,7 @@ def offloaded(server: Server) -> str:
 
 @rule(
     "S12.4",
-    "Stepwise: the time between the first and the last sensor message of a step (measured, not judged).",
+    "Stepwise: time between the first and the last sensor message of a step (measured, not judged).",
     where="Topics",
     fix="switch Nagle's algorithm off (TCP_NODELAY)",
     needs=["S2.8"],
@@ -149,9 +149,9 @@ def held_back(server: Server) -> Note:
 
 @rule(
     "S13.1",
-    "Asked to end (SIGTERM), it removes its presence and ends.",
+    "On SIGTERM, it removes its presence and exits.",
     where="protocol.md, Presence",
-    fix="on SIGTERM publish an empty retained presence message, disconnect, exit",
+    fix="on SIGTERM, publish an empty retained presence message, disconnect, exit",
     needs=["S1.1"],
 )
 def leaves(server: Server) -> str:

@@ -34,7 +34,7 @@ def names(server: Server) -> list[str]:
     "S8.1",
     "A metric's name is a letter or _, then letters, digits and _.",
     where="protocol.md, Metrics",
-    fix="choose names that can be used in an expression",
+    fix="choose names that are valid in an expression",
     needs=["S1.2"],
 )
 def names_are_valid(server: Server) -> None:
@@ -46,9 +46,9 @@ def names_are_valid(server: Server) -> None:
 
 @rule(
     "S8.2",
-    "All metrics that are announced come with the fitness of an episode.",
+    "The fitness message has all announced metrics.",
     where="protocol.md, Metrics",
-    fix='send "metrics": {name: number, ...} in the fitness message; leave out only what is NaN or infinite',
+    fix='send "metrics": {name: number, ...} with the fitness; omit only NaN and infinities',
     needs=["S2.3"],
 )
 def metrics_are_sent(server: Server) -> str:
@@ -94,10 +94,10 @@ def watched(server: Server, **asked: Any) -> tuple[Trajectory, list[Json], str]:
 
 @rule(
     "S14.1",
-    "A tool that asks for scenes gets one before the first step, and one after each.",
+    "A tool that asks for scenes gets one before the first step and one after each.",
     where=f"{SCENES}; protocol/schemas/scene.schema.json",
-    fix="publish scene on the topic in reply, with kind, version, server, simulation_hash and step: before "
-    "the first sensor messages, and after every step",
+    fix="publish scene on reply, with kind, version, server, simulation_hash and step, before the "
+    "first sensor messages and after every step",
     needs=["S2.3"],
 )
 def every_step_is_shown(server: Server) -> str:
@@ -118,9 +118,9 @@ def every_step_is_shown(server: Server) -> str:
 
 @rule(
     "S14.2",
-    "The arrays of a scene fit each other, and are of finite numbers.",
+    "The arrays of a scene have matching lengths and finite numbers.",
     where=f"{SCENES}; protocol/schemas/scene.schema.json",
-    fix="write bodies and rays as binary: binary32 or unsigned 32-bit integers, little-endian, one for each",
+    fix="write bodies and rays as little-endian binary32 or unsigned 32-bit integers, one per body or ray",
     needs=["S14.1"],
 )
 def they_can_be_drawn(server: Server) -> None:
@@ -178,9 +178,9 @@ def _row(part: Mapping[str, Any], key: str, count: int | None, sent: str) -> "np
 
 @rule(
     "S14.3",
-    "Scenes change nothing else, and a tool that does not ask for them gets none.",
+    "Scenes change nothing else, and a tool that does not ask gets none.",
     where=SCENES,
-    fix="send scenes only if control has scenes and reply, and do not wait for anything",
+    fix="send scenes only if control has scenes and reply; wait for nothing",
     needs=["S14.1"],
 )
 def nothing_else_changes(server: Server) -> None:
@@ -211,9 +211,9 @@ def own_topic_announced(server: Server) -> None:
 
 @rule(
     "S15.1",
-    "A server that announces control starts an episode at a control message on its own topic.",
+    "A server that announces control starts an episode on a control message on its own topic.",
     where=WHERE,
-    fix="handle a JSON object on swarmwright/v1/server/{server} as a message on control; announce "
+    fix="handle JSON objects on swarmwright/v1/server/{server} as control; announce "
     "capabilities.swarmwright.control only then",
     needs=["S2.3"],
 )
@@ -234,9 +234,9 @@ def starts(server: Server) -> None:
 
 @rule(
     "S15.2",
-    "Control with run: false ends an episode on either topic, whichever it was started on.",
+    "Control with run: false on either topic ends an episode.",
     where=WHERE,
-    fix="handle control messages of both topics by the same function: other tools use control",
+    fix="handle control on both topics with one function",
     needs=["S15.1", "S2.9"],
 )
 def ends(server: Server) -> None:
@@ -254,9 +254,9 @@ def ends(server: Server) -> None:
 
 @rule(
     "S15.3",
-    "What is refused on control is refused on the server's own topic, too.",
+    "Its own topic refuses the same messages as control.",
     where=f"{WHERE}; protocol.md, Reading",
-    fix="check every key of a control message on your own topic, server as well",
+    fix="check every key of control on your own topic, including server",
     needs=["S15.1", "S2.9"],
 )
 def refuses(server: ServerPeer) -> None:

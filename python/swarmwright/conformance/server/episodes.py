@@ -39,8 +39,8 @@ def until_several(server: Server) -> Episode:
     "S2.1",
     "After parameters and control it publishes sensor messages, or the fitness if agents steer themselves.",
     where="protocol.md, An episode, 2 to 4",
-    fix="keep the parameters by their hash; at control with this hash reset the simulation and "
-    "publish what agents sense",
+    fix="store the parameters by hash; on control with that hash, reset the simulation and publish the "
+    "sensors",
     d61="6.2 Control message",
     needs=["S1.2"],
 )
@@ -59,7 +59,7 @@ def begins(server: Server) -> None:
 
 @rule(
     "S2.2",
-    "A sensor message has the agent, an integer, and what it senses, a list of finite numbers, not empty.",
+    "A sensor message has an integer agent and a non-empty list of finite sensor values.",
     where="protocol.md, Topics; protocol/schemas/sensor.schema.json",
     fix="publish {simulation_hash, agent, sensor: [numbers]}",
     d61="6.2 Sensor message, Schema 5",
@@ -84,10 +84,9 @@ def first_steps(server: Server) -> Episode:
 
 @rule(
     "S2.3",
-    "The fitness, a finite number, ends the episode.",
+    "A finite fitness ends the episode.",
     where="protocol.md, An episode, 5",
-    fix="when the simulation is done publish {simulation_hash, fitness}; a fitness that is not a "
-    "number cannot be sent",
+    fix="publish {simulation_hash, fitness} when the simulation is done; never NaN",
     d61="6.2 Fitness message, Schema 7",
     needs=["S2.1"],
 )
@@ -115,10 +114,9 @@ def ends(server: Server) -> str:
 
 @rule(
     "S2.4",
-    "Each agent of a step is asked once, and no agent is asked again before it has acted.",
+    "Each agent is asked once per step, and again only after it has acted.",
     where="protocol.md, An episode, 4",
-    fix="publish one sensor message for each live agent when a step begins, none while you wait for "
-    "actuators",
+    fix="publish one sensor message per live agent at the start of a step, none while you wait for actuators",
     needs=["S2.3"],
 )
 def asks_once(server: Server) -> None:
@@ -135,9 +133,9 @@ def asks_once(server: Server) -> None:
 
 @rule(
     "S2.5",
-    "A step is made when all agents that were asked have their actuators, not earlier.",
+    "A step is made once all asked agents have their actuators, not earlier.",
     where="protocol.md, An episode, 4",
-    fix="count who is still missing, and step the simulation when none is",
+    fix="count the missing agents and step the simulation at zero",
     needs=["S2.4"],
 )
 def waits_for_all(server: Server) -> None:
@@ -162,9 +160,9 @@ def waits_for_all(server: Server) -> None:
 
 @rule(
     "S2.6",
-    "There is one fitness, and after it the episode is over: nothing more comes.",
+    "Nothing follows the fitness.",
     where="protocol.md, An episode, 5",
-    fix="publish the fitness once; ignore actuators that come after it",
+    fix="publish the fitness once; ignore later actuators",
     d61="6.2 Fitness message",
     needs=["S2.3"],
 )
@@ -183,7 +181,7 @@ def one_fitness(server: Server) -> None:
 
 @rule(
     "S2.7",
-    "After the fitness it is free for every tool, if the tool did not name itself.",
+    "After the fitness it is free for every tool, unless the tool named itself.",
     where="protocol.md, Who is taken, and when",
     fix="answer discovery again as soon as the fitness is published",
     d61="5.2.3; 7.2.2",
@@ -199,7 +197,7 @@ def free_afterwards(server: Server) -> None:
     "S2.8",
     "The same parameters serve several episodes: control alone starts another one.",
     where="protocol.md, An episode",
-    fix="keep the parameters of the last hashes after the fitness; D6.1's tools always send them",
+    fix="keep the parameters of the last hashes after the fitness",
     needs=["S2.7"],
 )
 def serves_again(server: Server) -> None:
@@ -214,10 +212,9 @@ def serves_again(server: Server) -> None:
 
 @rule(
     "S2.9",
-    "Control with run: false ends an episode, and the server is free.",
+    "Control with run: false ends an episode and frees the server.",
     where="protocol.md, An episode, 5",
-    fix="at control with run: false and the hash of the episode forget it, publish nothing, answer "
-    "discovery again",
+    fix="on run: false with the episode's hash, drop it, publish nothing, answer discovery again",
     d61="6.2 Control message, Schema 4",
     needs=["S2.3"],
 )
@@ -240,7 +237,7 @@ def is_ended(server: Server) -> None:
     "S2.10",
     "Control with run: false after parameters, before any episode, frees the server.",
     where="protocol.md, Who is taken, and when",
-    fix="treat a server that was configured like one that runs: run: false with its hash frees it",
+    fix="treat a configured server like a running one: run: false with its hash frees it",
     needs=["S2.9"],
 )
 def is_released(server: Server) -> None:
@@ -255,7 +252,7 @@ def is_released(server: Server) -> None:
     "S2.11",
     "Control without parameters for its hash starts nothing.",
     where="protocol.md, An episode, 3",
-    fix="look the parameters up by the control's hash; without them refuse",
+    fix="look up the parameters by the control's hash; refuse control without them",
     needs=["S2.3"],
 )
 def needs_parameters(server: Server) -> None:
@@ -268,9 +265,9 @@ def needs_parameters(server: Server) -> None:
 
 @rule(
     "S2.12",
-    "run and visual may be left out of control: they are true and false then.",
+    "In control, run defaults to true and visual to false.",
     where="protocol.md, Topics",
-    fix="require no more than server and simulation_hash in control; take run for true where it is missing",
+    fix="require only server and simulation_hash in control",
     d61="6.2 Control message, Schema 4",
     needs=["S2.3"],
 )
@@ -285,10 +282,9 @@ def short_control(server: Server) -> None:
 
 @rule(
     "S2.13",
-    "Agents are numbered from 0 on, and all messages of all agents have as many numbers, as announced.",
+    "Agents are numbered from 0, and all messages have the announced number of values.",
     where="protocol.md, Topics; Presence",
-    fix="number agents from 0; send as many numbers for each; announce how many in "
-    "capabilities.swarmwright.sensors",
+    fix="number agents from 0; send capabilities.swarmwright.sensors values for each",
     needs=["S2.2"],
 )
 def as_many_numbers(server: Server) -> str:
@@ -310,9 +306,9 @@ def as_many_numbers(server: Server) -> str:
 
 @rule(
     "S2.14",
-    "simulation, left out of control and actuator messages, changes nothing.",
+    "Control and actuator messages may omit simulation.",
     where="protocol.md, Reading",
-    fix="do not rely on simulation: D6.1's schemas require it, D6.1's examples leave it out",
+    fix="do not rely on simulation: D6.1's schemas require it, its examples omit it",
     needs=["S2.3"],
 )
 def bare_control(server: Server) -> None:
@@ -335,10 +331,10 @@ def bare_control(server: Server) -> None:
 
 @rule(
     "S2.15",
-    "Control that names a simulation which the server does not offer starts nothing.",
+    "Control that names another simulation starts nothing.",
     where="protocol.md, Who is taken, and when",
-    fix="compare simulation of control, where it is there, with the titles that you offer: the tool may "
-    "have taken you for another server with your ID",
+    fix="compare simulation in control, if present, with your titles: the tool may mean another server "
+    "with your ID",
     needs=["S2.3"],
 )
 def another_title(server: Server) -> None:

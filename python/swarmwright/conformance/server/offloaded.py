@@ -115,11 +115,11 @@ _MOST_REPETITIONS = 1 << 16
 
 @rule(
     "S9.1",
-    "evaluate is answered with the fitness of every candidate in every episode, row by row; a sample, where "
-    "its distribution is announced, as the genomes that it stands for.",
+    "evaluated has the fitness of every candidate and episode, row by row; an announced "
+    "distribution's sample counts as its genomes.",
     where=f"{OFFLOADED}; protocol.md, Samples; protocol/schemas/evaluated.schema.json",
-    fix="publish evaluated on the topic in reply: request, server, fitness (candidates, episodes) "
-    "as binary64, seconds; replay protocol/vectors/samples.json if you announce distributions",
+    fix="publish evaluated on reply: request, server, fitness (candidates, episodes) as binary64, "
+    "seconds; if you announce distributions, replay protocol/vectors/samples.json",
     needs=["S2.3"],
 )
 def is_answered(server: Server) -> None:
@@ -163,7 +163,7 @@ def _finite(server: Server, request: Json) -> NDArray[np.float64]:
     "S9.2",
     "With MQTT 5 an answer has the request's correlation data and the content type application/msgpack.",
     where=NUMBERS,
-    fix="set CorrelationData to the request's number, 8 bytes, big-endian, and ContentType",
+    fix="set ContentType, and CorrelationData to the request's number (8 bytes, big-endian)",
     needs=["S9.1"],
 )
 def properties(server: Server) -> None:
@@ -207,10 +207,10 @@ def _must_have_stepwise_fitness(server: Server, controllers: ControllerSet) -> s
 
 @rule(
     "S9.3",
-    "Layered networks give the fitness that they give stepwise, to the last bit.",
+    "Layered networks give their stepwise fitness, to the last bit.",
     where="decision 002",
-    fix="compute in binary32 in the order of decision 002; an output o is the actuator o for output_range "
-    "[-1, 1], 2 * o - 1 for [0, 1], (o - lo) / (hi - lo) * 2 - 1 for others, and 0 where that is NaN; "
+    fix="compute in binary32 in the order of decision 002; map output o to the actuator o for "
+    "output_range [-1, 1], 2 * o - 1 for [0, 1], else (o - lo) / (hi - lo) * 2 - 1, and NaN to 0; "
     "replay protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
@@ -221,9 +221,9 @@ def layered(server: Server) -> str:
 
 @rule(
     "S9.4",
-    "Fully meshed networks give the fitness that they give stepwise, to the last bit.",
+    "Fully meshed networks give their stepwise fitness, to the last bit.",
     where="decision 002",
-    fix="reset the nodes of every agent when an episode starts; replay protocol/vectors/controllers.json",
+    fix="reset every agent's nodes at the start; replay protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
 def fully_meshed(server: Server) -> str:
@@ -233,9 +233,9 @@ def fully_meshed(server: Server) -> str:
 
 @rule(
     "S9.5",
-    "Finite-state machines give the fitness that they give stepwise, to the last bit.",
+    "Finite-state machines give their stepwise fitness, to the last bit.",
     where="decision 002",
-    fix="reset the state of every agent when an episode starts; replay protocol/vectors/controllers.json",
+    fix="reset every agent's state at the start; replay protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
 def mealy_fsm(server: Server) -> str:
@@ -245,10 +245,10 @@ def mealy_fsm(server: Server) -> str:
 
 @rule(
     "S9.15",
-    "EvoStick's networks give the fitness that they give stepwise, to the last bit.",
+    "EvoStick's networks give their stepwise fitness, to the last bit.",
     where="decision 002",
-    fix="take the logistic function of 4.924273 times the sum, with the bias added last, mapped to -1..1; "
-    "replay protocol/vectors/controllers.json",
+    fix="use the logistic function of 4.924273 times the sum, bias last, mapped to -1..1; replay "
+    "protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
 def evostick(server: Server) -> str:
@@ -258,10 +258,10 @@ def evostick(server: Server) -> str:
 
 @rule(
     "S9.18",
-    "Networks with Hebbian learning give the fitness that they give stepwise, to the last bit.",
+    "Networks with Hebbian learning give their stepwise fitness, to the last bit.",
     where="decision 002",
-    fix="begin every episode with the weights of the genome, multiply what is learnt in binary64, and leave "
-    "the weight of a node to itself as it is; replay protocol/vectors/controllers.json",
+    fix="start with the genome's weights, learn in binary64, keep a node's weight to itself; replay "
+    "protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
 def hebbian(server: Server) -> str:
@@ -271,10 +271,10 @@ def hebbian(server: Server) -> str:
 
 @rule(
     "S9.19",
-    "NEAT's networks give the fitness that they give stepwise, to the last bit.",
+    "NEAT's networks give their stepwise fitness, to the last bit.",
     where="decision 002",
-    fix="compute in binary64, with the e^x of decision 002, one node after the other, and keep the outputs "
-    "in binary64 from step to step; replay protocol/vectors/controllers.json",
+    fix="compute in binary64 with the e^x of decision 002, node by node, and keep the outputs in "
+    "binary64; replay protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
 def neat(server: Server) -> str:
@@ -284,10 +284,10 @@ def neat(server: Server) -> str:
 
 @rule(
     "S9.16",
-    "Machines of modules give the fitness that they give stepwise, to the last bit.",
+    "Machines of modules give their stepwise fitness, to the last bit.",
     where="decision 002",
-    fix="take random numbers from the ninth sensor alone, and make no transition in the step in which a "
-    "state was entered; replay protocol/vectors/controllers.json",
+    fix="take random numbers from the ninth sensor alone; make no transition in the step that enters a "
+    "state; replay protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
 def machines(server: Server) -> str:
@@ -297,9 +297,9 @@ def machines(server: Server) -> str:
 
 @rule(
     "S9.17",
-    "Behaviour trees of modules give the fitness that they give stepwise, to the last bit.",
+    "Behaviour trees of modules give their stepwise fitness, to the last bit.",
     where="decision 002",
-    fix="go on with the subtree of the last step, and stop for a step after the last one; replay "
+    fix="continue the subtree of the last step, and stop for a step after the last one; replay "
     "protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
@@ -310,10 +310,10 @@ def trees(server: Server) -> str:
 
 @rule(
     "S9.6",
-    "A parameter set for a simulation that asks for actuators is refused as invalid; else it gives "
-    "the stepwise fitness.",
+    "A parameter set is refused as invalid if the simulation asks for actuators, else it gives the "
+    "stepwise fitness.",
     where="protocol.md, Controllers",
-    fix="answer error invalid when the simulation asks an agent although the controller steers no agents",
+    fix="answer error invalid if the simulation asks an agent that no controller steers",
     needs=["S2.3"],
 )
 def parameter_set(server: Server) -> str | None:
@@ -333,9 +333,9 @@ def parameter_set(server: Server) -> str | None:
 
 @rule(
     "S9.7",
-    "The metrics that a request names come back, and only those, with the bits that they have stepwise.",
+    "Exactly the requested metrics come back, with their stepwise bits.",
     where="protocol.md, Metrics",
-    fix="send metrics {name: binary64 (candidates, episodes)} for the names in the request",
+    fix="send metrics {name: binary64 (candidates, episodes)} for the requested names",
     needs=["S9.1", "S3.2"],
 )
 def metrics(server: Server) -> str:
@@ -368,9 +368,9 @@ def metrics(server: Server) -> str:
 
 @rule(
     "S9.8",
-    "Requests of one tool wait for each other; answers come in their order.",
+    "Requests of one tool are answered in their order.",
     where=OFFLOADED,
-    fix="queue requests while one is being computed",
+    fix="queue requests during a computation",
     needs=["S9.1"],
 )
 def in_order(server: Server) -> None:
@@ -394,11 +394,11 @@ def in_order(server: Server) -> None:
 
 @rule(
     "S9.9",
-    "A server with which a tool works, or which is held for it, does not answer discovery and "
-    "refuses others as taken; so does a free one a request for another instance than it announces.",
+    "A reserved server does not answer discovery and refuses other requests as taken; a free one "
+    "refuses requests for another instance.",
     where="protocol.md, Messages of numbers; protocol.md, Two servers with one ID",
-    fix="treat evaluate like control with a tool: taken while it works, held for 5 s afterwards; compare "
-    "instance, if it is there, with your own",
+    fix="reserve on evaluate as on control with a tool, and for 5 s afterwards; compare instance, if "
+    "present, with yours",
     needs=["S9.1", "S2.9"],
 )
 def is_held_for_tool(server: Server) -> None:
@@ -422,9 +422,9 @@ def is_held_for_tool(server: Server) -> None:
 
 @rule(
     "S9.10",
-    "While an episode runs for another tool, evaluate is refused as taken, and the episode goes on.",
+    "During another tool's episode, evaluate is refused as taken, and the episode continues.",
     where="protocol.md, Messages of numbers",
-    fix="answer error taken at once; do not touch the simulation",
+    fix="answer error taken at once; leave the simulation alone",
     needs=["S9.1", "S2.9"],
 )
 def not_while_running(server: Server) -> None:
@@ -442,9 +442,9 @@ def not_while_running(server: Server) -> None:
 
 @rule(
     "S9.11",
-    "What cannot be served is answered with error invalid, which names the field.",
+    "Invalid requests are answered with error invalid, which names the field.",
     where=NUMBERS,
-    fix="check every field of a request before you compute; answer {kind: invalid, reason} where it is wrong",
+    fix="check every field before you compute; answer {kind: invalid, reason}",
     needs=["S9.1"],
 )
 def invalid(server: Server) -> None:
@@ -492,10 +492,9 @@ def invalid(server: Server) -> None:
 
 @rule(
     "S9.12",
-    "What is not a request is ignored, unknown keys are ignored, and it answers on topics of tools only.",
+    "Other payloads and unknown keys are ignored, and it answers only on topics of tools.",
     where=NUMBERS,
-    fix="refuse what is not a MessagePack map of a known kind; check that reply begins with "
-    "swarmwright/v1/tool/",
+    fix="refuse all but MessagePack maps of a known kind; check that reply begins with swarmwright/v1/tool/",
     needs=["S9.1"],
 )
 def ignores_junk(server: Server) -> None:
@@ -535,9 +534,9 @@ def ignores_junk(server: Server) -> None:
 
 @rule(
     "S9.13",
-    "A request that waits until its lease is over is answered with error failed and not computed.",
+    "A request whose lease ends in the queue is answered with error failed, not computed.",
     where=OFFLOADED,
-    fix="note when a request came; look at its lease when its turn comes",
+    fix="note when a request arrived; check its lease at its turn",
     needs=["S9.8"],
     seconds=60,
 )

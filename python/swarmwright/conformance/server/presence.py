@@ -42,9 +42,9 @@ def awaited_presence(server: Server, wanted: str) -> Json:
 
 @rule(
     "S7.1",
-    "What is announced in capabilities.swarmwright has the types of the schema.",
+    "capabilities.swarmwright has the types of the schema.",
     where=f"{WHERE}; protocol/schemas/server.schema.json",
-    fix="announce what you offer, leave out what you do not; peers ignore modes that they do not know",
+    fix="announce what you offer and omit the rest; peers ignore unknown modes",
     needs=["S1.3"],
 )
 def announcement(server: Server) -> str:
@@ -74,9 +74,9 @@ def announcement(server: Server) -> str:
 
 @rule(
     "S7.2",
-    "It keeps a retained presence message, which has its keys, and is ready while it is free.",
+    "It keeps a complete retained presence message, ready while it is free.",
     where=f"{WHERE}; protocol/schemas/presence.schema.json",
-    fix="publish presence retained when you are connected, and when the state has changed",
+    fix="publish presence retained on connection and on each change of state",
     needs=["S1.3"],
 )
 def retained(server: Server) -> None:
@@ -101,9 +101,9 @@ def retained(server: Server) -> None:
 
 @rule(
     "S7.3",
-    "Presence offers what the answer to a discovery offers.",
+    "Presence offers the same as the answer to a discovery.",
     where=WHERE,
-    fix="make both messages from the same data",
+    fix="build both messages from the same data",
     needs=["S7.2"],
 )
 def consistent(server: Server) -> None:
@@ -130,9 +130,9 @@ def _waited_in(server: Server) -> Episode:
 
 @rule(
     "S7.4",
-    "Presence is busy while the server is taken, with the name of the tool, and ready again afterwards.",
+    "Presence is busy with the tool's name while the server is reserved, then ready again.",
     where=WHERE,
-    fix="publish presence when the state has lasted 150 ms; name the tool if it named itself",
+    fix="publish presence once a state has lasted 150 ms; include a named tool",
     needs=["S7.2", "S2.9"],
 )
 def busy(server: Server) -> None:
@@ -147,9 +147,9 @@ def busy(server: Server) -> None:
 
 @rule(
     "S7.5",
-    "None of the seven topics keeps a message.",
+    "No message on the seven topics is retained.",
     where="protocol.md, Topics",
-    fix="publish everything but presence without the retain flag",
+    fix="retain nothing but presence",
     needs=["S2.3"],
 )
 def nothing_else(server: Server) -> None:
@@ -164,10 +164,9 @@ def nothing_else(server: Server) -> None:
 
 @rule(
     "S7.6",
-    "Presence is published again when control is rejected, since another tool has the server.",
+    "Presence is published again when control is rejected because another tool has the server.",
     where=WHERE,
-    fix="publish presence as it is when you reject a control message because of another tool, so that this "
-    "one need not wait for its time-out",
+    fix="republish presence on such a rejection, so that the tool need not wait for its time-out",
     needs=["S7.4"],
 )
 def told_again(server: Server) -> None:

@@ -42,9 +42,9 @@ def must_be_free_within(server: Server, seconds: float, why: str, sent: str) -> 
 
 @rule(
     "S6.1",
-    "From parameters on it does not answer discovery.",
+    "After parameters it does not answer discovery.",
     where=TAKEN,
-    fix="you are taken when parameters with your ID have come",
+    fix="count as reserved once parameters with your ID arrive",
     needs=["S2.10"],
 )
 def after_parameters(server: Server) -> None:
@@ -57,9 +57,9 @@ def after_parameters(server: Server) -> None:
 
 @rule(
     "S6.2",
-    "While an episode runs it does not answer discovery, neither another tool's nor that of the same.",
+    "During an episode it answers no tool's discovery.",
     where=TAKEN,
-    fix="answer discovery only when no episode is under way",
+    fix="answer discovery only between episodes",
     d61="5.2.3; 7.2.2",
     needs=["S2.9"],
 )
@@ -77,9 +77,9 @@ def while_running(server: Server) -> None:
 
 @rule(
     "S6.3",
-    "While an episode runs, another tool's parameters and control with run: false move nothing.",
+    "During an episode, another tool's parameters and control with run: false change nothing.",
     where=TAKEN,
-    fix="refuse control with another hash while an episode is under way",
+    fix="refuse control with another hash during an episode",
     needs=["S2.9"],
 )
 def not_moved(server: Server) -> None:
@@ -99,9 +99,9 @@ def not_moved(server: Server) -> None:
 
 @rule(
     "S6.4",
-    "Of two tools that have sent parameters the first control wins.",
+    "If two tools send parameters, the first control wins.",
     where=TAKEN,
-    fix="keep the parameters of several hashes; take the first control that names one of them",
+    fix="keep the parameters of several hashes; accept the first control for one of them",
     needs=["S2.9"],
 )
 def first_control_wins(server: Server) -> None:
@@ -123,9 +123,9 @@ def first_control_wins(server: Server) -> None:
 
 @rule(
     "S6.5",
-    "Parameters that no control follows keep it for 5 s, not longer and not much shorter.",
+    "Parameters without control reserve it for 5 s, not longer and not much shorter.",
     where=TAKEN,
-    fix="note when parameters came; be free again 5 s later if there was no control",
+    fix="become free 5 s after parameters without control",
     needs=["S6.1"],
     seconds=30,
 )
@@ -143,9 +143,9 @@ def parameters_time_out(server: Server) -> str:
 
 @rule(
     "S6.6",
-    "It gives up an episode whose actuators do not come, after its time-out, without a fitness.",
+    "It aborts an episode without actuators after its time-out, without a fitness.",
     where=TAKEN,
-    fix="watch the time since a step began; after the time-out forget the episode",
+    fix="measure the time since a step began; drop the episode after the time-out",
     needs=["S6.2"],
     seconds=60,
 )
@@ -164,10 +164,9 @@ def gives_up(server: Server) -> str:
 
 @rule(
     "S6.10",
-    "A tool that names a topic for answers is told there of an episode that failed: kind, version, "
-    "server, hash, reason.",
+    "It reports a failed episode on the tool's reply topic: kind, version, server, hash, reason.",
     where="protocol.md, Failures; protocol/schemas/failed.schema.json",
-    fix="publish failed, a MessagePack map, on the topic in reply of control when an episode has no fitness",
+    fix="publish failed, a MessagePack map, on control's reply topic when an episode has no fitness",
     needs=["S6.6"],
     seconds=60,
 )
@@ -221,10 +220,9 @@ def named(server: Server, tool: str) -> Episode:
 
 @rule(
     "S6.7",
-    "A tool that names itself keeps it after the episode: it answers this tool's discovery and "
-    "no other tool's.",
+    "It stays reserved for a tool that names itself, and answers only this tool's discovery.",
     where=TAKEN,
-    fix="remember tool of the control; while held, answer discoveries with the same tool only",
+    fix="remember tool from control; while reserved, answer only discoveries with that tool",
     needs=["S2.8", "S2.9"],
 )
 def is_held(server: Server) -> None:
@@ -247,7 +245,7 @@ def is_held(server: Server) -> None:
     "S6.8",
     "Control with run: false from its holder frees it at once.",
     where=TAKEN,
-    fix="while held, free the server at run: false with the holder's tool",
+    fix="while reserved, become free on run: false with the holder's tool",
     needs=["S6.7"],
 )
 def is_freed(server: Server) -> None:
@@ -259,10 +257,9 @@ def is_freed(server: Server) -> None:
 
 @rule(
     "S6.11",
-    "Control with run: false and the hash of an episode, without a name or in another tool's, does not "
-    "end what a tool that named itself has begun.",
+    "Control with run: false, unnamed or from another tool, does not end the episode of a named tool.",
     where=TAKEN,
-    fix="compare tool of control with that of the one that began the episode, before you end it",
+    fix="compare tool of control with the episode's before you end it",
     needs=["S2.9", "S6.7"],
 )
 def not_ended_by_others(server: Server) -> None:
@@ -272,10 +269,9 @@ def not_ended_by_others(server: Server) -> None:
 
 @rule(
     "S6.12",
-    "Control with run: false and the hash of an episode, with a name, does not end what a tool without a "
-    "name has begun.",
+    "Control with run: false from a named tool does not end the episode of an unnamed one.",
     where=TAKEN,
-    fix="compare tool of control with that of the one that began the episode, also where that has none",
+    fix="compare tool of control with the episode's, even if that has none",
     needs=["S2.9"],
 )
 def not_ended_by_the_named(server: Server) -> None:
@@ -306,9 +302,9 @@ def _must_go_on(server: Server, tool: str | None, others: list[dict[str, str]]) 
 
 @rule(
     "S6.9",
-    "Held for a tool that does not come back, it is free for every tool after 5 s.",
+    "If its holder does not return, it is free for every tool after 5 s.",
     where=TAKEN,
-    fix="note when the episode ended; be free 5 s later",
+    fix="become free 5 s after the end of the episode",
     needs=["S6.7"],
     seconds=30,
 )
@@ -323,11 +319,10 @@ def hold_ends(server: Server) -> str:
 
 @rule(
     "S6.13",
-    "Two tools that name themselves share it by turns: when one has had it for 5 s, it answers the other "
-    "one, which keeps asking, and no longer the first.",
+    "Two named tools share it in turns: after 5 s, it answers the waiting tool instead of the first.",
     where=TAKEN,
-    fix="note when a tool got the server, and who asked within the last 3 s; after 5 s answer, between two "
-    "episodes, the one that has waited longest, and hold the server for it for 3 s",
+    fix="note the holder's start and who asked within 3 s; after 5 s, between episodes, reserve for "
+    "the longest waiting tool for 3 s",
     needs=["S6.5", "S6.7", "S6.9"],
     seconds=40,
 )
@@ -356,10 +351,9 @@ def takes_turns(server: Server) -> str:
 
 @rule(
     "S6.14",
-    "Control that comes before its parameters waits for them for 1 s.",
+    "Control that arrives before its parameters waits for them for 1 s.",
     where="protocol.md, Who is taken, and when; protocol.md, Order",
-    fix="keep a control message whose hash has no parameters for 1 s, and start when they come: brokers may "
-    "deliver messages of two topics in reverse",
+    fix="keep control without parameters for 1 s: brokers may reorder messages of two topics",
     needs=["S2.11"],
 )
 def waits_for_parameters(server: Server) -> None:
@@ -373,10 +367,9 @@ def waits_for_parameters(server: Server) -> None:
 
 @rule(
     "S6.15",
-    "Control that names a topic for answers starts one episode: repeated after the fitness, it starts "
-    "nothing.",
+    "Control with a reply topic starts one episode; repeated after the fitness, it starts nothing.",
     where="protocol.md, An episode",
-    fix="note the hashes whose episodes were started with reply; ignore control that names one of them again",
+    fix="remember the hashes started with reply and ignore repetitions",
     needs=["S2.8"],
 )
 def plays_once(server: Server) -> None:

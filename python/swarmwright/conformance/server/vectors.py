@@ -209,12 +209,11 @@ def cases() -> Iterator[Case]:
 
 @rule(
     "S9.14",
-    "Networks compute what the golden vectors say, to the last bit.",
+    "Networks match the golden vectors, to the last bit.",
     where="decision 002; protocol/vectors/controllers.json",
-    fix="replay the vector with this name in the tests of the server: the function or the network differs; "
-    "subnormal numbers are kept, sums are not reordered, nothing is fused, output_range [-1, 1] and [0, 1] "
-    "have formulas of their own, and an actuator that is NaN becomes 0; compute output_activation, or answer "
-    "invalid, with its name in the reason: unknown keys of a controller are not ignored",
+    fix="replay the vector of this name: keep subnormal numbers, do not reorder sums or fuse "
+    "operations, use the formulas of output_range [-1, 1] and [0, 1], turn NaN into 0; compute "
+    "output_activation, or answer invalid with its name",
     needs=["S9.3"],
     seconds=60,
 )

@@ -26,9 +26,9 @@ def _actuators(hash_: str, *tries: object, agent: object = 0) -> list[Junk]:
 
 @rule(
     "S5.1",
-    "What is not a JSON object in UTF-8 is refused, on every topic.",
+    "Payloads other than a JSON object in UTF-8 are refused, on every topic.",
     where=READING,
-    fix="catch what your JSON reader throws; in paho an exception in a callback ends the loop",
+    fix="catch errors of your JSON reader; in paho an exception in a callback ends the loop",
     d61="6.1",
     needs=["S2.3"],
 )
@@ -53,9 +53,9 @@ def no_json(server: ServerPeer) -> None:
 
 @rule(
     "S5.2",
-    "A message without one of its required keys is refused.",
+    "A message without a required key is refused.",
     where=f"{READING}; protocol/schemas",
-    fix="look for each required key before you use the message",
+    fix="check for each required key before you use a message",
     d61="6.2, Schemas 1, 3, 4 and 6",
     needs=["S2.3"],
 )
@@ -138,7 +138,7 @@ def wrong_types(server: ServerPeer) -> None:
     "S5.4",
     "NaN, infinities and numbers beyond binary32 are refused as actuators.",
     where=READING,
-    fix="refuse a message with a number that is not finite once it is read as binary32",
+    fix="refuse messages with numbers that are not finite in binary32",
     needs=["S2.3"],
 )
 def not_finite(server: ServerPeer) -> None:
@@ -157,7 +157,7 @@ def not_finite(server: ServerPeer) -> None:
     "S5.5",
     "The wrong number of actuators is refused.",
     where=READING,
-    fix="compare the number of actuators with what the simulation has; refuse others as a whole",
+    fix="compare the number of actuators with the simulation's and refuse the whole message",
     needs=["S2.3"],
 )
 def wrong_number(server: ServerPeer) -> None:
@@ -171,7 +171,7 @@ def wrong_number(server: ServerPeer) -> None:
     "S5.6",
     "Actuators of an agent that was not asked are refused.",
     where=READING,
-    fix="look the agent up among those that were asked in this step",
+    fix="look up the agent among those asked in this step",
     d61="6.2 Actuator message",
     needs=["S2.3"],
 )
@@ -189,9 +189,9 @@ def unknown_agent(server: ServerPeer) -> None:
 
 @rule(
     "S5.7",
-    "Messages with other hashes belong to others: they are ignored.",
+    "Messages with other hashes are ignored.",
     where="protocol.md, Hash",
-    fix="compare simulation_hash with that of the episode under way in actuator messages",
+    fix="compare simulation_hash of actuator messages with the current episode's",
     d61="6.2 Discovery message, Actuator message",
     needs=["S2.3"],
 )
@@ -233,9 +233,9 @@ def foreign_server(server: ServerPeer) -> None:
 
 @rule(
     "S5.9",
-    "More than 127 levels of nesting are refused, 100 are not.",
+    "More than 127 levels of nesting are refused, 100 are accepted.",
     where=READING,
-    fix="limit the depth in your JSON reader, so that no message overflows the stack",
+    fix="limit the depth in your JSON reader to protect the stack",
     needs=["S2.3"],
 )
 def too_deep(server: ServerPeer) -> None:
@@ -264,7 +264,7 @@ def too_deep(server: ServerPeer) -> None:
     "S5.10",
     "More than 1 MiB is refused.",
     where="protocol.md, Topics; Reading",
-    fix="look at the length of a payload before you read it",
+    fix="check the length of a payload before you read it",
     needs=["S2.3"],
 )
 def too_large(server: ServerPeer) -> None:
@@ -284,9 +284,9 @@ def too_large(server: ServerPeer) -> None:
 
 @rule(
     "S5.11",
-    "1.0 is an integer, 1.5 is none.",
+    "1.0 is an integer, 1.5 is not.",
     where=READING,
-    fix="read integers as JSON numbers; take those without a fraction",
+    fix="read integers as JSON numbers without a fraction",
     needs=["S2.3"],
 )
 def integers(server: ServerPeer) -> None:
@@ -313,9 +313,9 @@ def integers(server: ServerPeer) -> None:
 
 @rule(
     "S5.12",
-    "Of repeated keys the last one counts.",
+    "The last of repeated keys counts.",
     where=READING,
-    fix="most JSON libraries keep the last of repeated keys",
+    fix="use a JSON library that keeps the last, as most do",
     needs=["S1.2"],
 )
 def repeated_keys(server: Server) -> None:
@@ -331,9 +331,9 @@ def repeated_keys(server: Server) -> None:
 
 @rule(
     "S5.13",
-    "max agents in requirements is max_agents; without max_agents in its capabilities a server has no limit.",
+    "max agents in requirements means max_agents; a server without max_agents has no limit.",
     where=f"{READING}; An episode, 1",
-    fix="read both spellings: D6.1 prints max_agents in Schema 1, max agents in Schema 2",
+    fix="accept both spellings, which D6.1 prints in Schemas 1 and 2",
     needs=["S1.6"],
 )
 def either_spelling(server: Server) -> None:
