@@ -1,14 +1,13 @@
 """The command line. One module per command, imported when its command runs.
 
-Exit status: 0 done, 1 the run failed, 2 the input is wrong, 130 interrupted; finished
-generations, if any, are kept.
+Exit status: 0 success, 1 failure, 2 invalid input, 130 interrupted (finished generations are kept).
 """
 
 from collections.abc import Sequence
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit status.
+    """Run the command line; return the exit status.
 
     arguments: without the program's name; by default those of the process.
     """

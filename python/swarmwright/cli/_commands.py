@@ -1,6 +1,6 @@
-"""The table of commands, imported on demand; a mistyped name is answered with the nearest.
+"""The table of commands, which are imported on demand.
 
-Other packages, and our own rooms that nothing imports, add commands in the entry-point group
+Other packages, and parts of this one that nothing imports, add commands in the entry-point group
 `swarmwright.commands`.
 """
 
@@ -27,7 +27,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
     "Deploy": ("export", "verify", "export-fmu", "couple"),
     "Servers": ("serve", "servers", "broker", "conformance"),
 }
-"""Headings of the help -> the commands below them, in the order of the work."""
+"""Headings of the help -> the commands below them, in the order of use."""
 COMMANDS = tuple(name for names in SECTIONS.values() for name in names)
 PLUG_INS = "swarmwright.commands"
 """Group of entry points; each is a `click.Command`."""
@@ -35,7 +35,7 @@ ANNOUNCED = {
     "score": "Evaluate the candidates of a FREVO result.",
     "conformance": "Check that a server or a tool follows the protocol.",
 }
-"""Commands of ours that are announced as entry points -> the help's line, for which they are not loaded."""
+"""Our commands that are entry points -> their line in the help, for which they need not be loaded."""
 
 
 SETTINGS = {
@@ -44,7 +44,7 @@ SETTINGS = {
     "--population": "--set method.population={}",
     "--method": "--set method.kind={}",
 }
-"""Options that are expected where an experiment is given -> what has their effect, for a value."""
+"""Options that users expect of commands with an experiment -> their replacement, {} for the value."""
 
 
 HELP_OPTIONS = ["-h", "--help"]
@@ -53,7 +53,7 @@ HELP_OPTIONS = ["-h", "--help"]
 class Command(click.Command):
     """A command whose help ends with an example.
 
-    instead: what has the effect of options that are expected and are not there, with {} for the value.
+    instead: options that users expect but that do not exist -> their replacement, with {} for the value.
     """
 
     def __init__(
@@ -63,37 +63,35 @@ class Command(click.Command):
         instead: Mapping[str, str] | None = None,
         **kwargs: Any,  # noqa: ANN401 - click's signature
     ) -> None:
-        # Here too, because click keeps the option that it made first, also where there was no program above.
+        # Also here, because click keeps the help option that it creates first, even without a parent.
         kwargs.setdefault("context_settings", {"help_option_names": HELP_OPTIONS})
         super().__init__(*args, **kwargs)
         self.example = example
         self.instead = dict(instead or {})
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the arguments; name what has the effect of an option that is expected and is not there."""
-        given = list(args)  # parsing changes it
+        """Parse the arguments; suggest the replacement of an expected option that does not exist."""
+        words = list(args)  # parsing consumes args
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
             other = self.instead.get(error.option_name)
             if other is None:
                 raise
-            instead = other.format(_value_of(error.option_name, given))
-            raise click.UsageError(
-                f"No such option '{error.option_name}'; it is '{instead}' here.", ctx
-            ) from None
+            instead = other.format(_value_of(error.option_name, words))
+            raise click.UsageError(f"No such option '{error.option_name}'; use '{instead}'.", ctx) from None
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the example as it is typed, unwrapped."""
+        """Write the example without wrapping."""
         formatter.write_paragraph()
         formatter.write("Example:\n")
         for line in self.example.splitlines():
             formatter.write(f"  {line}\n")
 
 
-def _value_of(option: str, given: list[str]) -> str:
-    """Return the value that an option was given; VALUE where there is none."""
-    for word, following in zip(given, [*given[1:], "--"], strict=True):
+def _value_of(option: str, words: list[str]) -> str:
+    """Return the value of an option on the command line, or VALUE if it has none."""
+    for word, following in zip(words, [*words[1:], "--"], strict=True):
         if word.startswith(f"{option}="):
             return word.partition("=")[2]
         if word == option and not following.startswith("-"):
@@ -102,11 +100,11 @@ def _value_of(option: str, given: list[str]) -> str:
 
 
 class Group(click.Group):
-    """A group of commands that answers a mistyped one with the nearest.
+    """A group of commands; for a mistyped name, the error suggests the nearest.
 
-    modules: name -> module that names its command `command`.
-    plug_ins: group of entry points that are further commands.
-    sections: heading -> commands that the help lists below it; without sections, one list of all.
+    modules: name -> module with the function `command`.
+    plug_ins: group of entry points with further commands.
+    sections: heading -> commands that the help lists below it; empty for a single list.
     """
 
     def __init__(
@@ -125,8 +123,8 @@ class Group(click.Group):
         self._plug_ins = plug_ins
 
     @cached_property
-    def _announced(self) -> "dict[str, list[EntryPoint]]":
-        """Entry points of commands by name; nothing is imported."""
+    def _entry_points(self) -> "dict[str, list[EntryPoint]]":
+        """Entry points of commands by name, not imported."""
         if self._plug_ins is None:
             return {}
         from swarmwright.common.entry_points import announced
@@ -134,21 +132,21 @@ class Group(click.Group):
         return announced(self._plug_ins)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of the table, then those that other packages add."""
+        """Return the names in the order of the table, then those from other packages."""
         own = list(
             dict.fromkeys([*(name for names in self.sections.values() for name in names), *self.modules])
         )
-        return [*own, *self.commands, *sorted(set(self._announced) - set(own))]
+        return [*own, *self.commands, *sorted(set(self._entry_points) - set(own))]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import the command's module, which names its command `command`."""
+        """Import the command from its module or entry point."""
         if cmd_name not in self.modules:
-            if cmd_name in self._announced:
+            if cmd_name in self._entry_points:
                 return self._plug_in(ctx, cmd_name)
             if self._plug_ins is not None and cmd_name in ANNOUNCED:
                 raise InputError(
-                    f"command '{cmd_name}': the installed package is older than its code and does not "
-                    "announce it; install Swarmwright again"
+                    f"command '{cmd_name}': the installed package is older than its code; reinstall "
+                    "Swarmwright"
                 )
             return super().get_command(ctx, cmd_name)
         command = import_module(self.modules[cmd_name]).command
@@ -156,11 +154,11 @@ class Group(click.Group):
         return command
 
     def _plug_in(self, ctx: click.Context | None, name: str) -> click.Command | None:
-        """Import the command of an entry point; where a shell completes, None for one that does not work."""
+        """Import the command of an entry point; during shell completion, None for a broken one."""
         from swarmwright.common.entry_points import OWN, described, distribution, load, only
 
         try:
-            point = only("command", self._announced[name])
+            point = only("command", self._entry_points[name])
             command = load("command", point)
             if not isinstance(command, click.Command):
                 raise InputError(f"{described('command', point)} is not a click.Command")
@@ -168,28 +166,28 @@ class Group(click.Group):
             if ctx is not None and ctx.resilient_parsing:
                 return None
             raise
-        return command if distribution(point) == OWN else _reported(command, described("command", point))
+        return command if distribution(point) == OWN else _report_errors(command, described("command", point))
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command, or say which one was meant."""
+        """Find the command, or suggest the nearest."""
         if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
             raise click.UsageError(unknown("command", args[0], self.list_commands(ctx)), ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands, below the headings of their sections where there are any."""
+        """Write the commands below the headings of their sections, if there are any."""
         if not self.sections:
             super().format_commands(ctx, formatter)
             return
-        widest = max(map(len, self.list_commands(ctx)))  # descriptions of all sections begin in one column
+        widest = max(map(len, self.list_commands(ctx)))  # aligns the descriptions of all sections
         for heading, names in self.sections.items():
             with formatter.section(heading):
                 formatter.write_dl(
                     [(name.ljust(widest), self._line(ctx, name, formatter.width)) for name in names]
                 )
-        others = set(self._announced) - {name for names in self.sections.values() for name in names}
+        others = set(self._entry_points) - {name for names in self.sections.values() for name in names}
         if others:
             with formatter.section("Other packages"):
                 formatter.write_dl([(name.ljust(widest), self._origin(name)) for name in sorted(others)])
@@ -202,19 +200,19 @@ class Group(click.Group):
         return command.get_short_help_str(width)
 
     def _origin(self, name: str) -> str:
-        """Return what the help says of a command of another package, which it does not import."""
+        """Return the line in the help for a command of another package, which is not imported."""
         from swarmwright.common.entry_points import distribution
 
-        return f"Added by the package {', '.join(sorted(set(map(distribution, self._announced[name]))))}."
+        return f"Added by the package {', '.join(sorted(set(map(distribution, self._entry_points[name]))))}."
 
     format_epilog = Command.format_epilog
 
 
-def _reported(command: click.Command, name: str) -> click.Command:
-    """Let errors of another package's command name that package, without a traceback."""
+def _report_errors(command: click.Command, name: str) -> click.Command:
+    """Let errors of another package's command name the package, without a traceback."""
     invoke = command.invoke
 
-    def reported(ctx: click.Context) -> Any:  # noqa: ANN401 - as click
+    def invoke_reporting(ctx: click.Context) -> Any:  # noqa: ANN401 - as click
         try:
             return invoke(ctx)
         except (click.ClickException, click.exceptions.Exit, click.Abort, SwarmwrightError, OSError):
@@ -224,12 +222,12 @@ def _reported(command: click.Command, name: str) -> click.Command:
                 raise
             raise PlugInError(f"{name}: {type(error).__name__}: {one_line(str(error))}") from error
 
-    command.invoke = reported  # type: ignore[method-assign]
+    command.invoke = invoke_reporting  # type: ignore[method-assign]
     return command
 
 
-def _print_version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
-    if wanted and not context.resilient_parsing:
+def _print_version(context: click.Context, _parameter: click.Parameter, is_set: bool) -> None:
+    if is_set and not context.resilient_parsing:
         from swarmwright import __version__
         from swarmwright.common.revision import revision
 

@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 
 
 class EscapingConsole(Console):
-    """Escapes every text that is rendered; control codes of rich come as such and are not changed."""
+    """A console that escapes all rendered text, except for rich's control codes."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Render as rich does."""
         for segment in super().render(renderable, options):
-            yield segment if segment.control else Segment(_escaped(segment.text), segment.style)
+            yield segment if segment.control else Segment(_escape(segment.text), segment.style)
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     return "\n".join(map(untrusted.one_line, text.split("\n")))
 
 
@@ -34,5 +34,5 @@ def text(words: str, style: str = "") -> "Text":
 
 
 def add_row(table: "Table", cells: Sequence["str | Text"]) -> None:
-    """Add a row to a table, each cell of it one line."""
+    """Add a row of single-line cells to a table."""
     table.add_row(*(text(cell) if isinstance(cell, str) else cell for cell in cells))

@@ -19,17 +19,17 @@ from swarmwright.runs.store.lock import is_locked
 
 @dataclass(frozen=True)
 class Deletion:
-    """What is deleted with a folder: a run, or a sweep with its runs."""
+    """The content of a folder to delete: a run, or a sweep with its runs."""
 
     folder: Path
     runs: list[Path]
     is_sweep: bool
     words: str
-    """What it holds, for the question."""
+    """Description for the confirmation."""
 
     @classmethod
-    def of(cls, folder: Path) -> Self:
-        """Return what is deleted with a folder.
+    def from_folder(cls, folder: Path) -> Self:
+        """Find the runs to delete with a folder.
 
         Raises:
             InputError: it holds neither a run nor a sweep.
@@ -41,25 +41,25 @@ class Deletion:
             opened = Run.open(folder)
             _check_free(folder)
             return cls(folder, [folder], False, f"{folder}: {opened.evaluations} evaluations, {opened.state}")
-        runs = [run for run in recorded if is_run(run)]  # what else has such a name is not ours
+        runs = [run for run in recorded if is_run(run)]
         for run in runs:
             _check_no_link(run)
             _check_free(run)
         evaluations = 0
         for run in runs:
-            with suppress(InputError):  # a damaged one is deleted, too
+            with suppress(InputError):  # damaged runs are deleted, too
                 evaluations += Run.open(run).evaluations
         words = f"{folder}: a sweep of {counted(len(runs), 'run')}, {evaluations} evaluations"
         return cls(folder, runs, True, words)
 
     def delete(self) -> Iterator[tuple[Path, list[str]]]:
-        """Delete it; yield each folder with the names of other files, with which it stays."""
+        """Delete the content; yield each folder with the names of other files, which remain."""
         for run in self.runs:
-            if run.exists():  # else it was named twice: by itself and by its sweep
+            if run.exists():  # otherwise it was listed both by itself and by its sweep
                 yield run, remove_run(run)
         if not self.is_sweep or not self.folder.exists():
             return
-        for name in sorted(WRITTEN):  # sweep.json is the last: without it, the folder would be no sweep
+        for name in sorted(WRITTEN):  # sweep.json, which marks a sweep, is the last
             (self.folder / name).unlink(missing_ok=True)
         left = sorted(entry.name for entry in self.folder.iterdir())
         if not left:

@@ -1,4 +1,4 @@
-"""What `optimize` and `resume` have in common: showing how it goes, and what came out."""
+"""Shared part of `optimize` and `resume`: progress and results."""
 
 import shlex
 import shutil
@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from swarmwright.cli._observing import Observing, observed
+from swarmwright.cli._observing import Observing, observe_run
 from swarmwright.cli._output import STDOUT, Output, complain
 from swarmwright.cli._progress import Progress, progress
-from swarmwright.cli._runs import failure_lines, saved_lines
+from swarmwright.cli._runs import extra_lines, failure_lines
 from swarmwright.cli._signals import INTERRUPTED, check
 from swarmwright.cli._validation import (
-    not_validated,
+    explain_missing_validation,
     transfer_of,
     unseen_facts,
     validation_facts,
@@ -43,7 +43,7 @@ FILES = {
 
 
 def watch_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """`--tensorboard DIR` and `--mlflow URI`: who else is told how it goes."""
+    """Add `--tensorboard DIR` and `--mlflow URI`."""
     tensorboard = click.option(
         "--tensorboard",
         type=click.Path(path_type=Path, file_okay=False),
@@ -69,21 +69,21 @@ def evolve(
     broker: str | None = None,
     prefix: str | None = None,
 ) -> int:
-    """Do the work, show how it goes and what came out; the exit status.
+    """Do the work, show progress and results, and return the exit status.
 
     Args:
-        output: where it is shown.
-        experiment: as it is run.
-        work: gets what is called after each generation, and what is called within.
-        tensorboard: folder for TensorBoard, if wanted.
-        mlflow: MLflow's tracking server, if wanted.
-        observing: log and figures for programs, if wanted.
-        broker: that of the run, where the experiment need not name it.
-        prefix: of topics, where the run's experiment has another one.
+        output: where to show them.
+        experiment: the experiment to run.
+        work: gets the functions to call after each generation and within it.
+        tensorboard: folder for TensorBoard, or None.
+        mlflow: MLflow's tracking server, or None.
+        observing: log and metrics for programs.
+        broker: the run's broker, if it may differ from the experiment's.
+        prefix: topic prefix, if it differs from the experiment's.
     """
     from swarmwright.runs.optimization.optimize import InterruptedWithResults, reported_by_caller
 
-    where = _where(experiment, broker, prefix)
+    where = _resume_options(experiment, broker, prefix)
     try:
         with reported_by_caller():
             return _evolve(
@@ -97,8 +97,10 @@ def evolve(
                 where=where,
             )
     except InterruptedWithResults as interrupt:
-        # On standard error: what was going to be printed of the results is not.
-        complain(f"interrupted; the results so far are kept. Go on with:\n{_resume(interrupt.folder, where)}")
+        # On standard error, in place of the results.
+        complain(
+            f"interrupted; the results so far are kept. Continue with:\n{_resume(interrupt.folder, where)}"
+        )
         return INTERRUPTED
 
 
@@ -117,13 +119,13 @@ def _evolve(
 
     reader = Reader()
     with ExitStack() as stack:
-        observer = stack.enter_context(observed(output, observing))
-        observer.started(experiment)
+        observer = stack.enter_context(observe_run(output, observing))
+        observer.log_start(experiment)
         watchers = [stack.enter_context(callback) for callback in _watchers(experiment, tensorboard, mlflow)]
         shown = stack.enter_context(progress(output, experiment.budget))
 
         def tell(generation: "Generation") -> bool:
-            observer.generation(generation)
+            observer.log_generation(generation)
             for watcher in watchers:
                 watcher(generation)
             return reader.show(shown, generation)
@@ -131,16 +133,16 @@ def _evolve(
         try:
             run = work(tell, partial(reader.evaluating, shown))
         finally:
-            reader.ended(shown)
+            reader.finish(shown)
         try:
-            observer.ended(run)
+            observer.log_end(run)
             for watcher in watchers:
                 watcher.conclude(run)
             stack.close()
         except KeyboardInterrupt:
             raise InterruptedWithResults(run.path) from None
     if reader.lost is not None:
-        return _without_output(reader.lost, run, where)
+        return _report_lost_output(reader.lost, run, where)
     try:
         _conclude(output, run, broker, where)
     except BrokenPipeError:
@@ -148,12 +150,12 @@ def _evolve(
     except OSError as error:
         if error.filename != STDOUT:
             raise
-        return _without_output(error, run, where)
+        return _report_lost_output(error, run, where)
     return INTERRUPTED if run.interrupted else 0
 
 
-def _where(experiment: "Experiment", broker: str | None, prefix: str | None) -> str:
-    """The options of `resume` without which a run would go on elsewhere, each with a space before it."""
+def _resume_options(experiment: "Experiment", broker: str | None, prefix: str | None) -> str:
+    """Return the options that `resume` needs to continue on the same broker, each after a space."""
     options = []
     if broker is not None and broker != experiment.broker:
         options += ["--broker", broker]
@@ -163,19 +165,21 @@ def _where(experiment: "Experiment", broker: str | None, prefix: str | None) -> 
 
 
 def _resume(folder: Path, where: str) -> str:
-    """The command that continues a run; `where` as `_where` returns it."""
+    """Return the command that continues a run; `where` comes from `_resume_options`."""
     return f"{program()} resume {shlex.quote(str(folder))}{where}"
 
 
-def _without_output(error: OSError, run: "Run", where: str) -> int:
-    """Say why nothing more was printed, and how to go on; the exit status."""
+def _report_lost_output(error: OSError, run: "Run", where: str) -> int:
+    """Report why nothing more was printed and how to continue; return the exit status."""
     closed = isinstance(error, BrokenPipeError)
     why = "was closed by its reader" if closed else f"cannot be written: {error.strerror}"
     if run.interrupted:
-        end = f"so the run ended early; the results so far are kept. Go on with:\n{_resume(run.path, where)}"
+        end = (
+            f"so the run ended early; the results so far are kept. Continue with:\n{_resume(run.path, where)}"
+        )
     else:
         folder = shlex.quote(str(run.path))
-        end = f"but the run is complete. See what came out with:\n{program()} runs show {folder}"
+        end = f"but the run is complete. See the results with:\n{program()} runs show {folder}"
     with suppress(OSError):
         complain(f"{STDOUT} {why}, {end}")
     return INTERRUPTED if closed else RunError.exit_status
@@ -191,14 +195,14 @@ def _watchers(experiment: "Experiment", tensorboard: Path | None, mlflow: str | 
 
 
 class Reader:
-    """The reader of the output; once gone (`| head`, a full disk), the run ends with its results kept."""
+    """The reader of the output; without it (`| head`, a full disk), the run ends and keeps its results."""
 
     def __init__(self) -> None:
         self.lost: OSError | None = None
-        """Why nothing more can be printed."""
+        """The error that ended the output, if any."""
 
     def show(self, progress: Progress, generation: "Generation") -> bool:
-        """Show a generation. Raises KeyboardInterrupt when nothing can be shown: the run is not complete."""
+        """Show a generation. Raises KeyboardInterrupt if the output is gone: the run is not complete."""
         check()
         self._write(lambda: progress.generation(generation))
         if self.lost is not None:
@@ -206,12 +210,12 @@ class Reader:
         return True
 
     def evaluating(self, progress: Progress, done: int, total: int, waiting_for: str) -> None:
-        """Show how far a generation is; when the output is closed, the run ends after it."""
+        """Show the progress of a generation; if the output is closed, the run ends after it."""
         self._write(lambda: progress.evaluating(done, total, waiting_for))
 
-    def ended(self, progress: Progress) -> None:
-        """Show the last generation where the output is still open."""
-        self._write(progress.ended)
+    def finish(self, progress: Progress) -> None:
+        """Show the last generation if the output is still open."""
+        self._write(progress.finish)
 
     def _write(self, show: Callable[[], None]) -> None:
         if self.lost is not None:
@@ -225,7 +229,7 @@ class Reader:
 
 
 def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> None:
-    """Say what came out, where everything is, and what to do next."""
+    """Print the results, the location of the files, and the next steps."""
     from swarmwright.runs import picture
 
     best = run.best
@@ -245,15 +249,15 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
         | ({} if transfer is None else {"transfer": transfer.to_mapping()})
     )
     if run.interrupted:
-        output.text("Interrupted; the results so far are kept. Go on with:")
+        output.text("Interrupted; the results so far are kept. Continue with:")
         output.text(f"  {_resume(run.path, where)}")
-    whose = f"generation {best.generation}, candidate {best.candidate}, numbered from 0"
-    output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
-    for line in _validated(run):
+    label = f"generation {best.generation}, candidate {best.candidate}, numbered from 0"
+    output.text(f"Best fitness {best.fitness + 0.0:.6g} ({label}).")
+    for line in _validation_lines(run):
         output.text(line)
     if transfer is not None:
         output.block(str(transfer))
-    for line in saved_lines(run):
+    for line in extra_lines(run):
         output.text(line)
     values = best.controller.parameters
     if values:
@@ -265,7 +269,7 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
             output.text(f"Servers: {event.text}.")
     if run.ended is not None and (run.ended != "generations" or run.generations < run.experiment.generations):
         output.text(
-            f"Ended since {run.experiment.budget.words(run.ended, run.generations, run.evaluations)}."
+            f"Ended because {run.experiment.budget.words(run.ended, run.generations, run.evaluations)}."
         )
     speed = rate(run.evaluations / max(run.seconds, 1e-3))
     output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({speed} a second).")
@@ -278,9 +282,9 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
     _hint(output, run, broker)
 
 
-def _validated(run: "Run") -> Iterator[str]:
-    """Yield lines on how far the fitness of a run can be trusted: held-out seeds, failed evaluations."""
-    validation, missing = run.validation, not_validated(run)
+def _validation_lines(run: "Run") -> Iterator[str]:
+    """Yield lines on the reliability of the fitness: held-out seeds, failed evaluations."""
+    validation, missing = run.validation, explain_missing_validation(run)
     if validation is not None:
         yield from validation_lines(validation, run)
     if missing is not None:
@@ -290,37 +294,37 @@ def _validated(run: "Run") -> Iterator[str]:
 
 
 def _hint(output: Output, run: "Run", broker: str | None) -> None:
-    """Say how the best controller can be watched, where there is something to see."""
+    """Print how to watch the best controller, if the simulation can be shown."""
     from swarmwright import SwarmwrightError
     from swarmwright.simulations import catalogue
 
     simulation = run.experiment.simulation
     folder = shlex.quote(str(run.path))
-    here = catalogue.is_local(simulation)
-    if here:
+    is_local = catalogue.is_local(simulation)
+    if is_local:
         try:
             catalogue.choose_display(simulation)
         except SwarmwrightError:
             return  # it has nothing to show
     output.text()
-    if here:
-        output.text("See the best controller at work:")
+    if is_local:
+        output.text("Watch the best controller:")
         output.text(f"  {program()} replay {folder}")
         output.text(f"  {program()} replay {folder} --save best.html --open")
         return
     file = shlex.quote(str(run.path / "experiment.yaml"))
     where = shlex.quote(broker or run.experiment.broker or "URL")
-    # What a server can show, and whether its simulation can be run here, is not known.
-    output.text("See the best controller at work, if a server on the broker has scenes:")
+    # Whether a server sends scenes, and whether its simulation runs here, is unknown.
+    output.text("Watch the best controller, if a server on the broker sends scenes:")
     output.text(f"  {program()} replay {folder} --broker {where}")
-    output.text("If a server draws on a display of its own:")
+    output.text("If a server draws on its own display:")
     output.text(f"  {program()} simulate {file} --controller {folder} --visual --broker {where}")
-    output.text("If the simulation can be run here, by its class FILE:Class or as LIBRARY:ENVIRONMENT:")
+    output.text("If the simulation runs on this machine, as FILE:Class or LIBRARY:ENVIRONMENT:")
     output.text(f"  {program()} replay {folder} --simulation NAME")
 
 
 def program() -> str:
-    """How this program is called from where the person is."""
+    """Return the command by which the user can call this program."""
     if shutil.which("swarmwright"):
         return "swarmwright"
     script = Path(sys.argv[0])

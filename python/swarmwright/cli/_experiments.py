@@ -1,4 +1,4 @@
-"""Experiments that commands are given: experiment files, and files of other tools that an importer reads."""
+"""Input files of commands: experiment files, and files of other tools that an importer reads."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,19 +10,18 @@ if TYPE_CHECKING:
     from swarmwright import Experiment
     from swarmwright.experiment.importing import Importer
 
-_IMPORT = "'swarmwright import' has options for the field and for components without a counterpart"
+_IMPORT = "'swarmwright import' has options for the field and for unsupported components"
 
 
 def experiment_of(file: Path, settings: Sequence[str]) -> "Experiment":
-    """Read an experiment file, or an XML file such as a FREVO session that an importer accepts in its place.
+    """Read an experiment file, or an XML file such as a FREVO session that an importer accepts as one.
 
-    settings: as `--set` takes them. Notes of the importer go to standard error. Raises InputError as the
-    readers do.
+    settings: in the form of `--set`. Notes of the importer go to standard error. Raises InputError.
     """
     from swarmwright import Experiment, InputError
     from swarmwright.common.files import first_character
 
-    if first_character(file) != "<":  # nor are importers loaded
+    if first_character(file) != "<":  # avoids loading importers
         return Experiment.load(file, settings)
     from swarmwright.experiment.importing import ImportOptions
 
@@ -39,34 +38,36 @@ def experiment_of(file: Path, settings: Sequence[str]) -> "Experiment":
 
 
 def importer_of(files: Sequence[Path]) -> "Importer":
-    """Return the importer that reads these files. Raises InputError where there is none."""
+    """Return the importer that reads these files. Raises InputError if there is none."""
     from swarmwright import InputError, PlugInError
     from swarmwright.common.plug_in_code import reported
 
-    asked = []
+    descriptions = []
     for importer in importers():
-        asked.append(importer.words)
+        descriptions.append(importer.words)
         try:
             with reported():
-                found = importer.recognises(files)
+                is_recognised = importer.recognises(files)
         except PlugInError as error:
             complain(str(error))
             continue
-        if found:
+        if is_recognised:
             return importer
     named = ", ".join(map(str, files))
-    raise InputError(f"{named}: no importer reads this; there are those of {', '.join(asked) or 'nothing'}")
+    raise InputError(
+        f"{named}: no importer recognises this; available importers: {', '.join(descriptions) or 'none'}"
+    )
 
 
 def importers() -> "Iterator[Importer]":
-    """Yield all importers in the order in which they are asked; name one that cannot be loaded."""
+    """Yield all importers in the order in which they are tried; report those that cannot be loaded."""
     from swarmwright import InputError
     from swarmwright.experiment.importing import IMPORTERS
 
-    found = []
+    readers = []
     for name in IMPORTERS.names():
         try:
-            found.append(IMPORTERS.get(name)())
+            readers.append(IMPORTERS.get(name)())
         except InputError as error:
             complain(str(error))
-    yield from sorted(found, key=lambda run: run.last)
+    yield from sorted(readers, key=lambda run: run.last)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 import click
 
 from swarmwright.cli._options import WholeNumber
-from swarmwright.cli._output import finite
+from swarmwright.cli._output import replace_nonfinite
 from swarmwright.common.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _NAMES = {logging.WARNING: "warning", logging.ERROR: "error", logging.CRITICAL: 
 
 
 def log_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """`--log FILE`, `--log-level LEVEL` and `--log-size MIB`."""
+    """Add `--log FILE`, `--log-level LEVEL` and `--log-size MIB`."""
     file = click.option(
         "--log",
         type=click.Path(path_type=Path, dir_okay=False, allow_dash=True),
@@ -49,15 +49,14 @@ def log_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
 
 
 class Log:
-    """Writes lines; a context manager that notes what ends the command. Without a file it writes nothing.
+    """A log of events; as a context manager, it logs the error that ends the command.
 
     Args:
-        file: where to; `-` for standard error.
-        level: the lowest that is written.
-        size: MiB; before the file grows beyond it, it is moved to FILE.1. None: it may.
+        file: path, `-` for standard error, None for no log.
+        level: lowest level to write.
+        size: MiB at which the file is moved to FILE.1; None for no limit.
 
-    Events of the engine, mainly of the embedded broker, are among the lines; the engine writes all of
-    them.
+    The engine writes the file, including its own events, mainly of the embedded broker.
     """
 
     def __init__(self, file: Path | None, level: str = "info", *, size: int | None = None) -> None:
@@ -105,8 +104,8 @@ class Log:
         if not self._active or LEVELS.index(level) < self._least:
             return
         moment = dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        line = {"time": moment, "level": level, "event": event, **_without_none(fields)}
-        text = json.dumps(finite(line), default=str)
+        line = {"time": moment, "level": level, "event": event, **_drop_none(fields)}
+        text = json.dumps(replace_nonfinite(line), default=str)
         if self._stream is None:
             from swarmwright import _engine
 
@@ -117,7 +116,7 @@ class Log:
                 self._stream.write(text + "\n")
                 self._stream.flush()
         except OSError:
-            self._active = False  # the pipe is closed: not a reason to end a run
+            self._active = False  # a closed pipe does not end a run
 
     def report(self, report: "Report") -> None:
         """Write a pool's report, see `_engine.Pool.listen`."""
@@ -144,7 +143,7 @@ class Log:
                 self.write("warning", event, **fields)
 
 
-def _without_none(fields: Mapping[str, object]) -> dict[str, object]:
+def _drop_none(fields: Mapping[str, object]) -> dict[str, object]:
     return {key: value for key, value in fields.items() if value is not None}
 
 

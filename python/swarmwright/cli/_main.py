@@ -1,4 +1,4 @@
-"""Entry of the program: runs a command and turns its end into a message and an exit status."""
+"""Entry point of the program: runs a command and converts errors to messages and exit statuses."""
 
 import errno
 import os
@@ -21,13 +21,13 @@ FAILED = 1
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit status.
+    """Run the command line; return the exit status.
 
     arguments: without the program's name; by default those of the process.
     """
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
-        # A terminal that cannot show a character shows a question mark rather than an error.
+        # A terminal shows a question mark for a character that it cannot show, instead of an error.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
     status = 0
@@ -43,9 +43,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Let output of a process that was started without (`>&-`) go nowhere, and input be empty.
+    """Open standard streams that were closed (`>&-`) as empty input and discarded output.
 
-    No other file may get the number of one of them: what a library prints would be written into it.
+    Otherwise another file could get their descriptor, and output of a library would be written into it.
     """
     for number in range(3):
         try:
@@ -77,7 +77,7 @@ def _status(arguments: Sequence[str] | None) -> int:
     except BaseException as error:
         if not isinstance(error, Exception) and not _is_panic(error):
             raise
-        if _interrupted(error):
+        if _is_interrupt(error):
             _complain("interrupted")
             return INTERRUPTED
         if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
@@ -85,7 +85,7 @@ def _status(arguments: Sequence[str] | None) -> int:
 
             _complain(not_utf8(error))
             return click.UsageError.exit_code
-        # The last resort: users never see a traceback.
+        # Users never see a traceback.
         if os.environ.get("SWARMWRIGHT_DEBUG"):
             raise
         return _show_error(error)
@@ -93,9 +93,9 @@ def _status(arguments: Sequence[str] | None) -> int:
 
 
 def _check_environment() -> None:
-    """Raise InputError for a mistake in the variable that limits instruction sets."""
+    """Raise InputError for an invalid SWARMWRIGHT_INSTRUCTIONS."""
     if os.environ.get("SWARMWRIGHT_INSTRUCTIONS"):
-        from swarmwright import _engine  # loads in 10 ms, not for --help
+        from swarmwright import _engine  # takes 10 ms, which --help saves
         from swarmwright.common.errors import engine_errors
 
         with engine_errors():
@@ -103,32 +103,32 @@ def _check_environment() -> None:
 
 
 def _ask(question: str) -> bool:
-    """Ask a person at a terminal; without a terminal, the answer is no."""
+    """Ask the user at a terminal; return False without a terminal."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
     first, *rest = untrusted.lines(question)
     return click.confirm("\n".join([first, *(f"  {line}" for line in rest)]), err=True)
 
 
-def _interrupted(error: BaseException) -> bool:
-    """Whether an error was caused by Ctrl-C: while a class is made, Python wraps exceptions.
+def _is_interrupt(error: BaseException) -> bool:
+    """Return whether Ctrl-C caused an error: Python wraps exceptions raised while a class is created.
 
-    A disk that fails while Ctrl-C is handled is a separate error.
+    A failing disk while Ctrl-C is handled is a separate error.
     """
-    seen: list[BaseException] = []  # a chain may lead back into itself
+    causes: list[BaseException] = []  # a chain may lead back into itself
     cause: BaseException | None = error
-    while cause is not None and not any(cause is earlier for earlier in seen):
+    while cause is not None and not any(cause is earlier for earlier in causes):
         if isinstance(cause, KeyboardInterrupt):
             return True
         if isinstance(cause, OSError) or type(cause).__module__ == "sqlite3":
             return False
-        seen.append(cause)
+        causes.append(cause)
         cause = cause.__cause__ or cause.__context__
     return False
 
 
 def _is_panic(error: BaseException) -> bool:
-    """Whether an error is one of the engine that it did not expect."""
+    """Return whether an error is a panic of the engine."""
     return type(error).__module__ == "pyo3_runtime"
 
 
@@ -139,8 +139,8 @@ def _invoke(arguments: list[str]) -> object:
     to_read = "--json" in arguments and not {"--help", "--version"} & set(arguments)
     try:
         with (
-            _output.only_results() if to_read else nullcontext(),
-            _output.harmless_printing(),
+            _output.reserve_stdout() if to_read else nullcontext(),
+            _output.ignore_print_errors(),
             program.make_context("swarmwright", arguments) as context,
         ):
             return program.invoke(context)
@@ -150,7 +150,7 @@ def _invoke(arguments: list[str]) -> object:
 
 def _show_usage_error(error: click.ClickException) -> None:
     message = error.format_message()
-    if message.endswith("?."):  # click ends what it is told with a full stop
+    if message.endswith("?."):  # click appends a full stop
         message = message[:-1]
     if isinstance(error, click.UsageError) and error.ctx is not None:
         help_command = f"{error.ctx.command_path} --help"
@@ -160,15 +160,15 @@ def _show_usage_error(error: click.ClickException) -> None:
 
 
 _LEFT_OUT = {"matplotlib": "matplotlib", "PIL": "pillow", "scipy": "scipy"}
-"""Packages by modules: what container images leave out, since only figures and statistics need them."""
+"""Module -> package that container images leave out, since only figures and statistics need it."""
 
 
 def _show_error(error: BaseException) -> int:
-    """Say what went wrong; the exit status that goes with it."""
+    """Print an error; return its exit status."""
     status = getattr(error, "exit_status", None)
     if isinstance(status, int):
         cause = error.__cause__
-        # Whatever could not be opened or made is only named where it was tried.
+        # The message does not mention the limit on open files.
         few_files = isinstance(cause, OSError) and cause.errno == errno.EMFILE
         _complain(f"{error}{_remedy(errno.EMFILE) if few_files else ''}")
         return status
@@ -180,22 +180,22 @@ def _show_error(error: BaseException) -> int:
         _complain(str(error))
         return FAILED
     if _no_thread(error):
-        _complain(f"no thread or process could be started: {_MORE_MEMORY}")
+        _complain(f"cannot start a thread or process: {_MORE_MEMORY}")
         return FAILED
-    # NumPy's arrays of the engine that could not be made.
+    # The engine panics with a null pointer if it cannot allocate NumPy arrays.
     if isinstance(error, MemoryError) or (_is_panic(error) and "pointer is null" in str(error)):
         _complain(
-            "there is not enough memory: take a smaller population, or let the process have more (ulimit -v, "
-            "the limits of a container or of a cluster's job)"
+            "out of memory: use a smaller population, or raise the limit (ulimit -v, "
+            "or the limits of the container or cluster job)"
         )
         return FAILED
     if isinstance(error, ModuleNotFoundError) and error.name in _LEFT_OUT:
-        _complain(f"this needs the package {_LEFT_OUT[error.name]}: pip install {_LEFT_OUT[error.name]}")
+        _complain(f"the package {_LEFT_OUT[error.name]} is missing: pip install {_LEFT_OUT[error.name]}")
         return click.UsageError.exit_code
-    plug_in_code = sys.modules.get("swarmwright.common.plug_in_code")  # not imported: then no plug-in has run
-    found = None if plug_in_code is None else plug_in_code.failure(error)
-    if found is not None:
-        _complain(str(found))
+    plug_in_code = sys.modules.get("swarmwright.common.plug_in_code")  # imported only if a plug-in has run
+    failure = None if plug_in_code is None else plug_in_code.failure(error)
+    if failure is not None:
+        _complain(str(failure))
         return FAILED
     if isinstance(error, OSError) and error.errno is not None:
         if error.filename is None and error.errno in {errno.EAGAIN, errno.ENOMEM}:  # of a new process
@@ -217,20 +217,20 @@ def _show_error(error: BaseException) -> int:
 
 
 _MORE_MEMORY = (
-    "no memory or threads are left for this process; let it have more (ulimit -v, ulimit -u, the limits of a "
-    "container or of a cluster's job), or start fewer servers"
+    "no memory or threads are left for this process; raise its limits (ulimit -v, ulimit -u, those of the "
+    "container or cluster job), or start fewer servers"
 )
 
 
 def _no_thread(error: BaseException) -> bool:
-    """Whether the system refused a thread, in Python or in the engine."""
+    """Return whether the system refused a thread, in Python or in the engine."""
     if isinstance(error, RuntimeError):
         return "can't start new thread" in str(error)
     return _is_panic(error) and any(text in str(error) for text in ("ThreadPoolBuildError", "spawn thread"))
 
 
 def _remedy(number: int) -> str:
-    """Return what helps against an error of the system, as far as that is known."""
+    """Return the remedy for a system error, empty if unknown."""
     if number == errno.ENOSPC:
         return "; free some space and run again"
     if number == errno.EMFILE:
@@ -244,49 +244,49 @@ def _complain(message: str, *, hint: str = "") -> None:
 
 
 def _reader_gone() -> None:
-    """The reader of the output left (`| head`): end silently, and keep Python from reporting it at exit."""
+    """End silently after the reader of the output has left (`| head`); Python must not report it at exit."""
     sink = os.open(os.devnull, os.O_WRONLY)
     os.dup2(sink, sys.stdout.fileno())
     os.close(sink)
 
 
 _PACKAGES = {"PIL": "pillow", "ruamel": "ruamel.yaml"}
-"""Packages by the modules that are called otherwise, also where they are not installed."""
+"""Module -> package with another name, even if it is not installed."""
 _REQUIREMENT = re.compile(r"(?P<package>[\w.-]+)\s*(?P<versions>[^;]*)(?P<marker>.*)")
 
 
 def import_problem(error: ImportError) -> str | None:
-    """Return which required package is missing or unsuitable, and what to install; None for other modules."""
+    """Return a message on a missing or unsuitable package that is required; None for other modules."""
     module = (error.name or "").partition(".")[0]
     if not module or module == "swarmwright":
         return None
     package = _PACKAGES.get(module) or next(iter(metadata.packages_distributions().get(module, ())), module)
-    for owner in ("swarmwright", *_required("swarmwright")):
-        versions = _required(owner).get(_normalized(package))
+    for owner in ("swarmwright", *_read_requirements("swarmwright")):
+        versions = _read_requirements(owner).get(_normalize(package))
         if versions is None:
             continue
         try:
-            found = f"{metadata.version(package)} cannot be used ({str(error).splitlines()[0]})"
+            state = f"{metadata.version(package)} cannot be used ({str(error).splitlines()[0]})"
         except metadata.PackageNotFoundError:
-            found = "is not installed"
+            state = "is not installed"
         needing = "Swarmwright" if owner == "swarmwright" else owner
-        wanted = f"{package}{versions}"
-        return f"the package {package} {found}: {needing} needs {wanted}: pip install '{wanted}'"
+        requirement = f"{package}{versions}"
+        return f"the package {package} {state}: {needing} needs {requirement}: pip install '{requirement}'"
     return None
 
 
-def _required(package: str) -> dict[str, str]:
-    """Return the versions that a package requires of others, `>=2.10,<3`, without those of its extras."""
+def _read_requirements(package: str) -> dict[str, str]:
+    """Return package -> required versions, such as `>=2.10,<3`, without extras."""
     try:
         lines = metadata.requires(package) or []
     except metadata.PackageNotFoundError:
         return {}
-    found = [
+    matches = [
         match for line in lines if (match := _REQUIREMENT.match(line)) and "extra" not in match["marker"]
     ]
-    return {_normalized(requirement["package"]): requirement["versions"].strip() for requirement in found}
+    return {_normalize(requirement["package"]): requirement["versions"].strip() for requirement in matches}
 
 
-def _normalized(package: str) -> str:
-    """Return the name of a package as it is compared."""
+def _normalize(package: str) -> str:
+    """Normalize the name of a package for comparison."""
     return re.sub(r"[-_.]+", "-", package).lower()

@@ -1,4 +1,4 @@
-"""What observes a run from the command line: callbacks, logs, warnings."""
+"""Observers of a run on the command line: logs, metrics, warnings."""
 
 import re
 import time
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
 
 
 PAUSE_S = 10.0
-"""Seconds until the first count of one kind; the pause before the next one is twice as long each time."""
+"""Seconds until the first count of a kind of warning; each further pause is twice as long."""
 _SERVER = re.compile(r"\bserver (\d+)")
 NAMED = 10
-"""Servers that a count names, at most."""
+"""Largest number of servers that a count names."""
 _COUNT = re.compile(r"(\d+) more warnings? of the same kind: ")
-"""How the pool begins a line that counts repetitions."""
+"""Beginning of a line of the pool that counts repetitions."""
 
 
 class Warnings:
-    """Shows warnings on standard error: the first of each kind, then how many more on which servers."""
+    """Shows warnings on standard error: the first of each kind, then counts per server."""
 
     def __init__(self) -> None:
         self._kinds: dict[str, _Kind] = {}
 
     def report(self, report: "Report") -> None:
-        """Show what a pool told, see `_engine.Pool.listen`."""
+        """Show a warning reported by a pool, see `_engine.Pool.listen`."""
         match report["event"]:
             case "warning":
                 self._warn(str(report["message"]))
@@ -56,7 +56,7 @@ class Warnings:
             _show(text)
             return
         kind.add(message, more)
-        if time.monotonic() - kind.told >= kind.pause:
+        if time.monotonic() - kind.shown_at >= kind.pause:
             kind.count()
 
     def close(self) -> None:
@@ -66,12 +66,12 @@ class Warnings:
 
 
 class _Kind:
-    """Repetitions of a message since they were last counted, by the server that they name first."""
+    """Repetitions of a message since the last count, per first server in the message."""
 
     def __init__(self, text: str) -> None:
         self.text = text
         self.pause = PAUSE_S
-        self.told = time.monotonic()
+        self.shown_at = time.monotonic()
         self._more = 0
         self._servers: Counter[int] = Counter()
 
@@ -90,7 +90,7 @@ class _Kind:
             named = f" ({named})" if servers else ""
             _show(f"{self._more} more {warnings} of the same kind{named}: {text}")
             self.pause *= 2
-        self._more, self.told = 0, time.monotonic()
+        self._more, self.shown_at = 0, time.monotonic()
         self._servers.clear()
 
 
@@ -99,14 +99,14 @@ def _show(text: str) -> None:
 
 
 class Endpoint(click.ParamType[tuple[str, int]]):
-    """HOST:PORT, or PORT for this machine alone."""
+    """HOST:PORT, or PORT on the loopback address."""
 
     name = "endpoint"
 
     def convert(
         self, value: str | tuple[str, int], param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, int]:
-        """Host and port."""
+        """Return host and port."""
         if isinstance(value, tuple):
             return value
         host, _, port = value.rpartition(":")
@@ -117,7 +117,7 @@ class Endpoint(click.ParamType[tuple[str, int]]):
 
 
 def observe_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """`--log FILE` with its level and size, and `--metrics HOST:PORT`."""
+    """Add `--log FILE` with its level and size, and `--metrics HOST:PORT`."""
     metrics = click.option(
         "--metrics",
         type=Endpoint(),
@@ -129,7 +129,7 @@ def observe_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
 
 @dataclass(frozen=True)
 class Observing:
-    """What is wanted."""
+    """Options for the log and the metrics."""
 
     log: Path | None = None
     log_level: str = "info"
@@ -138,14 +138,14 @@ class Observing:
 
 
 class ToolObserver:
-    """Receives the progress of an optimization."""
+    """Writes the progress of an optimization to the log and the metrics."""
 
     def __init__(self, log: Log, figures: "ToolFigures | None") -> None:
         self.log = log
         self._figures = figures
 
-    def started(self, experiment: "Experiment") -> None:
-        """A run begins, or goes on."""
+    def log_start(self, experiment: "Experiment") -> None:
+        """Log that a run begins or continues."""
         self.log.write(
             "info",
             "run_started",
@@ -155,15 +155,15 @@ class ToolObserver:
             generations=experiment.budget.generations,
         )
 
-    def generation(self, generation: "Generation") -> None:
-        """A generation has been evaluated."""
+    def log_generation(self, generation: "Generation") -> None:
+        """Log an evaluated generation."""
         if self._figures is not None:
             self._figures.generation(generation)
         values = {field.name: getattr(generation, field.name) for field in fields(generation)}
         self.log.write("info", "generation", **{**values, "waiting_for": generation.waiting_for or None})
 
-    def ended(self, run: "Run") -> None:
-        """A run has ended."""
+    def log_end(self, run: "Run") -> None:
+        """Log the end of a run."""
         self.log.write(
             "info",
             "run_ended",
@@ -176,37 +176,37 @@ class ToolObserver:
 
 
 @contextmanager
-def observed(output: Output, wanted: Observing) -> Iterator[ToolObserver]:
-    """Open what is wanted of an optimization tool for the time of a `with` block, and show its warnings."""
+def observe_run(output: Output, observing: Observing) -> Iterator[ToolObserver]:
+    """Open the log and metrics of an optimization during a `with` block, and show its warnings."""
     from swarmwright.servers.evaluation.reports import listening
 
     with ExitStack() as stack:
-        log = stack.enter_context(Log(wanted.log, wanted.log_level, size=wanted.log_size))
+        log = stack.enter_context(Log(observing.log, observing.log_level, size=observing.log_size))
         warnings = stack.enter_context(closing(Warnings()))
         stack.enter_context(listening(warnings.report, warnings_only=True))
         figures = None
         if log:
             stack.enter_context(listening(log.report))
-        if wanted.metrics is not None:
+        if observing.metrics is not None:
             from swarmwright.runs.monitoring.prometheus import ToolFigures, offered
 
             figures = ToolFigures()
-            _say(output, log, stack.enter_context(offered(figures, *wanted.metrics)))
+            _say(output, log, stack.enter_context(offered(figures, *observing.metrics)))
             stack.enter_context(listening(figures.report))
         yield ToolObserver(log, figures)
 
 
 @contextmanager
-def observed_servers(output: Output, wanted: Observing) -> "Iterator[tuple[Log, ServeFigures | None]]":
-    """Open what is wanted of servers, for the time of a `with` block."""
+def observe_servers(output: Output, observing: Observing) -> "Iterator[tuple[Log, ServeFigures | None]]":
+    """Open the log and metrics of servers during a `with` block."""
     with ExitStack() as stack:
-        log = stack.enter_context(Log(wanted.log, wanted.log_level, size=wanted.log_size))
+        log = stack.enter_context(Log(observing.log, observing.log_level, size=observing.log_size))
         figures = None
-        if wanted.metrics is not None:
+        if observing.metrics is not None:
             from swarmwright.runs.monitoring.prometheus import ServeFigures, offered
 
             figures = ServeFigures()
-            _say(output, log, stack.enter_context(offered(figures, *wanted.metrics)))
+            _say(output, log, stack.enter_context(offered(figures, *observing.metrics)))
         yield log, figures
 
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import click
 
-from swarmwright.cli._output import Output, aside
+from swarmwright.cli._output import Output, print_note
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.experiment.broker_address import (
     PREFIX_VARIABLE,
@@ -40,36 +40,36 @@ class WholeNumber(click.IntRange):
 
 
 class RealNumber(click.FloatRange):
-    """A number in a range; NaN, which no limit excludes, is none."""
+    """A number in a range; NaN, which no limit excludes, is refused."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401 - click's signature
         """The number."""
-        found = float(super().convert(value, param, ctx))
-        if math.isnan(found):
+        number = float(super().convert(value, param, ctx))
+        if math.isnan(number):
             self.fail(f"'{value}' is not a number.", param, ctx)
-        return found
+        return number
 
 
 class FiniteNumber(click.ParamType[float]):
-    """Any finite number; help shows no range, which those of a float would make unreadable."""
+    """Any finite number; help shows no range."""
 
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401 - click's signature
         """The number."""
-        found = float(click.FLOAT.convert(value, param, ctx))
-        if not math.isfinite(found):
+        number = float(click.FLOAT.convert(value, param, ctx))
+        if not math.isfinite(number):
             self.fail(f"'{value}' is not a finite number.", param, ctx)
-        return found
+        return number
 
 
 class BrokerUrl(click.ParamType[str]):
-    """Address of a broker; without password, because every user of the machine can list processes."""
+    """Address of a broker, without a password: other users of the machine can list processes."""
 
     name = "url"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The address as it is, when nothing is wrong with it."""
+        """Check the address."""
         problem = broker_problem(value)
         if problem:
             self.fail(f"the broker's address {problem}.", param, ctx)
@@ -82,7 +82,7 @@ class Prefix(click.ParamType[str]):
     name = "prefix"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The prefix as it is, when nothing is wrong with it."""
+        """Check the prefix."""
         problem = prefix_problem(value)
         if problem:
             self.fail(f"'{value}' {problem}.", param, ctx)
@@ -90,10 +90,10 @@ class Prefix(click.ParamType[str]):
 
 
 class ExistingPath(click.ParamType[Path]):
-    """A file or folder that is there; a mistyped one is answered with its nearest neighbour.
+    """An existing file or folder; for a mistyped path, the error suggests its nearest neighbour.
 
-    folder: whether a folder is wanted rather than a file; None takes either. for_experiment: what an
-    experiment file is for where the folder of a run is wanted; `FILE` and `PAGE` in it are replaced.
+    folder: True for a folder, False for a file, None for either. for_experiment: hint for an experiment file
+    in place of a run folder; `FILE` and `PAGE` in it are replaced.
     """
 
     name = "path"
@@ -103,7 +103,7 @@ class ExistingPath(click.ParamType[Path]):
         self.for_experiment = for_experiment
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path, if it is there and of the right kind."""
+        """Check that the path exists and is of the right kind."""
         path = Path(value)
         if not path.exists():
             if path.is_symlink():
@@ -118,7 +118,7 @@ class ExistingPath(click.ParamType[Path]):
         return path
 
     def _instead(self, file: Path) -> str:
-        """Return what to do with a file of a run or with an experiment file, empty for another one."""
+        """Return a hint for a file of a run or for an experiment file; empty for other files."""
         if (file.parent / "run.sqlite").is_file():
             return f": name the folder of the run, {shlex.quote(str(file.parent))}"
         if file.suffix.lower() not in {".yaml", ".yml"}:
@@ -135,7 +135,7 @@ class ControllerOrCandidate(click.ParamType[str]):
     name = "controller"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """What was given, if the file or folder is there."""
+        """Check that the file or folder exists."""
         run, *numbers = value.rsplit(":", 2)
         if len(numbers) == 2 and not Path(value).exists():
             ExistingPath(folder=True).convert(run, param, ctx)
@@ -146,20 +146,20 @@ class ControllerOrCandidate(click.ParamType[str]):
 
 
 class OutputFile(click.ParamType[Path]):
-    """A file to be written later, checked as far as possible before the work whose results it gets."""
+    """A file to write later, checked as far as possible before the work starts."""
 
     name = "path"
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path, if a file can be there."""
+        """Check that the file can be written."""
         path = Path(value)
         if path.is_dir():
             self.fail(f"'{path}' is a folder where a file is expected.", param, ctx)
         if not path.parent.is_dir():
             self.fail(f"'{path}': there is no folder '{path.parent}'; create it first.", param, ctx)
-        place = path if path.exists() else path.parent
-        if not os.access(place, os.W_OK):
-            reason = errno.EROFS if os.statvfs(place).f_flag & os.ST_RDONLY else errno.EACCES
+        target = path if path.exists() else path.parent
+        if not os.access(target, os.W_OK):
+            reason = errno.EROFS if os.statvfs(target).f_flag & os.ST_RDONLY else errno.EACCES
             self.fail(f"{path}: cannot be written: {os.strerror(reason)}", param, ctx)
         return path
 
@@ -170,14 +170,14 @@ class OutputFolder(click.ParamType[Path]):
     name = "path"
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path; "" does not mean the working folder, which is '.'."""
+        """Refuse "", which does not mean the working folder ('.')."""
         if value == "":
             self.fail("it is empty; name a folder, or '.' for the working folder.", param, ctx)
         return Path(value)
 
 
 class OutputOption(click.Option):
-    """An option that names what is written; other names that users expect are accepted as well, unlisted."""
+    """An option for an output file or folder; names that users expect are accepted too, but not listed."""
 
     aliases: ClassVar[tuple[str, ...]] = ("--out", "--output")
 
@@ -192,13 +192,13 @@ class OutputOption(click.Option):
 
 
 class SaveOption(OutputOption):
-    """The same for a file with what is shown otherwise."""
+    """An output option for a file with content that is shown otherwise."""
 
     aliases = (*OutputOption.aliases, "--save")
 
 
 def _experiment_in(folder: Path) -> str:
-    """Return what may be meant by the folder of a run, empty for another folder."""
+    """Return a hint for the folder of a run in place of a file; empty for other folders."""
     if not (folder / "run.sqlite").is_file():
         return ""
     return (
@@ -208,10 +208,10 @@ def _experiment_in(folder: Path) -> str:
 
 
 def _target(link: Path) -> str:
-    """Return what a link names."""
+    """Return the target of a link."""
     try:
         return os.fspath(link.readlink())
-    except OSError:  # it has gone
+    except OSError:  # deleted meanwhile
         return "something"
 
 
@@ -233,7 +233,7 @@ class ServerCount(click.ParamType[Servers]):
     name = "auto|local|in-process|N|LAUNCHER:N"
 
     def convert(self, value: str | int, param: click.Parameter | None, ctx: click.Context | None) -> Servers:
-        """The word or the number."""
+        """Parse the word or the number."""
         if value in _SERVER_WORDS or (isinstance(value, str) and ":" in value):
             return value
         try:
@@ -251,7 +251,7 @@ class ServerCount(click.ParamType[Servers]):
 
 
 def _leave_out_hint(value: str) -> str:
-    """Return what to do for the launcher of the experiment, empty for a text that is no launcher."""
+    """Return a hint for the name of a launcher without a number; empty for other texts."""
     from swarmwright.servers.launchers import LAUNCHERS
 
     return "; leave --servers out to use the experiment's" if value in LAUNCHERS.names() else ""
@@ -265,7 +265,7 @@ class CandidateId(click.ParamType[tuple[int | None, int]]):
     def convert(
         self, value: str, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[int | None, int]:
-        """Generation, if one is named, and candidate."""
+        """Return generation, None if it is missing, and candidate."""
         number = WholeNumber(min=0, max=2**63 - 1)
         generation, colon, candidate = value.rpartition(":")
         if not all(
@@ -281,7 +281,7 @@ class CandidateId(click.ParamType[tuple[int | None, int]]):
 
 
 class Renamed(click.ParamType[tuple[str, str]]):
-    """A name and another one for it."""
+    """A group or task, and its new name."""
 
     name = "GROUP=NAME"
 
@@ -291,7 +291,7 @@ class Renamed(click.ParamType[tuple[str, str]]):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> tuple[str, str]:
-        """Split it at the first equals sign."""
+        """Split at the first equals sign."""
         if isinstance(value, tuple):
             return value
         old, equals, new = str(value).partition("=")
@@ -311,7 +311,7 @@ class ObjectiveValue(click.ParamType[tuple[str, float]]):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> tuple[str, float]:
-        """The name and the value."""
+        """Return the name and the value."""
         if isinstance(value, tuple):
             return value
         name, equals, number = value.partition("=")
@@ -324,14 +324,14 @@ Decorator = Callable[[Any], Any]
 
 
 def combine_options(*options: Decorator) -> Decorator:
-    """Return one decorator for several options, which the help lists in this order."""
+    """Return a decorator that adds several options, in the order of the help."""
 
-    def decorated(command: Any) -> Any:  # noqa: ANN401 - click's decorators
+    def decorate(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         for option in reversed(options):
             command = option(command)
         return command
 
-    return decorated
+    return decorate
 
 
 servers_option: Decorator = click.option(
@@ -357,8 +357,8 @@ simulation_option: Decorator = click.option(
 )
 
 
-def _trust(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
-    if wanted:
+def _trust(context: click.Context, _parameter: click.Parameter, is_set: bool) -> None:
+    if is_set:
         from swarmwright.simulations.user_code.trust import trusting
 
         context.with_resource(trusting())
@@ -376,7 +376,7 @@ trust_option: Decorator = click.option(
 def set_option(
     text: str = "Override a value of FILE: method.generations=50, 'controller.hidden=[8, 4]'.",
 ) -> Decorator:
-    """`--set KEY=VALUE`, may be repeated: overrides values of the experiment."""
+    """Add `--set KEY=VALUE`, which overrides values of the experiment and can be repeated."""
     return click.option(
         "--set",
         "settings",
@@ -392,7 +392,7 @@ json_option: Decorator = click.option(
 
 
 def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """`--candidate G:N`, or `--generation G --candidate N`: one line of a run's record.
+    """Add `--candidate G:N`, or `--generation G --candidate N`: an evaluation in a run's record.
 
     The command gets `generation` and `candidate`, as `Run.evaluation` takes them.
     """
@@ -416,12 +416,18 @@ Counted from 0. Default: the best.""",
 
     @functools.wraps(command)
     def with_candidate(
-        *, generation: int | None, chosen: tuple[int | None, int] | None, **others: object
+        *, generation: int | None, chosen: tuple[int | None, int] | None, **options: object
     ) -> Any:  # noqa: ANN401
-        of, number = chosen or (None, None)
-        if of is not None and generation is not None:
-            raise click.UsageError(f"--candidate {of}:{number} names the generation; leave out --generation.")
-        return command(generation=generation if of is None else of, candidate=number, **others)
+        chosen_generation, number = chosen or (None, None)
+        if chosen_generation is not None and generation is not None:
+            raise click.UsageError(
+                f"--candidate {chosen_generation}:{number} names the generation; leave out --generation."
+            )
+        return command(
+            generation=generation if chosen_generation is None else chosen_generation,
+            candidate=number,
+            **options,
+        )
 
     return candidate(generation(with_candidate))
 
@@ -448,6 +454,7 @@ at_episodes_option: Decorator = click.option(
 _BY_OPTIONS: tuple[Decorator, ...] = (
     click.option(
         "--by",
+        "criterion",
         type=click.Choice(["fitness", "hypervolume", "qd_score", "coverage"]),
         default="fitness",
         show_default=True,
@@ -500,7 +507,7 @@ _SHOWN_OPTIONS: tuple[Decorator, ...] = (
 compare_options = combine_options(
     *_BY_OPTIONS, at_option, at_episodes_option, held_out_option, *_SHOWN_OPTIONS
 )
-"""What commands that compare runs have in common: the fields of `_comparison.Compared`."""
+"""Options shared by commands that compare runs: the fields of `_comparison.ComparisonOptions`."""
 
 
 DEFAULT_BROKER = "mqtt://localhost:1883"
@@ -508,9 +515,9 @@ BROKER_VARIABLE = "SWARMWRIGHT_BROKER"
 
 
 def broker_option(*, default: str | None, text: str) -> Decorator:
-    """`--broker URL`. The environment's SWARMWRIGHT_BROKER comes before a default.
+    """Add `--broker URL`. SWARMWRIGHT_BROKER has priority over a default.
 
-    Commands without a default read it themselves, after the experiment file: see `experiment_broker`.
+    Commands without a default read it after the experiment file: see `experiment_broker`.
     """
     return click.option(
         "--broker",
@@ -544,7 +551,7 @@ prefix_option: Decorator = click.option(
 def _clear_environment_prefix(
     _context: click.Context, _parameter: click.Parameter, prefix: str | None
 ) -> str | None:
-    """Let an empty prefix, which an experiment cannot distinguish from none, win over the environment's."""
+    """Let an empty `--prefix`, which experiments cannot distinguish from none, override the environment's."""
     if prefix == "":
         os.environ.pop(PREFIX_VARIABLE, None)
     return prefix
@@ -569,7 +576,7 @@ def experiment_broker_options(
 
 
 def prefix_settings(prefix: str | None) -> tuple[str, ...]:
-    """The setting of an experiment that `--prefix` stands for, as `--set` takes it."""
+    """Return `--prefix` as settings in the form of `--set`."""
     return () if prefix is None else (f"prefix={json.dumps(prefix)}",)
 
 
@@ -581,20 +588,20 @@ wait_option: Decorator = click.option(
 )
 
 
-def experiment_broker(broker: str | None, of_experiment: str | None, servers: object) -> str | None:
-    """The broker of an experiment: the option, then the experiment file, then the environment.
+def experiment_broker(broker: str | None, experiment_value: str | None, servers: object) -> str | None:
+    """Return the broker of an experiment: the option, then the experiment file, then the environment.
 
-    None when none is named or the experiment is evaluated in this process: then nothing is connected to.
+    None without a broker, and for evaluation in this process, which connects to none.
     """
-    if broker is not None or of_experiment is not None or servers in ("local", "in-process"):
+    if broker is not None or experiment_value is not None or servers in ("local", "in-process"):
         return broker
     return _environment_broker()
 
 
 def peer_broker(broker: str | None, command: str | None) -> str | None:
-    """The broker on which a peer is tried: the option; for one without `command`, the environment.
+    """Return the broker for checking a peer: the option, or without `command` the environment's.
 
-    None when none is named: then the kit starts one.
+    None without a broker: then the kit starts one.
     """
     chosen = _environment_broker() if broker is None and command is None else broker
     if chosen is not None and "," in chosen:
@@ -603,7 +610,7 @@ def peer_broker(broker: str | None, command: str | None) -> str | None:
 
 
 def peer_prefix(prefix: str | None, broker: str | None) -> str:
-    """The prefix under which a peer is tried: the option; on a broker that is named, the environment's.
+    """Return the prefix for checking a peer: the option, or on a named broker the environment's.
 
     A peer that the kit starts inherits it.
     """
@@ -626,7 +633,7 @@ LINES = 20
 
 
 @contextmanager
-def _shown() -> Iterator[None]:
+def _collect_server_output() -> Iterator[None]:
     from swarmwright.servers.supervision import listening_to_output
 
     last: deque[str] = deque(maxlen=LINES)
@@ -635,28 +642,28 @@ def _shown() -> Iterator[None]:
             yield
     finally:
         if last:
-            aside(f"The last output of the servers ({LINES} lines at most):", last)
+            print_note(f"The last output of the servers ({LINES} lines at most):", last)
 
 
-def _wanted(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        context.with_resource(_shown())
+def _show_server_output(context: click.Context, _parameter: click.Parameter, is_set: bool) -> None:
+    if is_set:
+        context.with_resource(_collect_server_output())
 
 
 def server_output_option(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """`--server-output`, which a command need not know of."""
+    """Add `--server-output`, which the command itself does not receive."""
     option = click.option(
         "--server-output",
         is_flag=True,
         expose_value=False,
-        callback=_wanted,
+        callback=_show_server_output,
         help=f"At the end, show the last {LINES} output lines of local servers on standard error.",
     )
     return option(command)
 
 
 def episodes_options(figure: str, table: str) -> Decorator:
-    """`--out FILE` for a figure of episodes and `--csv FILE` for a table of them; their help.
+    """Add `--out FILE` for a figure of episodes and `--csv FILE` for a table, with these help texts.
 
     The command gets `picture` and `table`, whose endings are checked before it runs.
     """
@@ -669,7 +676,7 @@ def episodes_options(figure: str, table: str) -> Decorator:
 
 def _with_checked_files(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     @functools.wraps(command)
-    def checking(picture: Path | None, table: Path | None, **others: Any) -> Any:  # noqa: ANN401 - the command's
+    def checking(picture: Path | None, table: Path | None, **options: Any) -> Any:  # noqa: ANN401 - the command's
         if picture is not None:
             from swarmwright.display.figures import style
 
@@ -678,16 +685,16 @@ def _with_checked_files(command: Any) -> Any:  # noqa: ANN401 - click's decorato
             from swarmwright.analysis.table import CSV, check
 
             check(table, CSV)
-        return command(picture=picture, table=table, **others)
+        return command(picture=picture, table=table, **options)
 
     return checking
 
 
-def write_episodes(output: Output, found: Any, picture: Path | None, table: Path | None) -> None:  # noqa: ANN401
-    """Write the files of `episodes_options`. found: has `plot` and `export`."""
+def write_episodes(output: Output, evaluation: Any, picture: Path | None, table: Path | None) -> None:  # noqa: ANN401
+    """Write the files of `episodes_options`. evaluation: has `plot` and `export`."""
     if table is not None:
-        found.export(table)
+        evaluation.export(table)
         output.text(f"Every episode is in {table}")
     if picture is not None:
-        found.plot(picture)
+        evaluation.plot(picture)
         output.text(f"The figure is in {picture}")

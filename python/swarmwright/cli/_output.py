@@ -1,9 +1,8 @@
 """Output of commands: rich on a terminal, plain lines when piped, one JSON object per line with `--json`.
 
-All output passes through here, and here it is escaped, see `swarmwright.common.untrusted`: any part of it
-may be text of a peer or of a file. Layout is what the functions below make of their arguments: each `text`
-is one line, further lines of a message are indented. So text of others can never begin a line at the left
-margin.
+All output passes through this module, which escapes it (see `swarmwright.common.untrusted`): any part may be
+text from a peer or a file. The functions below control the layout: each `text` is one line, further lines of
+a message are indented. So foreign text never begins a line at the left margin.
 """
 
 import ctypes
@@ -34,22 +33,21 @@ _PARTS = re.compile("`[^`]*`| +|[^ `]+|`")
 _COMMAND = re.compile(r" +(\S*/)?(swarmwright |python\S* -m swarmwright )")
 """An indented line that is a command: see `program` in `_evolving`."""
 _results: TextIO | None = None
-"""Standard output, while what other code prints goes to standard error."""
+"""The real standard output, while prints of other code go to standard error."""
 
 
 @contextmanager
-def only_results() -> Iterator[None]:
-    """Within the block, only what a command prints itself is on standard output.
+def reserve_stdout() -> Iterator[None]:
+    """Reserve standard output for the command's own results, which a program reads with `--json`.
 
-    A program reads it with `--json`; what the code of simulations and modules prints, in Python or in C, goes
-    to standard error.
+    Prints of simulations and modules, in Python or in C, go to standard error.
     """
     global _results
     before = sys.stdout
     if _results is not None or before is None:
         yield
         return
-    with _own_descriptor(before) as stream:
+    with _redirect_descriptor(before) as stream:
         _results, sys.stdout = stream, sys.stderr
         try:
             yield
@@ -58,8 +56,8 @@ def only_results() -> Iterator[None]:
 
 
 @contextmanager
-def _own_descriptor(stream: TextIO) -> Iterator[TextIO]:
-    """Yield a stream to where `stream` writes, while file descriptor 1, which C code writes to, is stderr."""
+def _redirect_descriptor(stream: TextIO) -> Iterator[TextIO]:
+    """Yield a copy of `stream`, while file descriptor 1, which C code writes to, is standard error."""
     try:
         is_standard, error = stream.fileno() == _STDOUT, sys.stderr.fileno()
     except (AttributeError, OSError, ValueError):  # replaced by another program
@@ -81,30 +79,30 @@ def _own_descriptor(stream: TextIO) -> Iterator[TextIO]:
         try:
             yield own
         finally:
-            # What C code has printed may still be in its buffer.
+            # C code may have buffered output.
             ctypes.CDLL(None).fflush(None)
             os.dup2(number, _STDOUT)
 
 
 class _Harmless:
-    """A stream where other code prints: what cannot be written is lost, without an error."""
+    """A stream for prints of other code, which ignores write errors."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 
     def write(self, text: str) -> int:
-        """Write what can be written."""
+        """Write the text, if possible."""
         with suppress(OSError):
             self._stream.write(text)
         return len(text)
 
     def writelines(self, lines: Iterable[str]) -> None:
-        """Write what can be written."""
+        """Write the text, if possible."""
         for line in lines:
             self.write(line)
 
     def flush(self) -> None:
-        """Write what is kept, if it can be written."""
+        """Write buffered text, if possible."""
         with suppress(OSError):
             self._stream.flush()
 
@@ -113,11 +111,11 @@ class _Harmless:
 
 
 @contextmanager
-def harmless_printing() -> Iterator[None]:
-    """Within the block, code of simulations may print whatever became of the output.
+def ignore_print_errors() -> Iterator[None]:
+    """Ignore errors when code of simulations prints.
 
-    A reader that has gone (`| head`) or a full disk would be errors of the simulation otherwise, and
-    candidates would fail by them. Commands notice both in what they print themselves.
+    Otherwise a closed pipe (`| head`) or a full disk would fail the simulation and its candidates. Commands
+    notice both in their own output.
     """
     global _results  # noqa: PLW0603 - of the process, as the streams are
     before, ours = (sys.stdout, sys.stderr), _results
@@ -133,19 +131,19 @@ def harmless_printing() -> Iterator[None]:
         (sys.stdout, sys.stderr), _results = before, ours
 
 
-def results() -> TextIO:
+def get_stdout() -> TextIO:
     """Return standard output."""
     return sys.stdout if _results is None else _results
 
 
-def finite(value: object) -> object:
-    """The value as JSON can carry it: NaN and infinities become null, in any depth."""
+def replace_nonfinite(value: object) -> object:
+    """Replace NaN and infinities, which JSON lacks, by None, at any depth."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
+        return {str(key): replace_nonfinite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
+        return [replace_nonfinite(item) for item in value]
     return value
 
 
@@ -174,43 +172,42 @@ def complain(message: str, *, hint: str = "") -> None:
     _print([f"swarmwright: {first}", *(f"  {line}" for line in rest), *([hint] if hint else [])], errors=True)
 
 
-def aside(line: str, below: Iterable[str] = ()) -> None:
+def print_note(line: str, below: Iterable[str] = ()) -> None:
     """Print a line on standard error, and others indented below it."""
     _print([untrusted.one_line(line), *(f"  {untrusted.one_line(row)}" for row in below)], errors=True)
 
 
-def document(text: str) -> None:
-    """Print a document to standard output, as it is where a file or another program takes it."""
-    stream = results()
+def print_document(text: str) -> None:
+    """Print a document to standard output; on a terminal, escaped."""
+    stream = get_stdout()
     if stream.isatty():
         text = "".join(f"{line}\n" for line in untrusted.lines(text))
     stream.write(text)
     stream.flush()
 
 
-def wrapped(line: str, width: int) -> list[str]:
-    """Return a line as lines of at most so many columns, broken between words; all but the first indented.
+def wrap_line(line: str, width: int) -> list[str]:
+    """Break a line between words into lines of at most `width` columns; all but the first are indented.
 
-    Rows of tables are broken between columns where that is possible in their right half. Commands are not
-    broken, so that they can be copied: a line that is an indented command, and text in `backticks`. What
-    has no place for a break is left to the terminal.
+    Rows of tables are broken between columns if possible in their right half. Indented commands and text in
+    `backticks` are not broken, so that they can be copied. The terminal breaks longer words.
     """
     if len(line) <= width or width < _NARROWEST or _COMMAND.match(line):
         return [line]
     text = line.lstrip(" ")
     indent = " " * (len(line) - len(text))
-    found: list[str] = []
+    rows: list[str] = []
     row: list[tuple[str, str]] = []  # the gap before each word, and the word
     length = 0
     for gap, word in _words(text):
         row.append((gap if row else indent, word))
         length += len(row[-1][0]) + len(word)
         if length > width and len(row) > 1:
-            place = _break(row, width)
-            found.append("".join(map("".join, row[:place])))
-            row = [(f"{indent}  ", row[place][1]), *row[place + 1 :]]
+            split = _break(row, width)
+            rows.append("".join(map("".join, row[:split])))
+            row = [(f"{indent}  ", row[split][1]), *row[split + 1 :]]
             length = sum(len(before) + len(cell) for before, cell in row)
-    return [*found, "".join(map("".join, row)).rstrip()]
+    return [*rows, "".join(map("".join, row)).rstrip()]
 
 
 def _words(text: str) -> Iterator[tuple[str, str]]:
@@ -226,25 +223,25 @@ def _words(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _break(row: Sequence[tuple[str, str]], width: int) -> int:
-    """Return the word before which a row is broken: at the last column in its right half, if there is one."""
-    place, columns = 0, []
+    """Return the index of the word before which to break: at the last column in the right half, if any."""
+    position, columns = 0, []
     for number, (gap, word) in enumerate(row):
-        if number and len(gap) > 1 and width // 2 < place <= width:
+        if number and len(gap) > 1 and width // 2 < position <= width:
             columns.append(number)
-        place += len(gap) + len(word)
+        position += len(gap) + len(word)
     return columns[-1] if columns else len(row) - 1
 
 
 def _print(lines: Sequence[str], *, errors: bool = False, whole: bool = False) -> None:
     """Print lines, on a terminal broken between words.
 
-    errors: on standard error. whole: for programs, which get lines unbroken.
+    errors: print to standard error. whole: do not break lines, for programs.
     """
-    # Looked up each time: while a progress bar is shown, both are redirected above it.
-    stream: TextIO = sys.stderr if errors else results()
+    # Looked up each time: a progress bar redirects both.
+    stream: TextIO = sys.stderr if errors else get_stdout()
     if not whole and stream.isatty():
         width = shutil.get_terminal_size().columns
-        lines = [part for line in lines for part in wrapped(line, width)]
+        lines = [part for line in lines for part in wrap_line(line, width)]
     try:
         stream.write("".join(f"{line}\n" for line in lines))
         stream.flush()
@@ -261,63 +258,63 @@ class Output:
 
     def __init__(self, *, as_json: bool = False) -> None:
         self.as_json = as_json
-        self.terminal = not as_json and results().isatty() and os.environ.get("TERM") != "dumb"
+        self.terminal = not as_json and get_stdout().isatty() and os.environ.get("TERM") != "dumb"
 
     @property
     def color(self) -> bool:
-        """Whether colours are wanted (https://no-color.org)."""
+        """Whether to use colours (https://no-color.org)."""
         return self.terminal and not os.environ.get("NO_COLOR")
 
     @property
     def unicode(self) -> bool:
         """Whether the output can show more than ASCII."""
-        return "utf" in (results().encoding or "").lower()
+        return "utf" in (get_stdout().encoding or "").lower()
 
     def text(self, line: str = "") -> None:
-        r"""Print a line for people, at once; a line break in it is shown as `\n`."""
+        r"""Print a line for people immediately; a line break is shown as `\n`."""
         if not self.as_json:
             _print([untrusted.one_line(line)])
 
     def item(self, text: str, indent: str = "  ") -> None:
-        """Print a text whose further lines, if it has any, are indented below the first."""
+        """Print a text, its further lines indented below the first."""
         if not self.as_json:
             first, *rest = untrusted.lines(text)
             _print([first, *(f"{indent}{line}" for line in rest)])
 
     def block(self, text: str, indent: str = "") -> None:
-        """Print the lines of a text of several, all of them indented.
+        """Print a multi-line block, indented.
 
-        indent: without any, what others wrote must have been escaped in it by `untrusted.one_line`.
+        indent: if empty, foreign text in the block must have been escaped by `untrusted.one_line`.
         """
         if not self.as_json:
             _print([f"{indent}{line}".rstrip() for line in untrusted.lines(text)])
 
     def cells(self, row: Sequence[str]) -> None:
-        """Print a row of a table for other programs, divided by tabs."""
+        """Print a table row for other programs, separated by tabs."""
         if not self.as_json:
             _print(["\t".join(map(untrusted.one_line, row))], whole=True)
 
     @staticmethod
     def status(text: str) -> None:
-        """Write over the last line of the terminal, on standard error."""
+        """Overwrite the last line of the terminal, on standard error."""
         sys.stderr.write(f"\r\x1b[K{untrusted.one_line(text)}")
         sys.stderr.flush()
 
     @staticmethod
     def has_status() -> bool:
-        """Whether standard error is a terminal, on which a status can be written over."""
+        """Return whether standard error is a terminal, on which a status can be overwritten."""
         return sys.stderr.isatty()
 
     def json(self, record: Mapping[str, object]) -> None:
-        """Print an object for machines, at once."""
+        """Print an object for programs immediately."""
         if self.as_json:
-            encoded = json.dumps(finite(record), allow_nan=False, ensure_ascii=not self.unicode)
+            encoded = json.dumps(replace_nonfinite(record), allow_nan=False, ensure_ascii=not self.unicode)
             _print([untrusted.in_json(encoded)], whole=True)
 
     def console(self) -> "Console":
-        """A rich console on standard output; it reads NO_COLOR and the terminal's width itself.
+        """Return a rich console on standard output; it reads NO_COLOR and the terminal's width itself.
 
-        What is shown on it is escaped, but line breaks, which tables and wrapped text consist of.
+        Its text is escaped, except for line breaks, which tables and wrapped text need.
         """
         from swarmwright.cli._console import EscapingConsole
 

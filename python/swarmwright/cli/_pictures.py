@@ -1,4 +1,4 @@
-"""Options of commands that save an episode as a picture, page or video, and what opens them."""
+"""Options of commands that save an episode as a picture, page or video, and its display in a browser."""
 
 import os
 import subprocess
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 
 
 PATIENCE_S = 5.0
-"""Seconds to wait for a browser that stays in the foreground; it is left running."""
+"""Seconds to wait for a browser that stays in the foreground, before it is left running."""
 _PROGRAM = "import sys, webbrowser; sys.exit(not webbrowser.open(sys.argv[1]))"
 
 
 def has_display() -> bool:
-    """Whether a person would see a window of this process: not in CI, nor over SSH without a display."""
+    """Return whether the user would see a window: not in CI, nor over SSH without a display."""
     display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     return bool(display) and os.environ.get("CI", "").lower() in {"", "0", "false"}
 
 
 def open_in_browser(file: Path) -> bool:
-    """Open a file in a browser, where there is a display; return False where that is not possible.
+    """Open a file in a browser; return False if that is not possible, for example without a display.
 
-    `webbrowser` runs in a process of its own without this terminal: browsers print warnings, some of them
-    stay in the foreground, and browsers for text would take the terminal. Ctrl-C does not close the browser.
+    `webbrowser` runs in a separate process without this terminal: browsers print warnings, some stay in the
+    foreground, and text browsers would take over the terminal. Ctrl-C does not close the browser.
     """
     if not has_display():
         return False
@@ -52,7 +52,7 @@ def open_in_browser(file: Path) -> bool:
         try:
             return process.wait(PATIENCE_S) == 0
         except subprocess.TimeoutExpired:
-            process.returncode = 0  # not ours to wait for: without this, Python would warn of it
+            process.returncode = 0  # keeps Python from warning about a running process
             return True
     return False
 
@@ -108,28 +108,27 @@ The command gets `picture`, `opening`, `speed`, `parts` and `colors`.
 
 
 def check_unsaved(options: Mapping[str, str]) -> None:
-    """Refuse what is said of a picture where none is made. options: parameter -> name on the command line."""
+    """Refuse options of pictures without --save. options: parameter -> name on the command line."""
     context = click.get_current_context()
     for name, option in options.items():
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"{option} is for pictures, videos and pages: give --save FILE as well.")
+            raise click.UsageError(f"{option} needs a file to write: add --save FILE.")
 
 
-def broker_of(simulation: str, broker: str | None, of_experiment: str | None) -> str | None:
-    """Return where an episode is computed that is shown here; None for this process.
+def broker_of(simulation: str, broker: str | None, experiment_value: str | None) -> str | None:
+    """Return the broker on which to compute an episode; None for this process.
 
-    That is the broker that is named; for a simulation that is not here, also the experiment's or the one of
-    the environment.
+    For a simulation that this process lacks, the experiment's broker or the environment's is the default.
     """
     from swarmwright.simulations import catalogue
 
     if broker is not None or catalogue.is_local(simulation):
         return broker
-    return experiment_broker(None, of_experiment, None)
+    return experiment_broker(None, experiment_value, None)
 
 
 def check_file(picture: Path) -> None:
-    """Refuse a file whose ending stands for no format."""
+    """Refuse a file with an unknown ending."""
     from swarmwright.display.files import FORMATS
 
     if picture.suffix.lower() not in FORMATS:
@@ -137,35 +136,35 @@ def check_file(picture: Path) -> None:
         raise click.UsageError(f"--save {picture}: files end with {endings}.")
 
 
-def shown_parts(parts: str, colors: Colors) -> "Shown":
-    """Return what `--show` and `--colors` say is drawn."""
+def parse_parts(parts: str, colors: Colors) -> "Shown":
+    """Parse `--show` and `--colors`."""
     from swarmwright.display import PARTS, Shown
 
-    given = [part.strip() for part in parts.split(",") if part.strip()]
-    if given == ["none"]:
-        given = []
-    for part in given:
+    names = [part.strip() for part in parts.split(",") if part.strip()]
+    if names == ["none"]:
+        names = []
+    for part in names:
         if part not in PARTS:
-            raise click.UsageError(f"--show: '{part}' found, expected {', '.join(PARTS)} or none.")
-    shown = Shown(**{part: part in given for part in PARTS}, colors=colors)
+            raise click.UsageError(f"--show: '{part}' is not a part; choose from {', '.join(PARTS)} or none.")
+    shown = Shown(**{part: part in names for part in PARTS}, colors=colors)
     chosen = click.get_current_context().get_parameter_source("parts") is not ParameterSource.DEFAULT
     return shown if chosen else replace(shown, labels=None)
 
 
-def where(picture: Path) -> str:
-    """Say what was written, and into which file."""
+def describe_file(picture: Path) -> str:
+    """Return a sentence on the kind and path of a written file."""
     words = {".html": "The page", ".mp4": "The video", ".gif": "The animation"}
     return f"{words.get(picture.suffix.lower(), 'The picture')} is in {picture}"
 
 
-def saved(recording: "Recording | PictureRecording", picture: Path) -> dict[str, Any]:
-    """Return what was written as plain values, for `--json`."""
+def describe_recording(recording: "Recording | PictureRecording", picture: Path) -> dict[str, Any]:
+    """Return the facts of a written recording for `--json`."""
     steps = len(recording.fitness_so_far) - 1
     return {"fitness": recording.fitness, "steps": steps, "picture": str(picture)}
 
 
 def show_in_browser(output: Output, picture: Path) -> None:
-    """Open a file in a browser, and say so; where that is not possible, say where a browser finds it."""
+    """Open a file in a browser, or print its address if that is not possible."""
     address = picture.absolute().as_uri()
     if open_in_browser(picture):
         output.text(f"Opening it in the browser. If no window appears: {address}")

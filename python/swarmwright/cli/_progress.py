@@ -1,4 +1,4 @@
-"""How an optimization's progress is shown: a bar on a terminal, plain lines when piped, JSON for machines."""
+"""Progress of an optimization: a bar on a terminal, plain lines when piped, JSON for programs."""
 
 import math
 import time
@@ -20,24 +20,24 @@ if TYPE_CHECKING:
 PATIENCE_S = 2.0
 """Seconds without a result after which the blocking server is shown."""
 LINE_INTERVAL_S = 5.0
-"""Seconds between two plain lines about generations, but for the first and the last generation."""
+"""Seconds between two plain lines about generations, except for the first and the last."""
 
 
 class Progress(Protocol):
-    """Shows how far an optimization is."""
+    """Shows the progress of an optimization."""
 
     def generation(self, generation: "Generation") -> None:
-        """A generation has been evaluated."""
+        """Show an evaluated generation."""
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
-        """Within a generation: called about ten times a second."""
+        """Show the progress within a generation; called about ten times a second."""
 
-    def ended(self) -> None:
-        """No further generation follows."""
+    def finish(self) -> None:
+        """Show the last generation."""
 
 
 class Stall:
-    """Notices that no result has come for a while."""
+    """Detects that no result has arrived for a while."""
 
     def __init__(self) -> None:
         self._done: tuple[int, int] | None = None
@@ -45,14 +45,14 @@ class Stall:
         self._said = 0.0
 
     def seconds(self, done: int, total: int) -> float:
-        """Seconds since the numbers changed last; 0 when everything is there."""
+        """Return the seconds since the numbers last changed; 0 if all results are there."""
         now = time.monotonic()
         if (done, total) != self._done or done >= total:
             self._done, self._since, self._said = (done, total), now, 0.0
         return now - self._since
 
     def line_due(self, done: int, total: int) -> float | None:
-        """The seconds, after PATIENCE_S and at every doubling of it; else None."""
+        """Return the seconds after PATIENCE_S and at every doubling; else None."""
         seconds = self.seconds(done, total)
         if seconds < max(PATIENCE_S, 2 * self._said):
             return None
@@ -67,18 +67,18 @@ class JsonProgress:
         self._output = output
 
     def generation(self, generation: "Generation") -> None:
-        """Print every number that there is of the generation."""
+        """Print all numbers of the generation."""
         self._output.json({item.name: getattr(generation, item.name) for item in fields(generation)})
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
-        """Nothing: scripts read whole lines."""
+        """Do nothing: scripts read whole generations."""
 
-    def ended(self) -> None:
+    def finish(self) -> None:
         """Do nothing: every generation has been printed."""
 
 
 class PlainProgress:
-    """A line for the first and the last generation, and one every few seconds in between."""
+    """A line for the first and the last generation, and every few seconds in between."""
 
     def __init__(self, output: Output, budget: Budget) -> None:
         self._output = output
@@ -87,16 +87,16 @@ class PlainProgress:
         self._skipped: Generation | None = None
         """The latest generation, if it was not printed."""
         self._due = -math.inf
-        """When the next line may be printed."""
+        """Earliest time of the next line."""
 
     def generation(self, generation: "Generation") -> None:
         """Print a line if the last one was printed long enough ago."""
         self._skipped = generation
         if time.monotonic() >= self._due:
-            self.ended()
+            self.finish()
 
-    def ended(self) -> None:
-        """Print the latest generation, unless that is done."""
+    def finish(self) -> None:
+        """Print the latest generation, unless it is printed already."""
         generation, self._skipped = self._skipped, None
         if generation is None:
             return
@@ -104,19 +104,19 @@ class PlainProgress:
         from swarmwright.runs.optimization.generation import how_far
 
         speed = f"{rate(generation.evaluations_per_second)}/s"
-        if generation.budget != "evaluations":  # else how far it is says their number
+        if generation.budget != "evaluations":  # otherwise the progress shows their number
             speed = f"{generation.evaluations} evaluations ({speed})"
         self._output.text(
             f"{how_far(self._budget, generation)}  best {generation.best_so_far:.6g}  "
-            f"mean {generation.mean:.6g}  {speed}{_failed(generation)}  "
+            f"mean {generation.mean:.6g}  {speed}{_format_failed(generation)}  "
             f"{duration(generation.seconds_left)} left"
         )
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
-        """Print a line when it takes long."""
+        """Print a line if no result arrives for long."""
         seconds = self._stall.line_due(done, total)
         if seconds is not None:
-            self.ended()
+            self.finish()
             self._output.text(f"{done} of {total} episodes; {_reason(waiting_for, seconds)}")
 
 
@@ -131,20 +131,20 @@ class BarProgress:
         self._stall = Stall()
 
     def generation(self, generation: "Generation") -> None:
-        """Note the numbers; the next redraw shows them."""
+        """Store the numbers for the next redraw."""
         self._last, self._part, self._waiting = generation, 0.0, ""
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
-        """Note how far the generation is, and what is waited for."""
+        """Store the progress and the blocking server for the next redraw."""
         self._part = done / total if total else 0.0
         seconds = self._stall.seconds(done, total)
         self._waiting = _reason(waiting_for, seconds) if seconds >= PATIENCE_S else ""
 
-    def ended(self) -> None:
+    def finish(self) -> None:
         """Do nothing: the bar shows the last generation."""
 
     def _completed(self) -> float:
-        """Return the share of the run that is done, the generation under way counted in part."""
+        """Return the finished share of the run, including the current generation in part."""
         last = self._last
         if last is None:
             whole = self._budget.generations
@@ -153,7 +153,7 @@ class BarProgress:
         return min(last.share + self._part * share, 1.0)
 
     def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
-        """Two lines that fit any width, and a third when something is waited for."""
+        """Draw two lines that fit any width, and a third if a server is blocking."""
         from rich.progress_bar import ProgressBar
         from rich.table import Table
         from rich.text import Text
@@ -187,7 +187,7 @@ class BarProgress:
             if last.budget != "evaluations":  # else the line above says their number
                 numbers.append(f"  {last.evaluations} evaluations")
             numbers.append(f"  {rate(last.evaluations_per_second)}/s", style="cyan")
-            numbers.append(_failed(last), style="yellow")
+            numbers.append(_format_failed(last), style="yellow")
             yield numbers
         if self._waiting:
             waiting = text(self._waiting, "yellow")
@@ -195,8 +195,8 @@ class BarProgress:
             yield waiting
 
 
-def _failed(generation: "Generation") -> str:
-    """Return how many evaluations of the run have failed, after a space; empty where none has."""
+def _format_failed(generation: "Generation") -> str:
+    """Return the number of failed evaluations, after a space; empty if none failed."""
     return f"  {generation.failed_so_far:,} failed" if generation.failed_so_far else ""
 
 
@@ -206,10 +206,7 @@ def _reason(waiting_for: str, seconds: float) -> str:
 
 @contextmanager
 def progress(output: Output, budget: Budget) -> Iterator[Progress]:
-    """The fitting way to show progress, for the time of a `with` block.
-
-    budget: of the run.
-    """
+    """Show the progress of a run with this budget during a `with` block."""
     if output.as_json:
         yield JsonProgress(output)
     elif not output.terminal:
@@ -224,7 +221,7 @@ def progress(output: Output, budget: Budget) -> Iterator[Progress]:
 
 @contextmanager
 def episodes(output: Output) -> "Iterator[EpisodeProgress | None]":
-    """Show on a terminal how many episodes are done, for the time of a `with` block; elsewhere nothing."""
+    """Show the number of finished episodes on a terminal during a `with` block; elsewhere nothing."""
     if output.as_json or not output.terminal:
         yield None
         return

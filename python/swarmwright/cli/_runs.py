@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
 from swarmwright.cli._validation import (
-    not_validated,
+    explain_missing_validation,
     transfer_of,
     unseen_facts,
     validation_facts,
@@ -27,39 +27,40 @@ if TYPE_CHECKING:
     from swarmwright.runs.elites import Elites
     from swarmwright.runs.store.verification import Verified
 
-_WARNINGS = 10  # shown at most
+_WARNINGS = 10
+"""Largest number of warnings to show."""
 _SLOW_S, _UPDATE_S = 1.0, 0.2
-"""Seconds after which the progress of reading runs is shown, and between two lines of it."""
+"""Seconds until the progress of reading runs is shown, and between its updates."""
 _FAILURES = 10
+"""Largest number of failure reasons, and of servers per reason, to show."""
 _SERVER = re.compile(r"\bserver \d+\b")
-"""Reasons of failures, and servers of each, that are shown at most."""
 
 
 @contextmanager
 def reading_progress(count: int) -> Iterator[Callable[[int], None]]:
-    """Yield what is called with the index of a run before it is read, of so many.
+    """Yield a function to call with the index of each run before it is read.
 
-    Where that takes more than a second, a line on the terminal says how many have been read.
+    After a second, a line on the terminal shows how many of the `count` runs have been read.
     """
-    began = told = time.monotonic()
+    began = updated = time.monotonic()
     terminal = Output.has_status()
 
     def begin(index: int) -> None:
-        nonlocal told
+        nonlocal updated
         now = time.monotonic()
-        if terminal and now - began > _SLOW_S and now - told > _UPDATE_S:
-            told = now
+        if terminal and now - began > _SLOW_S and now - updated > _UPDATE_S:
+            updated = now
             Output.status(f"{index:,} of {count:,} runs read")
 
     try:
         yield begin
     finally:
-        if told > began:
+        if updated > began:
             Output.status("")
 
 
 def facts_of(run: "Run") -> dict[str, Any]:
-    """Return what a line of the list says."""
+    """Return the facts of a run that a line of the list shows."""
     from swarmwright.simulations.user_code.copying import display_name
 
     experiment, unseen = run.experiment, run.unseen
@@ -83,16 +84,16 @@ def facts_of(run: "Run") -> dict[str, Any]:
 
 
 def local_time(stamp: str) -> str:
-    """Return a time in UTC, ISO 8601, as the clock here shows it: 2026-01-31 14:05:09."""
+    """Convert a time in UTC (ISO 8601) to local time: 2026-01-31 14:05:09."""
     try:
         return datetime.fromisoformat(stamp).astimezone().isoformat(sep=" ", timespec="seconds")[:19]
-    except (ValueError, OverflowError):  # the journal has no digest: a time that is damaged is shown as it is
+    except (ValueError, OverflowError):  # damaged: the journal has no digest
         return stamp
 
 
 def list_table(output: Output, runs: Sequence[Mapping[str, Any]]) -> None:
-    """Print a line per run, aligned; columns as wide as they need to be."""
-    # Where nothing failed or no run was validated, a column would say nothing.
+    """Print an aligned line per run."""
+    # Columns that would be empty are omitted.
     failed = any(facts["failed"] for facts in runs)
     held_out = any(facts["held_out"] is not None for facts in runs)
     heading = (
@@ -112,7 +113,7 @@ def list_table(output: Output, runs: Sequence[Mapping[str, Any]]) -> None:
             str(facts["generations"]) if facts["of"] is None else f"{facts['generations']}/{facts['of']}",
             *([_share(facts["failed"], facts["evaluations"])] * failed),
             "-" if facts["best"] is None else f"{facts['best']:.6g}",
-            *([_held_out(facts)] * held_out),
+            *([_format_held_out(facts)] * held_out),
             local_time(facts["created"])[:16],
         )
         for facts in runs
@@ -120,8 +121,8 @@ def list_table(output: Output, runs: Sequence[Mapping[str, Any]]) -> None:
     _table(output, [heading, *rows])
 
 
-def _held_out(facts: Mapping[str, Any]) -> str:
-    """Return the fitness on held-out seeds; with the number of episodes that failed, if any did."""
+def _format_held_out(facts: Mapping[str, Any]) -> str:
+    """Return the fitness on held-out seeds, with the number of failed episodes if there are any."""
     if facts["held_out"] is None:
         return "-"
     failed = f" ({facts['held_out_failed']} failed)" if facts["held_out_failed"] else ""
@@ -134,7 +135,7 @@ def _share(failed: int, evaluations: int) -> str:
 
 
 def failure_lines(run: "Run") -> Iterator[str]:
-    """Yield lines on failed evaluations of a run; none where nothing failed."""
+    """Yield lines on the failed evaluations of a run, if there are any."""
     failed = run.failed_evaluations
     if not failed:
         return
@@ -147,7 +148,7 @@ def failure_lines(run: "Run") -> Iterator[str]:
 
 
 def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
-    """Print rows, the heading first, aligned."""
+    """Print aligned rows, the first of which is the heading."""
     shown_rows = [tuple(map(one_line, row)) for row in rows]
     widths = [max(len(row[column]) for row in shown_rows) for column in range(len(rows[0]))]
     for row in shown_rows:
@@ -159,7 +160,7 @@ def list_elites(output: Output, elites: "Elites", limit: int, offset: float) -> 
     """Print the elites of a run as a table, the best first; limit: rows, 0 for all."""
     output.text(elites_line(elites, offset))
     heading = ("generation", "candidate", "fitness", *elites.goals)
-    found = elites.candidates[: limit or None]
+    shown_elites = elites.candidates[: limit or None]
     rows = [
         (
             str(elite.generation),
@@ -167,18 +168,18 @@ def list_elites(output: Output, elites: "Elites", limit: int, offset: float) -> 
             f"{elite.fitness + 0.0:.6g}",
             *(f"{value + 0.0:.6g}" for value in elite.metrics.values()),
         )
-        for elite in found
+        for elite in shown_elites
     ]
     if rows:
         _table(output, [heading, *rows])
-    if len(found) < len(elites.candidates):
-        output.text(f".. and {len(elites.candidates) - len(found):,} more: --limit 0 shows all")
+    if len(shown_elites) < len(elites.candidates):
+        output.text(f".. and {len(elites.candidates) - len(shown_elites):,} more: --limit 0 shows all")
     for note in elites.notes:
         output.text(note)
 
 
 def elites_facts(elites: "Elites", offset: float = 0.0) -> dict[str, Any]:
-    """Return what `--json` says of elites, but for themselves."""
+    """Return the facts on elites for `--json`, without the elites themselves."""
     return {
         "kind": elites.kind,
         "goals": elites.goals,
@@ -194,12 +195,11 @@ def elites_facts(elites: "Elites", offset: float = 0.0) -> dict[str, Any]:
 
 
 def elites_line(elites: "Elites", offset: float = 0.0) -> str:
-    """Return a sentence on how many elites there are."""
+    """Return a sentence on the number of elites."""
     count = len(elites.candidates)
     if elites.grid is None:
         goals = ", ".join(f"{name} ({goal}d)" for name, goal in elites.goals.items())
-        who = "1 candidate that is" if count == 1 else f"{count:,} candidates that are"
-        return f"The front has {who} not dominated in fitness, {one_line(goals)}."
+        return f"The front has {counted(count, 'candidate')} not dominated in fitness, {one_line(goals)}."
     cells, share = elites.grid.cells, 100 * (elites.coverage or 0.0)
     less = f" (offset {offset:g})" if offset else ""
     return (
@@ -275,10 +275,10 @@ def _list_sessions(output: Output, run: "Run") -> None:
         outcome = session.outcome or run.state
         output.text(f"session {session.session}: {local_time(session.started)}, {took}, {outcome}")
         used = "" if session.code is None else f", code version {session.code}"
-        place = session.place
-        if place != NOTHING_LEFT:
-            place = f"evaluated {place}" if place.startswith("in ") else f"evaluated by {place}"
-        output.text(f"  {place}{used}, on host {session.host} ({session.machine})")
+        location = session.place
+        if location != NOTHING_LEFT:
+            location = f"evaluated {location}" if location.startswith("in ") else f"evaluated by {location}"
+        output.text(f"  {location}{used}, on host {session.host} ({session.machine})")
         output.text("  " + ", ".join(f"{name} {version}" for name, version in session.versions.items()))
 
 
@@ -286,18 +286,18 @@ def _list_servers(output: Output, servers: list[dict[str, Any]]) -> None:
     if servers:
         output.text()
     for server in servers:
-        said = f"server {server['server']}: {counted(server['evaluations'], 'episode')}"
-        said += " (failed ones included)" * server["with_failed"]
-        said += f", busy for {duration(server['seconds'])}"
+        text = f"server {server['server']}: {counted(server['evaluations'], 'episode')}"
+        text += " (failed ones included)" * server["with_failed"]
+        text += f", busy for {duration(server['seconds'])}"
         if server["failed"]:
-            said += f", {counted(server['failed'], 'attempt')} failed"
+            text += f", {counted(server['failed'], 'attempt')} failed"
         if server["lost"]:
-            said += f", {server['lost']:,} more lost with it"
+            text += f", {server['lost']:,} more lost with it"
         if server["handed_back"]:
-            said += f", {counted(server['handed_back'], 'attempt')} handed back for another tool"
+            text += f", {counted(server['handed_back'], 'attempt')} handed back for another tool"
         if server["slower"]:
-            said += f", {counted(server['slower'], 'attempt')} ended as another server was faster (backup)"
-        output.text(said)
+            text += f", {counted(server['slower'], 'attempt')} stopped as another server was faster (backup)"
+        output.text(text)
 
 
 def _list_failures(output: Output, failures: list[dict[str, Any]]) -> None:
@@ -314,7 +314,7 @@ def _list_failures(output: Output, failures: list[dict[str, Any]]) -> None:
         ]
         named = ", ".join(servers[:_FAILURES]) + ", .." * (len(servers) > _FAILURES)
         reason = failure["reason"]
-        if len(servers) > 1:  # the text is that of the first one
+        if len(servers) > 1:  # the reason names only the first
             reason = _SERVER.sub("the server", reason)
         output.item(f"  {counted(failure['attempts'], 'attempt')} ({named}): {reason}", indent="    ")
         if failure["lost"]:
@@ -329,7 +329,7 @@ def _generation(event: dict[str, Any]) -> str:
 
 
 def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
-    """Print how far it got and what came out."""
+    """Print the progress and the results of a run."""
     from swarmwright.runs.instances import by_instance
 
     best = run.best if run.generations else None
@@ -342,17 +342,16 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         f"  {run.generations}{whole} generations{instance}, {run.evaluations} evaluations, "
         f"{duration(run.seconds)}"
     )
-    for line in (*failure_lines(run), *saved_lines(run)):
+    for line in (*failure_lines(run), *extra_lines(run)):
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
     if run.ended is not None:
         output.text(
-            f"  ended since {run.experiment.budget.words(run.ended, run.generations, run.evaluations)}"
+            f"  ended because {run.experiment.budget.words(run.ended, run.generations, run.evaluations)}"
         )
     if run.experiment.method.operation == "steady_state":
         window = run.experiment.method.in_flight
         output.text(
-            f"  steady state: candidate n was made when the results of candidates 0 to n - {window} were "
-            "known, and no later one"
+            f"  steady state: candidate n was created from the results of candidates 0 to n - {window}"
         )
     if best is not None:
         output.text(f"  best {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})")
@@ -362,32 +361,32 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         output.text(f"  {_audit_words(run.audit)}")
     for line in () if validation is None else validation_lines(validation, run):
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
-    missing = not_validated(run)
+    missing = explain_missing_validation(run)
     if missing is not None:
         output.text(f"  {missing[0].lower()}{missing[1:]}".removesuffix("."))
-    resume = f"`swarmwright resume {shlex.quote(str(run.path))}` does it"
+    resume = f"run `swarmwright resume {shlex.quote(str(run.path))}`"
     if run.validation_is_due and facts["state"] in {"done", "stopped"}:
-        output.text(f"  its best candidates are not validated yet: {resume}")
+        output.text(f"  its best candidates are not validated yet; {resume}")
     transfer = transfer_of(run)
     if transfer is not None:
         output.block(str(transfer), indent="  ")
     if run.transfer_is_due:
-        output.text(f"  its best candidates are not transferred yet: {resume}")
+        output.text(f"  its best candidates are not transferred yet; {resume}")
     output.text(f"  record SHA-256 {run.digest}")
 
 
 def _audit_words(audit: Mapping[str, int]) -> str:
-    """Return what was repeated at the end of a run, and how it came out."""
+    """Return a line on the evaluations repeated at the end of a run, and their results."""
     repeated = f"{counted(audit['evaluations'], 'evaluation')} ({counted(audit['episodes'], 'episode')})"
     where = f", {audit['elsewhere']} of the episodes on another server" if audit["elsewhere"] else ""
     failed = f", {counted(audit['failed'], 'episode')} failed" if audit["failed"] else ""
     differ = audit["differ"]
-    came_out = f"{differ} came out differently" if differ else "all came out the same"
+    came_out = f"{differ} differ" if differ else "all results are identical"
     return f"audit: {repeated} repeated{where}{failed}: {came_out}"
 
 
 def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the lines of a state machine or behaviour tree, for a team of each group's controller."""
+    """Yield the lines of a state machine or behaviour tree; for a team, those of each group."""
     from swarmwright.controllers.kinds import words_of
     from swarmwright.controllers.modules.grammar import is_modules
     from swarmwright.controllers.modules.machine_texts import controller_text
@@ -400,12 +399,8 @@ def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
         yield from (f"  {row}" for row in _controller(part))
 
 
-def saved_lines(run: "Run") -> Iterator[str]:
-    """Yield lines on what a run has beside its best candidate.
-
-    How many elites there are, how many episodes races saved, how many candidates a slow simulation
-    evaluated.
-    """
+def extra_lines(run: "Run") -> Iterator[str]:
+    """Yield lines on the elites, the episodes saved by races, and the evaluations in a slow simulation."""
     from swarmwright.experiment.targets import slow_of
     from swarmwright.methods.rankings.race import RaceOptions
     from swarmwright.runs.elites import has_elites
@@ -420,38 +415,38 @@ def saved_lines(run: "Run") -> Iterator[str]:
         yield f"Races saved {saved:,} of {every:,} episodes ({share:.0f} %), of clearly worse candidates."
     slow = slow_of(run.experiment)
     if slow is not None:
-        some, name = run.slow_evaluations, one_line(slow.name)
-        yield f"In {name} {some:,} of {run.evaluations:,} candidates were evaluated as well."
+        evaluations, name = run.slow_evaluations, one_line(slow.name)
+        yield f"{evaluations:,} of {run.evaluations:,} candidates were also evaluated in {name}."
 
 
-def verified_line(output: Output, run: "Path", found: "Verified") -> None:
-    """Print whether a run is what was written."""
-    good = _numbers(found.good)
+def print_verification(output: Output, run: "Path", verification: "Verified") -> None:
+    """Print whether the content of a run is intact."""
+    good = _numbers(verification.good)
     output.json(
         {
             "run": str(run),
-            "ok": not found.problems,
-            "problems": [vars(problem) for problem in found.problems],
-            "good_generations": found.good,
-            "evaluations": found.evaluations,
-            "not_compared": found.not_compared,
+            "ok": not verification.problems,
+            "problems": [vars(problem) for problem in verification.problems],
+            "good_generations": verification.good,
+            "evaluations": verification.evaluations,
+            "not_compared": verification.not_compared,
         }
     )
-    for what in found.not_compared:
-        output.text(f"{run}: not compared: {one_line(what)}")
-    if not found.problems:
-        whole = f"{len(found.good)} generations, {found.evaluations} evaluations"
+    for difference in verification.not_compared:
+        output.text(f"{run}: not compared: {one_line(difference)}")
+    if not verification.problems:
+        whole = f"{len(verification.good)} generations, {verification.evaluations} evaluations"
         output.text(f"{run}: ok, {whole}")
         return
-    for problem in found.problems:
+    for problem in verification.problems:
         several = "s" if len(problem.generations) > 1 else ""
         where = f"generation{several} {_numbers(problem.generations)}: " if problem.generations else ""
         output.text(f"{run}: damaged: {where}{problem.what}")
-    output.text(f"{run}: {f'good are the generations {good}' if good else 'no generation is good'}")
+    output.text(f"{run}: {f'generations {good} are intact' if good else 'no generation is intact'}")
 
 
 def _numbers(numbers: list[int]) -> str:
-    """Return numbers in order, those in a row as one: 0 to 4, 6."""
+    """Return sorted numbers with ranges: 0 to 4, 6."""
     parts: list[list[int]] = []
     for number in numbers:
         if parts and parts[-1][-1] == number - 1:

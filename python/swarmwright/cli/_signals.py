@@ -11,14 +11,14 @@ from types import FrameType
 INTERRUPTED = 130
 """Exit status of a command that was interrupted; finished generations, if any, are kept."""
 _RETRY_S = 0.02
-"""Seconds after which a signal is repeated whose exception could not be caught."""
+"""Seconds after which a signal is sent again if its exception was lost."""
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM or SIGHUP arrived; handled like Ctrl-C unless the signal is distinguished."""
+    """SIGTERM or SIGHUP arrived; handled like Ctrl-C by default."""
 
 
-class _Arrived:
+class _SignalState:
     """Signals that have arrived since the command began."""
 
     def __init__(self) -> None:
@@ -27,17 +27,17 @@ class _Arrived:
     def begin(self) -> None:
         self.endings: list[type[KeyboardInterrupt]] = []
         self.lost: type[KeyboardInterrupt] | None = None
-        """Raised within a callback of C code, which cannot pass it on; due once more."""
-        self.again = False
-        """The next signal is the repeated one."""
+        """An exception raised within a callback of C code and lost there, to be raised again."""
+        self.is_repeated = False
+        """Whether the next signal is a repetition."""
 
 
-_state = _Arrived()
+_state = _SignalState()
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
-    if _state.again:
-        _state.again = False
+    if _state.is_repeated:
+        _state.is_repeated = False
         if _state.lost is None:
             return  # `check` was faster
     _state.lost = None
@@ -47,36 +47,36 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
 
 
 def check() -> None:
-    """Raise a signal's exception again that was swallowed, as C code below Python may do."""
+    """Raise the exception of an earlier signal again, in case C code has swallowed it."""
     if _state.endings:
         _state.lost = None
         raise _state.endings[-1]
 
 
-def _lost(ending: type[KeyboardInterrupt]) -> None:
-    """Repeat a signal after a moment, outside of the code in which its exception was lost."""
+def _resend_later(ending: type[KeyboardInterrupt]) -> None:
+    """Send a signal again after a moment, outside of the code in which its exception was lost."""
     _state.lost = ending
     number = signal.SIGTERM if issubclass(ending, Terminated) else signal.SIGINT
 
-    def again() -> None:
+    def resend() -> None:
         if _state.lost is not None:
-            _state.again = True
+            _state.is_repeated = True
             os.kill(os.getpid(), number)
 
-    timer = threading.Timer(_RETRY_S, again)
+    timer = threading.Timer(_RETRY_S, resend)
     timer.daemon = True
     timer.start()
 
 
 @contextmanager
-def _found_again() -> Iterator[None]:
-    """Within this block, an interrupt that C code would print and drop is not lost."""
+def _recover_lost_interrupts() -> Iterator[None]:
+    """Resend interrupts that C code would print and drop."""
     usual = sys.unraisablehook
 
     def hook(unraisable: "sys.UnraisableHookArgs") -> None:
         kind = unraisable.exc_type
         if issubclass(kind, KeyboardInterrupt):
-            _lost(kind)
+            _resend_later(kind)
         else:
             usual(unraisable)
 
@@ -89,23 +89,23 @@ def _found_again() -> Iterator[None]:
 
 @contextmanager
 def terminate_like_interrupt() -> Iterator[None]:
-    """Within this block SIGTERM and a hung-up terminal raise `Terminated`, so that every `finally` runs.
+    """Raise `Terminated` on SIGTERM and a closed terminal within this block, so that every `finally` runs.
 
-    SIGINT raises KeyboardInterrupt, as usual. Where it is raised in code that C calls back and that cannot
-    pass it on, such as listeners of a run's progress, it is raised again a moment later.
+    SIGINT raises KeyboardInterrupt, as usual. If a callback of C code loses the exception, such as a listener
+    to a run's progress, it is raised again a moment later.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     _state.begin()
-    # Shells let background processes ignore SIGINT; one that is sent explicitly is meant.
+    # Shells let background processes ignore SIGINT, but an explicit one should work.
     # SIGHUP stays ignored under nohup.
     signals = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         signals.append(signal.SIGHUP)
     before = [signal.signal(number, _interrupt) for number in signals]
     try:
-        with _found_again():
+        with _recover_lost_interrupts():
             yield
     finally:
         for number, handler in zip(signals, before, strict=True):

@@ -1,4 +1,4 @@
-"""A sweep on the command line: its progress, and the report at its end."""
+"""Progress and report of a sweep on the command line."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -25,38 +25,38 @@ if TYPE_CHECKING:
 
 
 LINE_INTERVAL_S = 30.0
-"""Seconds between two plain lines that say how far it is."""
+"""Seconds between two plain lines on progress."""
 _NAMED = 4
-"""Runs that a plain line names."""
+"""Largest number of runs in a plain line."""
 _SHOWN = 8
-"""Runs that have a progress bar."""
+"""Largest number of progress bars of runs."""
 
 
 class PlainStatus:
-    """A line now and then."""
+    """A line every LINE_INTERVAL_S."""
 
     def __init__(self, output: Output, status: "Status") -> None:
         self._output = output
         self._status = status
-        self._told = time.monotonic()
+        self._last_line = time.monotonic()
 
     def tick(self) -> None:
-        """Print a line when it is time."""
+        """Print a line if it is due."""
         now = time.monotonic()
-        if now - self._told >= LINE_INTERVAL_S and self._status.under_way:
-            self._told = now
-            self._output.text(line(self._status))
+        if now - self._last_line >= LINE_INTERVAL_S and self._status.under_way:
+            self._last_line = now
+            self._output.text(format_status(self._status))
 
 
-def line(status: "Status") -> str:
-    """Return how far a sweep is, in a line."""
+def format_status(status: "Status") -> str:
+    """Return a line on the progress of a sweep."""
     running = list(status.under_way.values())
-    named = "; ".join(_words(run) for run in running[:_NAMED])
+    named = "; ".join(_format_run(run) for run in running[:_NAMED])
     more = f"; and {len(running) - _NAMED} more" if len(running) > _NAMED else ""
-    return f"{_head(status)}; under way: {named}{more}"
+    return f"{_format_totals(status)}; under way: {named}{more}"
 
 
-def _head(status: "Status") -> str:
+def _format_totals(status: "Status") -> str:
     failed = f", {status.failures} failed" if status.failures else ""
     elsewhere = f", {status.elsewhere} left to other processes" if status.elsewhere else ""
     left = status.seconds_left()
@@ -64,7 +64,7 @@ def _head(status: "Status") -> str:
     return f"{status.finished} of {status.total} runs done{failed}{elsewhere}{time_left}"
 
 
-def _words(run: "UnderWay") -> str:
+def _format_run(run: "UnderWay") -> str:
     if run.generation is None:
         return run.words
     failed = run.generation.failed_so_far
@@ -73,16 +73,16 @@ def _words(run: "UnderWay") -> str:
 
 
 class BarStatus:
-    """A bar for the sweep and one for each run under way, redrawn in place by `rich`."""
+    """Bars for the sweep and for each current run, redrawn in place by `rich`."""
 
     def __init__(self, status: "Status") -> None:
         self._status = status
 
     def tick(self) -> None:
-        """Nothing: it is redrawn anyway."""
+        """Do nothing: rich redraws the bars."""
 
     def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
-        """Return lines that fit any width."""
+        """Draw lines that fit any width."""
         from rich.text import Text
 
         from swarmwright.cli._console import text
@@ -90,9 +90,9 @@ class BarStatus:
         status = self._status
         running = list(status.under_way.values())
         whole = status.finished + status.failures + status.elsewhere + sum(run.share for run in running)
-        yield _bar(Text(_head(status), style="bold"), whole / max(status.total, 1))
+        yield _bar(Text(_format_totals(status), style="bold"), whole / max(status.total, 1))
         for run in running[:_SHOWN]:
-            yield _bar(text(f"  {_words(run)}"), run.share)
+            yield _bar(text(f"  {_format_run(run)}"), run.share)
             if run.waiting_for and time.monotonic() - max(run.heard, run.begun) >= PATIENCE_S:
                 waiting = text(f"    {run.waiting_for}", "yellow")
                 waiting.no_wrap, waiting.overflow = True, "ellipsis"
@@ -118,8 +118,8 @@ def _bar(text: Any, share: float) -> "Table":  # noqa: ANN401 - rich's text
 
 
 @contextmanager
-def shown(output: Output, status: "Status") -> "Iterator[PlainStatus | BarStatus]":
-    """Show the status in the fitting way, for the time of a `with` block."""
+def show_status(output: Output, status: "Status") -> "Iterator[PlainStatus | BarStatus]":
+    """Show the status during a `with` block, on a terminal with bars."""
     if not output.terminal:
         yield PlainStatus(output, status)
         return
@@ -131,10 +131,9 @@ def shown(output: Output, status: "Status") -> "Iterator[PlainStatus | BarStatus
 
 
 class Report(Status):
-    """Says how each run ended, and shows how far the others are.
+    """Reports the end of each run and the progress of the others.
 
-    Runs side by side end in any order; their messages come in the order of the tasks, so that the output is
-    reproducible.
+    Parallel runs end in any order; their messages come in the order of the tasks, for reproducible output.
     """
 
     def __init__(
@@ -152,10 +151,10 @@ class Report(Status):
         self._tick: Callable[[], None] = PlainStatus(output, self).tick
 
     @contextmanager
-    def shown(self) -> Iterator[None]:
-        """Show how far it is, for the time of a `with` block."""
+    def show(self) -> Iterator[None]:
+        """Show the progress during a `with` block."""
         try:
-            with shown(self._output, self) as status:
+            with show_status(self._output, self) as status:
                 self._tick = status.tick
                 yield
         finally:
@@ -163,70 +162,70 @@ class Report(Status):
                 self._close(task)
 
     def found(self, task: Task, run: Run) -> None:
-        """Say that a run was finished before."""
+        """Report that a run was finished before."""
         super().found(task, run)
-        self._say(task, lambda: self._ended(task, run, "was finished before"))
+        self._say(task, lambda: self._print_end(task, run, "was finished before"))
 
     def finished_elsewhere(self, task: Task, run: Run) -> None:
-        """Say that another process did it."""
+        """Report that another process finished a run."""
         super().finished_elsewhere(task, run)
-        self._say(task, lambda: self._ended(task, run, "finished by another process"))
+        self._say(task, lambda: self._print_end(task, run, "finished by another process"))
 
     def begun(self, task: Task) -> None:
-        """Tell programs that watch."""
+        """Log the start of a run."""
         super().begun(task)
-        self._observer.started(task.experiment)
+        self._observer.log_start(task.experiment)
         if self._tensorboard is not None:
             self._writers[task] = TensorBoard(self._tensorboard / task.folder.name, task.experiment)
 
     def generation(self, task: Task, generation: Generation) -> None:
-        """Tell programs that watch, and show it."""
+        """Log a generation and show it."""
         check()
         super().generation(task, generation)
-        self._observer.generation(generation)
+        self._observer.log_generation(generation)
         if task in self._writers:
             self._writers[task](generation)
         self._tick()
 
     def evaluating(self, task: Task, done: int, total: int, waiting_for: str) -> None:
-        """Show it."""
+        """Show the progress of a generation."""
         super().evaluating(task, done, total, waiting_for)
         self._tick()
 
     def ended(self, task: Task, run: Run) -> None:
-        """Say what came out."""
+        """Log and report the results of a run."""
         super().ended(task, run)
-        self._observer.ended(run)
+        self._observer.log_end(run)
         if task in self._writers:
             self._writers[task].conclude(run)
             self._close(task)
-        self._say(task, lambda: self._ended(task, run, f"{run.seconds:.1f} s"))
+        self._say(task, lambda: self._print_end(task, run, f"{run.seconds:.1f} s"))
 
     def failed(self, task: Task, message: str) -> None:
-        """Say why."""
+        """Log and report the failure of a run."""
         super().failed(task, message)
         self._close(task)
         self._observer.log.write("error", "run_failed", seed=task.seed, message=message)
-        self._say(task, lambda: self._failed(task, message))
+        self._say(task, lambda: self._print_failure(task, message))
 
     def busy(self, task: Task) -> None:
-        """Say that another process does it."""
+        """Report that another process works on a run."""
         super().busy(task)
         self._close(task)
-        self._say(task, lambda: self._busy(task))
+        self._say(task, lambda: self._print_busy(task))
 
     def tick(self) -> None:
-        """Show how far it is."""
+        """Show the progress."""
         self._tick()
 
     def conclude(self) -> None:
-        """Print what was held back for runs that no longer end."""
+        """Print messages that were held back for earlier runs, which have not ended."""
         for task in self._tasks[self._said :]:
             if task in self._ready:
                 self._ready.pop(task)()
 
     def _close(self, task: Task) -> None:
-        """Write what is left for TensorBoard of a run that has ended."""
+        """Close the TensorBoard writer of a run that has ended."""
         writer = self._writers.pop(task, None)
         if writer is not None:
             writer.close()
@@ -237,10 +236,10 @@ class Report(Status):
             self._ready.pop(self._tasks[self._said])()
             self._said += 1
 
-    def _where(self, task: Task) -> str:
+    def _label_task(self, task: Task) -> str:
         return f"[{self._tasks.index(task) + 1}/{self.total}] {task.variant.label}, seed {task.seed}"
 
-    def _ended(self, task: Task, run: Run, how: str) -> None:
+    def _print_end(self, task: Task, run: Run, how: str) -> None:
         best, unseen = run.history[-1].best_so_far, run.unseen
         held_out = ""
         if unseen is not None:
@@ -250,7 +249,8 @@ class Report(Status):
             )
         failed = f" of which {run.failed_evaluations:,} failed," if run.failed_evaluations else ""
         self._output.text(
-            f"{self._where(task)}: best fitness {best + 0.0:.6g}{held_out}, {run.evaluations:,} evaluations,"
+            f"{self._label_task(task)}: best fitness {best + 0.0:.6g}{held_out}, {run.evaluations:,} "
+            "evaluations,"
             f"{failed} {how}"
         )
         self._output.json(
@@ -261,10 +261,10 @@ class Report(Status):
             | ({} if unseen is None else {"unseen": unseen_facts(unseen)})
         )  # fmt: skip
 
-    def _failed(self, task: Task, message: str) -> None:
-        self._output.item(f"{self._where(task)}: failed: {message}")
+    def _print_failure(self, task: Task, message: str) -> None:
+        self._output.item(f"{self._label_task(task)}: failed: {message}")
         self._output.json({"variant": task.variant.label, "seed": task.seed, "error": message})
 
-    def _busy(self, task: Task) -> None:
-        self._output.text(f"{self._where(task)}: left to another process, which works on it")
+    def _print_busy(self, task: Task) -> None:
+        self._output.text(f"{self._label_task(task)}: left to another process")
         self._output.json({"variant": task.variant.label, "seed": task.seed, "state": "running"})

@@ -11,57 +11,57 @@ if TYPE_CHECKING:
     from swarmwright.common.statistics import Estimate
 
 
-def validation_lines(found: "Validation", run: "Run") -> Iterator[str]:
-    """Yield lines: the recorded fitness of the best, and that on held-out seeds; the next best candidates.
+def validation_lines(validation: "Validation", run: "Run") -> Iterator[str]:
+    """Yield lines on the recorded and the held-out fitness of the best, and on the next best candidates.
 
-    run: whose validation it is.
+    run: the validated run.
     """
     from swarmwright.runs.instances import instances
 
-    best, count = found.best, len(found.seeds)
-    if not found.depends_on_seed:
+    best, count = validation.best, len(validation.seeds)
+    if not validation.depends_on_seed:
         yield (
             f"{f'All {count:,} held-out episodes' if count > 1 else 'The held-out episode'} gave the "
-            "recorded fitness: it does not seem to depend on the seed. Report the recorded fitness as that "
-            "of this controller; how good the method is takes several runs with other seeds "
-            "(`swarmwright sweep`)."
+            "recorded fitness, so it does not seem to depend on the seed. Report the recorded fitness of "
+            "this "
+            "controller; to judge the method, run it with several seeds (`swarmwright sweep`)."
         )
-        yield from _start_lines(found, run)
+        yield from _start_lines(validation, run)
         return
     options = best.ranking.options
     made_of = f"generation {best.generation}"
-    if found.by_instance:
+    if validation.by_instance:
         used = len(instances(run, run.evaluation(best.candidate, best.generation)))
         made_of = f"mean of the {used:,} instances it was evaluated on"
     elif not options.reevaluate:
         made_of = f"{_episodes(options.episodes)} of {made_of}"
-    where = "" if found.slow is None else f" in {one_line(found.slow)}"
+    where = "" if validation.slow is None else f" in {one_line(validation.slow)}"
     yield f"Recorded fitness {best.recorded + 0.0:.6g} ({made_of}); selection biases it upwards."
-    measured = f"Fitness on {_episodes(count)} with held-out seeds{where}{_failed(best)}"
+    measured = f"Fitness on {_episodes(count)} with held-out seeds{where}{_describe_failed(best)}"
     if best.is_reportable:
-        yield f"{measured}: {_estimated(best.fitness)}. Report this one."
+        yield f"{measured}: {_format_estimate(best.fitness)}. Report this one."
     else:
-        yield f"{measured}: {_estimated(best.fitness)} in the other {len(best.counted):,}."
+        yield f"{measured}: {_format_estimate(best.fitness)} in the other {len(best.counted):,}."
         command = f"swarmwright evaluate {shlex.quote(str(run.path))} --episodes {count}"
         yield (
-            "Do not report this figure, which leaves failures out. ranking.failed: NUMBER gives failed "
+            "Do not report this value, which excludes failures. ranking.failed: NUMBER gives failed "
             f"episodes a fitness; for this run: {command} --set ranking.failed=NUMBER"
         )
-    if len(found.candidates) > 1:
-        yield from _next_best_lines(found)
-    yield from _start_lines(found, run)
+    if len(validation.candidates) > 1:
+        yield from _next_best_lines(validation)
+    yield from _start_lines(validation, run)
 
 
-def _failed(found: "ControllerEvaluation") -> str:
-    """Return how many episodes failed, and how they count; empty where none did."""
-    if not found.failed:
+def _describe_failed(evaluation: "ControllerEvaluation") -> str:
+    """Return how many episodes failed and how they count; empty if none failed."""
+    if not evaluation.failed:
         return ""
-    value = found.ranking.options.failure_fitness
-    return f", of which {found.failed:,} failed" + ("" if value is None else f" and count as {value:g}")
+    value = evaluation.ranking.options.failure_fitness
+    return f", of which {evaluation.failed:,} failed" + ("" if value is None else f" and count as {value:g}")
 
 
-def not_validated(run: "Run") -> str | None:
-    """Return why a run that is done was not validated; None where it was, or is not to be."""
+def explain_missing_validation(run: "Run") -> str | None:
+    """Return why a finished run was not validated; None if it was, or does not need to be."""
     from swarmwright.runs.validation import too_short
 
     short = too_short(run)
@@ -70,26 +70,26 @@ def not_validated(run: "Run") -> str | None:
     return (
         f"Not validated on held-out seeds: {short.share:.0%} of the run's evaluations are "
         f"{_episodes(short.affordable) if short.affordable else 'no episode'}, fewer than the "
-        f"{short.needed:,} that a validation takes. Where fitness depends on the seed, the recorded fitness "
+        f"{short.needed:,} that a validation needs. If fitness depends on the seed, the recorded fitness "
         f"is biased upwards; `{short.command}` validates the run."
     )
 
 
-def _start_lines(found: "Validation", run: "Run") -> Iterator[str]:
-    """Yield lines: the controller that the search started from, and whether the best is better."""
-    if found.start is None:
+def _start_lines(validation: "Validation", run: "Run") -> Iterator[str]:
+    """Yield lines on the starting controller, and on whether the best is better."""
+    if validation.start is None:
         return
-    count = len(found.seeds)
-    if found.start.failed == count:
+    count = len(validation.seeds)
+    if validation.start.failed == count:
         where = f"all of these {_episodes(count)}" if count > 1 else "this episode"
-        yield f"The controller that it started from failed in {where}."
+        yield f"The starting controller failed in {where}."
         return
     where = f"these {_episodes(count)}" if count > 1 else "this episode"
     yield (
-        f"The controller that it started from: on {where}{_failed(found.start)} "
-        f"{_estimated(found.start.fitness)}."
+        f"The starting controller on {where}{_describe_failed(validation.start)}: "
+        f"{_format_estimate(validation.start.fitness)}."
     )
-    gain = found.gain
+    gain = validation.gain
     if gain is None or gain.mean > 0 or (gain.mean == 0 and gain.low == gain.high):
         return  # better, or known to be as good: in each episode, or in the only one
     interval = ""
@@ -104,17 +104,17 @@ def _start_lines(found: "Validation", run: "Run") -> Iterator[str]:
 
 
 def _nearer(run: "Run") -> str:
-    """Return by which option the run's method samples nearer to the controller; nothing of a plug-in's."""
+    """Return advice on the option that samples nearer to the controller; plug-ins have none."""
     options = run.experiment.method
     key = next((name for name in ("noise", "step") if name in type(options).model_fields), None)
     return f"A smaller method.{key} samples nearer to it; " if key else "The methods "
 
 
-def _next_best_lines(found: "Validation") -> Iterator[str]:
-    """Yield a table of all candidates, and whether another one than the best of the run is better."""
-    yield f"The {len(found.candidates)} best of the run, on these seeds:"
+def _next_best_lines(validation: "Validation") -> Iterator[str]:
+    """Yield a table of all candidates, and a line if one is better than the best of the run."""
+    yield f"The {len(validation.candidates)} best of the run, on these seeds:"
     rows = [("generation", "candidate", "recorded", "held-out", "95 % interval")]
-    for candidate in found.candidates:
+    for candidate in validation.candidates:
         fitness, interval = candidate.fitness, ""
         if fitness.low is not None and fitness.high is not None:
             interval = f"{fitness.low:.4g} to {fitness.high:.4g}"
@@ -125,12 +125,12 @@ def _next_best_lines(found: "Validation") -> Iterator[str]:
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     for row in rows:
         yield "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-    if not all(candidate.is_reportable for candidate in found.candidates):
-        yield "Means leave failed episodes out, so candidates with some cannot be compared with the others."
-    lead = found.lead
+    if not all(candidate.is_reportable for candidate in validation.candidates):
+        yield "Means exclude failed episodes, so candidates with failures cannot be compared with the others."
+    lead = validation.lead
     if lead is not None and lead.low is not None and lead.low > 0:
-        ahead = found.leading
-        others = len(found.candidates) - 1
+        ahead = validation.leading
+        others = len(validation.candidates) - 1
         corrected = f", corrected for {others} candidates after Bonferroni" if others > 1 else ""
         yield (
             f"Candidate {ahead.candidate} of generation {ahead.generation} is better than the best of the "
@@ -139,21 +139,21 @@ def _next_best_lines(found: "Validation") -> Iterator[str]:
         )
 
 
-def validation_facts(found: "Validation") -> dict[str, Any]:
+def validation_facts(validation: "Validation") -> dict[str, Any]:
     """Return plain values for `--json`."""
     return {
-        "depends_on_seed": found.depends_on_seed,
-        "episodes": len(found.seeds),
-        "seed": found.seeds[0],
+        "depends_on_seed": validation.depends_on_seed,
+        "episodes": len(validation.seeds),
+        "seed": validation.seeds[0],
         "confidence": 0.95,
         "interval": "t",
-        "candidates": [candidate.summary() for candidate in found.candidates],
-        **({} if found.start is None else {"start": found.start.summary()}),
+        "candidates": [candidate.summary() for candidate in validation.candidates],
+        **({} if validation.start is None else {"start": validation.start.summary()}),
     }
 
 
 def transfer_of(run: "Run") -> "Transfer | None":
-    """Return what a run has ended with in other simulations; None where it names none."""
+    """Return the results of a run in other simulations; None without such simulations."""
     if not run.transferred:
         return None
     from swarmwright.analysis.transfer.transfer import of_run
@@ -166,22 +166,22 @@ def with_error(mean: float, error: float | None) -> str:
     return f"{mean + 0.0:.4g}" + ("" if error is None else f" with standard error {error:.2g}")
 
 
-def unseen_facts(found: "PostEvaluation") -> dict[str, Any]:
+def unseen_facts(evaluation: "PostEvaluation") -> dict[str, Any]:
     """Return plain values of the best for `--json`."""
-    fitness = found.fitness
+    fitness = evaluation.fitness
     return {
         "fitness": fitness.mean,
         "standard_error": fitness.standard_error,
         "low": fitness.low,
         "high": fitness.high,
-        "episodes": len(found.episodes),
-        "failed": found.failed,
-        "reportable": found.is_reportable,
-        "seed": found.seeds[0],
+        "episodes": len(evaluation.episodes),
+        "failed": evaluation.failed,
+        "reportable": evaluation.is_reportable,
+        "seed": evaluation.seeds[0],
     }
 
 
-def _estimated(estimate: "Estimate") -> str:
+def _format_estimate(estimate: "Estimate") -> str:
     if estimate.low is None or estimate.high is None:
         return f"{estimate.mean + 0.0:.4g}"
     return (

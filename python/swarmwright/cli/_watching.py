@@ -13,42 +13,42 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
-SERVERS = ("id", "state", "simulations", "for whom", "does", "silent", "speed", "failures")
+SERVERS = ("id", "state", "simulations", "reserved for", "work", "silent", "speed", "failures")
 TOOLS = ("tool", "run", "generations done", "evaluations", "waits for")
 RIGHT = ("id", "silent", "speed")
 NARROW = 60
-"""Columns of a terminal below which only these cells are drawn: of more, none could be read."""
-NARROW_SERVERS = ("id", "state", "does", "silent")
+"""Width of a terminal, in columns, below which only the following cells are drawn."""
+NARROW_SERVERS = ("id", "state", "work", "silent")
 NARROW_TOOLS = ("tool", "generations done", "evaluations")
 
 
-def doing(server: ServerRow) -> str:
-    """Return what a server does now: 'block of 12', 'episode, step 7'; '-' for nothing."""
+def describe_work(server: ServerRow) -> str:
+    """Return the current work of a server: 'block of 12', 'episode, step 7'; '-' for none."""
     if not server.doing:
         return "-"
     work = server.doing[0]
-    what = "episode" if work["kind"] == "episode" else f"{work['kind']} of {work['evaluations']}"
+    activity = "episode" if work["kind"] == "episode" else f"{work['kind']} of {work['evaluations']}"
     if work.get("step") is not None:
-        what += f", step {work['step']}"
+        activity += f", step {work['step']}"
     if work.get("agent") is not None:
-        what += f", agent {work['agent']}"
+        activity += f", agent {work['agent']}"
     more = len(server.doing) - 1
-    return f"{what} (+{more})" if more else what
+    return f"{activity} (+{more})" if more else activity
 
 
 def cells(server: ServerRow) -> tuple[str, ...]:
-    """Return what the table says of a server, a cell per heading."""
+    """Return the table row of a server, a cell per heading."""
     use = server.use
     speed = use.get("speed")
     failures = str(use["failures"]) if use.get("failures") else "-"
     if use.get("benched") is not None:
-        failures += f", has a pause of {duration(use['benched'])}"
+        failures += f", paused for {duration(use['benched'])}"
     return (
         str(server.server),
         server.state or "-",
         ", ".join(server.simulations) or "-",
         server.tool or "-",
-        doing(server),
+        describe_work(server),
         duration(server.silent) if server.silent >= SILENCE else "-",
         "-" if speed is None else f"{speed:.3g}/s",
         failures,
@@ -56,10 +56,10 @@ def cells(server: ServerRow) -> tuple[str, ...]:
 
 
 def tool_cells(tool: ToolRow) -> tuple[str, ...]:
-    """Return what the table says of a tool, a cell per heading."""
+    """Return the table row of a tool, a cell per heading."""
     status = tool.status
     generation, generations = status.get("generation"), status.get("generations")
-    # The index of the one under way, from 0, is the number of those that are done.
+    # The index of the current generation, from 0, is the number of finished ones.
     how_far = "-" if generation is None else str(generation)
     if generation is not None and generations is not None:
         how_far += f" of {generations}"
@@ -69,20 +69,20 @@ def tool_cells(tool: ToolRow) -> tuple[str, ...]:
     return (status["tool"], status.get("run") or "-", how_far, evaluations, tool.waits_for or "-")
 
 
-def left_behind(server: ServerRow, view: View) -> str:
-    """Say that a server is reserved for a tool that has ended, as far as that is known."""
+def describe_abandoned(server: ServerRow, view: View) -> str:
+    """Return a message on a server that is reserved for a tool that has probably ended."""
     if server.tool in view.gone:
         why, free = "has ended", "it becomes free"
     else:
         why, free = "sends no status", "if that has ended, it becomes free"
     return (
-        f"server {server.server} is still reserved for {server.tool}, which {why}; {free} when it has "
-        "finished what it computes, at the latest after the server's --step-timeout (default 60 s)"
+        f"server {server.server} is still reserved for {server.tool}, which {why}; {free} after its current "
+        "work, at the latest after its --step-timeout (default 60 s)"
     )
 
 
 def headline(view: View, broker: str) -> tuple[str, str]:
-    """Return a line with the state, and its style."""
+    """Return a line with the overall state, and its style."""
     if view.broker_lost is not None:
         return f"{broker} is lost ({view.broker_lost}); trying again", "bold red"
     if view.blocking is not None:
@@ -92,12 +92,12 @@ def headline(view: View, broker: str) -> tuple[str, str]:
         return f"{alone.status['tool']}: {alone.waits_for}", "bold yellow"
     if view.abandoned:
         first, *more = view.abandoned
-        return left_behind(first, view) + (f" (+{len(more)})" if more else ""), "bold yellow"
+        return describe_abandoned(first, view) + (f" (+{len(more)})" if more else ""), "bold yellow"
     count = len(view.servers)
     return f"{count} server{'s' if count != 1 else ''}, none blocking", "dim"
 
 
-def _how_far(tool: ToolRow) -> str:
+def _format_progress(tool: ToolRow) -> str:
     """Return a tool's progress in coarse steps, so that it changes rarely."""
     _, run, how_far, _, _ = tool_cells(tool)
     status = tool.status
@@ -110,7 +110,7 @@ def _how_far(tool: ToolRow) -> str:
 
 
 class Screen:
-    """What is drawn on a terminal, over what was there before."""
+    """The redrawn view on a terminal."""
 
     def __init__(self, output: Output, broker: str) -> None:
         self._output = output
@@ -118,7 +118,7 @@ class Screen:
         self.view: View | None = None
 
     def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
-        """Two tables and a line."""
+        """Draw a line and two tables."""
         from swarmwright.cli._console import text
 
         if self.view is None:
@@ -158,7 +158,7 @@ class Screen:
 
 
 class Lines:
-    """What is printed where there is no terminal: a line for what has changed."""
+    """The view without a terminal: a line for each change."""
 
     def __init__(self, output: Output, broker: str) -> None:
         self._output = output
@@ -166,16 +166,16 @@ class Lines:
         self._last: dict[str, str] = {}
 
     def show(self, view: View) -> None:
-        """Print what is new."""
+        """Print the changes since the last view."""
         now: dict[str, str] = {}
         for server in view.servers:
             held = f" for {server.tool}" if server.tool and server.state == "busy" else ""
             benched = server.use.get("benched") is not None
-            pause = f", has a pause: {server.use.get('reason')}" if benched else ""
+            pause = f", paused: {server.use.get('reason')}" if benched else ""
             offered = f" ({', '.join(server.simulations)})" if server.simulations else ""
             now[f"server {server.server}"] = f"{server.state or 'known to a tool'}{held}{offered}{pause}"
         for tool in view.tools:
-            now[f"tool {tool.status['tool']}"] = _how_far(tool)
+            now[f"tool {tool.status['tool']}"] = _format_progress(tool)
         blocking = view.blocking
         if view.broker_lost is not None:
             now["broker"] = headline(view, self._broker)[0]
@@ -184,10 +184,10 @@ class Lines:
             doubled = int(blocking.silent).bit_length()
             now[f"waited for {doubled}"] = words(blocking)
         for server in view.abandoned:
-            now[f"waited for the tool of {server.server}"] = left_behind(server, view)
-        for key, said in now.items():
-            if self._last.get(key) != said and not (key.startswith("waited") and key in self._last):
-                self._say(said if key == "broker" or key.startswith("waited") else f"{key}: {said}")
+            now[f"waited for the tool of {server.server}"] = describe_abandoned(server, view)
+        for key, message in now.items():
+            if self._last.get(key) != message and not (key.startswith("waited") and key in self._last):
+                self._say(message if key == "broker" or key.startswith("waited") else f"{key}: {message}")
         for key in self._last:
             if key not in now and key.startswith(("server", "tool")):
                 self._say(f"{key} has left")
@@ -200,7 +200,7 @@ class Lines:
 
 
 def watch(output: Output, broker: str, prefix: str, every: float) -> int:
-    """Show the state until Ctrl-C, which is the normal end; the exit status."""
+    """Show the state until Ctrl-C, which is the normal end; return the exit status."""
     with suppress(KeyboardInterrupt):
         _show(output, broker, prefix, every)
     return 0

@@ -34,29 +34,31 @@ if TYPE_CHECKING:
 
 
 _BROKER_ACCOUNT_LOGGER = logging.getLogger("swarmwright.servers.broker")
-_HEAD = "# Account of `swarmwright broker`, valid while that runs.\n"
+_HEAD = "# Account of `swarmwright broker`, valid while it runs.\n"
 """First line of a file of --account."""
 
 
-def account_for(others: Mapping[str, object], file: Path | None, *, has_port: bool) -> "UserAccount | None":
-    """Return the account that a broker admits; None where it admits others, or listens on a Unix socket only.
+def account_for(
+    alternatives: Mapping[str, object], file: Path | None, *, has_port: bool
+) -> "UserAccount | None":
+    """Create the account that a broker admits; None if it admits others, or has only a Unix socket.
 
     Args:
-        others: options that say which clients are admitted instead, None for those that are not given.
+        alternatives: options that admit other clients, with None for those that are missing.
         file: of --account.
-        has_port: whether it listens on a port.
+        has_port: whether the broker listens on a port.
 
     Raises:
         click.UsageError: options exclude each other.
     """
-    given = [option for option, value in others.items() if value is not None]
-    if "--anonymous" in given and len(given) > 1:
-        raise click.UsageError(f"--anonymous admits every client, {given[1]} does not; leave one out.")
-    if file is not None and given:
-        raise click.UsageError(f"--account is for brokers without {given[0]}; leave one out.")
+    options = [option for option, value in alternatives.items() if value is not None]
+    if "--anonymous" in options and len(options) > 1:
+        raise click.UsageError(f"--anonymous and {options[1]} exclude each other; leave one out.")
+    if file is not None and options:
+        raise click.UsageError(f"--account and {options[0]} exclude each other; leave one out.")
     if file is not None and not has_port:
-        raise click.UsageError("--account is for a port, add --port PORT; clients of a socket need none.")
-    if given or not has_port:
+        raise click.UsageError("--account needs --port PORT; clients of a Unix socket need no account.")
+    if options or not has_port:
         return None
     from swarmwright.servers.broker.private import new_account
 
@@ -64,10 +66,10 @@ def account_for(others: Mapping[str, object], file: Path | None, *, has_port: bo
 
 
 class UserAccount:
-    """The account of the user who starts a broker, and where programs find it.
+    """The account of the user who starts a broker, and its file.
 
     Attributes:
-        file: variables for programs that do not look for the account themselves; None where there are none.
+        file: file with shell variables for programs that do not find the account themselves, or None.
 
     """
 
@@ -91,7 +93,7 @@ class UserAccount:
             self.file = str(files[0])
 
     def announce(self, output: Output) -> None:
-        """Say who is admitted."""
+        """Print who is admitted."""
         output.text("Only programs of this user may connect (--anonymous admits all users of this machine)")
         if self.file is not None:
             output.text(f"Programs without Swarmwright get the account with: . {shlex.quote(self.file)}")
@@ -117,7 +119,7 @@ class UserAccount:
         text = "".join(f"export {name}={shlex.quote(value)}\n" for name, value in variables.items())
         try:
             if file.exists() and not (file.is_file() and file.read_bytes().startswith(_HEAD.encode())):
-                raise InputError(f"--account: {file} is another file; name one that does not exist")
+                raise InputError(f"--account: {file} was not written by --account; choose another file")
             with tempfile.NamedTemporaryFile("w", dir=file.parent, delete=False, encoding="utf-8") as draft:
                 draft.write(_HEAD + text)  # mode 0600
             Path(draft.name).replace(file)
@@ -130,9 +132,9 @@ _RELOADING_LOGGER = logging.getLogger("swarmwright.servers.broker")
 
 @contextmanager
 def hangups() -> Iterator[threading.Event]:
-    """An event that is set at every SIGHUP within the block.
+    """Yield an event that every SIGHUP sets.
 
-    Except where the terminal has closed: that ends the broker, because Ctrl-C could no longer stop it.
+    A SIGHUP from a closed terminal ends the broker instead, because Ctrl-C could no longer stop it.
     """
     arrived = threading.Event()
     had_terminal = _has_terminal()
@@ -163,16 +165,16 @@ def _has_terminal() -> bool:
 
 
 def reload(broker: "_engine.Broker", output: Output, lines: Log) -> None:
-    """Have the broker read its files again; an unusable one is reported, and changes nothing."""
+    """Let the broker reload its files; an invalid file is reported and changes nothing."""
     from swarmwright import _engine
 
     try:
         broker.reload()
     except _engine.EngineError as error:
-        _RELOADING_LOGGER.warning("nothing has changed: %s", error)
+        _RELOADING_LOGGER.warning("reload failed, the old settings stay in use: %s", error)
         output.json({"event": "reload_failed", "message": str(error)})
     else:
-        output.text("Passwords, access rules and certificate were read again")
+        output.text("Reloaded passwords, access rules and certificate")
         output.json({"event": "reloaded"})
         lines.write("info", "reloaded")
 
@@ -181,12 +183,12 @@ Port = WholeNumber(0, 65535)
 
 
 class Mode(click.ParamType[int]):
-    """Permissions of a file in octal digits, as chmod takes them."""
+    """Permissions of a file in octal digits, as for chmod."""
 
     name = "mode"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """The permissions as bits."""
+        """Return the permissions as bits."""
         if not re.fullmatch("0?[0-7]{3}", value):
             self.fail(f"'{value}' is not a mode; write three octal digits, such as 660.", param, ctx)
         return int(value, 8)
@@ -195,7 +197,7 @@ class Mode(click.ParamType[int]):
 _LOGGER = logging.getLogger("swarmwright.servers.broker")
 
 LOG_SIZE = 64
-"""MiB of a log file by default: every client that reaches the broker can cause log lines."""
+"""Default size of a log file in MiB: every client that reaches the broker can cause log lines."""
 
 EXAMPLE = """\
 swarmwright broker --port 1883
@@ -428,8 +430,8 @@ def command(
 
 
 def _wait(broker: "_engine.Broker", hung_up: Event, output: Output, lines: Log) -> NoReturn:
-    """Have the files read again on each SIGHUP, until Ctrl-C."""
-    # In slices: a signal that comes just before a wait without end begins would never be noticed.
+    """Reload the files on each SIGHUP, until Ctrl-C."""
+    # With a time-out: a signal just before an endless wait would never be noticed.
     while True:
         if hung_up.wait(0.5):
             hung_up.clear()
@@ -439,13 +441,12 @@ def _wait(broker: "_engine.Broker", hung_up: Event, output: Output, lines: Log) 
 def _announce(
     output: Output, broker: "_engine.Broker", host: str, account: UserAccount | None, *, anonymous: bool
 ) -> None:
-    """Say where a broker listens, and which clients it admits, once they can find their account."""
+    """Publish the account of a broker, then print where it listens and which clients it admits."""
     if account is not None:
         account.publish(broker)
     where = dict.fromkeys(url for url in (broker.url, broker.socket_url) if url)
-    # Its URL is the one for this machine.
-    all_of_them = "all addresses of this machine, here " if _is_any(host) and broker.url else ""
-    output.text(f"The broker listens on {all_of_them}{' and '.join(where)} (Ctrl-C stops it)")
+    scope = "all addresses of this machine, here " if _is_any(host) and broker.url else ""
+    output.text(f"The broker listens on {scope}{' and '.join(where)} (Ctrl-C stops it)")
     listening = {"event": "listening", "url": broker.url, "port": broker.port or None}
     if account is not None:
         account.announce(output)
@@ -466,15 +467,15 @@ def _needs(option: str, value: object, other: str, needed: object) -> None:
 
 
 def _refuse(option: str, others: Mapping[str, object]) -> None:
-    given = [name for name, value in others.items() if value is not None]
-    if given:
-        raise click.UsageError(f"{option} writes files and starts no broker; leave out {', '.join(given)}.")
+    options = [name for name, value in others.items() if value is not None]
+    if options:
+        raise click.UsageError(f"{option} writes files and starts no broker; leave out {', '.join(options)}.")
 
 
 def _check_exposure(
     host: str, *, users: Path | None, certificate: Path | None, client_ca: Path | None
 ) -> None:
-    """Refuse to be reachable from other machines without TLS, and passwords or client certificates."""
+    """Refuse an address that other machines can reach without TLS and passwords or client certificates."""
     if ((users or client_ca) and certificate) or _loopback(host):
         return
     reasons = []
@@ -495,7 +496,7 @@ def _check_exposure(
 
 
 def _check_certificate(file: Path | None) -> None:
-    """Warn of a certificate that clients refuse."""
+    """Warn about a certificate that clients refuse."""
     from swarmwright.servers.broker.certificates import is_of_authority
 
     if file is not None and is_of_authority(file):
@@ -507,7 +508,7 @@ def _check_certificate(file: Path | None) -> None:
 
 
 def _is_any(host: str) -> bool:
-    """Whether a host means all addresses of this machine."""
+    """Return whether a host means all addresses of this machine."""
     try:
         return ipaddress.ip_address(host or "0.0.0.0").is_unspecified  # noqa: S104 - nothing is bound
     except ValueError:
@@ -515,14 +516,14 @@ def _is_any(host: str) -> bool:
 
 
 def _loopback(host: str) -> bool:
-    """Whether every address of the host belongs to this machine alone."""
+    """Return whether every address of the host belongs to this machine alone."""
     try:
-        found = socket.getaddrinfo(host or None, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        addresses = socket.getaddrinfo(host or None, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, UnicodeError) as error:
         raise click.UsageError(
             f"'{host}' is not an address of this machine ({error}); try 127.0.0.1."
         ) from None
-    return all(ipaddress.ip_address(str(address[4][0]).split("%")[0]).is_loopback for address in found)
+    return all(ipaddress.ip_address(str(address[4][0]).split("%")[0]).is_loopback for address in addresses)
 
 
 def _add_user(output: Output, file: Path, name: str) -> int:
@@ -534,9 +535,7 @@ def _add_user(output: Output, file: Path, name: str) -> int:
     else:
         password = sys.stdin.readline().rstrip("\r\n")
         if not password:
-            raise click.UsageError(
-                "The password is expected as the first line of standard input; it is empty."
-            )
+            raise click.UsageError("The password is missing; pass it as the first line of standard input.")
     new = set_password(file, name, password)
     if file.stat().st_mode & 0o004:
         _LOGGER.warning(
@@ -564,33 +563,35 @@ def _init(
         users = [account.user for account in added]
         output.json({"event": "added", "folder": str(folder), "users": users})
         output.text(f"{folder}: the users {', '.join(users)} were added")
-        output.text("Send the broker SIGHUP, so that it reads them:")
+        output.text("Send SIGHUP to the broker to load them:")
         output.text("  kill -HUP $(pidof mosquitto)")
         return 0
     if port == 0:
         raise click.UsageError("--init writes the port into the configuration; name one, such as 8883.")
-    made = write_configuration(
+    accounts = write_configuration(
         folder, given=hosts, port=port or 8883, prefixes=prefixes, iterations=iterations
     )
-    output.json({"event": "written", "folder": str(folder), "users": [account.user for account in made]})
+    output.json({"event": "written", "folder": str(folder), "users": [account.user for account in accounts]})
 
     def variables(role: str) -> str:
-        first = next(account for account in made if account.role == role)
+        first = next(account for account in accounts if account.role == role)
         return f". {shlex.quote(str(folder / f'{first.user}.env'))}"
 
     output.text(
-        f"{folder}: a Mosquitto configuration with the users {', '.join(account.user for account in made)}"
+        f"{folder}: a Mosquitto configuration with the users "
+        f"{', '.join(account.user for account in accounts)}"
     )
     output.text("Now, each in another terminal:")
     output.text(f"  mosquitto -c {shlex.quote(str(folder / 'mosquitto.conf'))}")
     output.text(f"  {variables('server')} && swarmwright serve minisim")
     output.text(f"  {variables('tool')} && swarmwright optimize EXPERIMENT.yaml")
-    if made[0].prefix:
+    if accounts[0].prefix:
         output.text(
             f"The files set {PREFIX_VARIABLE} too; --prefix, or `prefix` in an experiment, has priority."
         )
     output.text(
-        "Another machine needs ca.pem, and the .password of its role, by a safe way. ca-key.pem is needed to "
-        "renew the certificate alone; keep it elsewhere."
+        "Copy ca.pem and the .password file of its role to another machine by a secure channel. ca-key.pem "
+        "is "
+        "needed only to renew the certificate; store it elsewhere."
     )
     return 0

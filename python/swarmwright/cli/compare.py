@@ -115,9 +115,9 @@ def command(
         broker, experiment.broker, servers if servers is not None else experiment.servers
     )
     with shown_episodes(output) as on_progress:
-        found = match.evaluated(Where.of(episodes, seed, broker, servers, on_progress))
+        comparison = match.evaluated(Where.of(episodes, seed, broker, servers, on_progress))
     if settings:
         output.text(f"Settings: {', '.join(settings)}")
-    output.block(str(found))
-    output.json({"settings": list(settings), **found.to_mapping()})
-    write_episodes(output, found, picture, table)
+    output.block(str(comparison))
+    output.json({"settings": list(settings), **comparison.to_mapping()})
+    write_episodes(output, comparison, picture, table)

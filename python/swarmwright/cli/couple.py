@@ -47,14 +47,14 @@ def command(
     from swarmwright.common.errors import InputError
     from swarmwright.simulations.fmu.coupling import component_files, coupled
 
-    said = Output(as_json=as_json)
+    printer = Output(as_json=as_json)
     show_warnings()
     if output.suffix != ".ssp":
-        raise InputError(f"{output}: is not the name of an SSP; let it end with .ssp")
+        raise InputError(f"{output}: the name of an SSP must end with .ssp")
     if output.is_dir():
         raise InputError(f"{output}: is a folder; name a file with --output")
     if output.exists() and not force:
-        raise InputError(f"{output}: is there already; name another --output, or write over it with --force")
+        raise InputError(f"{output}: already exists; choose another --output, or overwrite it with --force")
     files = component_files(fmus)
     data, scaled = coupled(output.stem, files, connections)
     try:
@@ -63,8 +63,8 @@ def command(
     except OSError as error:
         raise InputError(f"{output}: cannot be written: {error.strerror}") from error
     plural = "" if len(connections) == 1 else "s"
-    said.text(f"{output}: {', '.join(files)}; {len(connections)} connection{plural}")
+    printer.text(f"{output}: {', '.join(files)}; {len(connections)} connection{plural}")
     for words in scaled.values():
-        said.text(f"  {words}: converted")
+        printer.text(f"  {words}: converted")
     about = {"file": str(output), "components": list(files), "connections": list(connections)}
-    said.json({**about, "scaled": scaled})
+    printer.json({**about, "scaled": scaled})

@@ -67,7 +67,7 @@ def command(
             specification,
             title=f"{experiment.subject}: candidate {chosen.candidate} of generation {chosen.generation}, "
             f"fitness {chosen.fitness + 0.0:.4g}",
-            simulation=_described(simulation) if simulation else _described_by_run(run, chosen.generation),
+            simulation=_describe(simulation) if simulation else _describe_for_run(run, chosen.generation),
             options=experiment.controller.model_dump(),
         )
     else:
@@ -76,13 +76,13 @@ def command(
         target = file or source.with_suffix(".png")
         style.check(target)
         specification = Controller.load(source).specification
-        drawn = figure(specification, title=source.name, simulation=_described(simulation))
+        drawn = figure(specification, title=source.name, simulation=_describe(simulation))
     style.save(drawn, target)
     output.text(f"The controller is drawn in {target}")
     output.json({"picture": str(target), "kind": specification["kind"]})
 
 
-def _described(simulation: str | None, parameters: dict[str, Any] | None = None) -> dict[str, Any] | None:
+def _describe(simulation: str | None, parameters: dict[str, Any] | None = None) -> dict[str, Any] | None:
     """Return the description of a simulation with parameters; None if it is not available here."""
     from swarmwright.simulations import catalogue
 
@@ -93,7 +93,7 @@ def _described(simulation: str | None, parameters: dict[str, Any] | None = None)
     return {**described, "groups": [vars(group) for group in groups]}
 
 
-def _described_by_run(run: "Run", generation: int) -> dict[str, Any] | None:
+def _describe_for_run(run: "Run", generation: int) -> dict[str, Any] | None:
     """Return the description of a run's simulation; None if its code cannot or may not be executed."""
     from swarmwright import InputError
     from swarmwright.common.warn_once import warn_once
@@ -101,7 +101,7 @@ def _described_by_run(run: "Run", generation: int) -> dict[str, Any] | None:
 
     try:
         experiment = used_for(run, generation)
-        return _described(experiment.simulation, experiment.parameters)
+        return _describe(experiment.simulation, experiment.parameters)
     except InputError as error:
         warn_once(f"sensors and actuators are numbered, since the simulation has no names here: {error}")
         return None

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 
 NOT_EVALUATED = (
-    "it does not say how a candidate is evaluated; parameters, fitness, ranking and where it is evaluated "
-    "can be set"
+    "it does not affect how a candidate is evaluated; set parameters, fitness, ranking, or where it is "
+    "evaluated"
 )
 
 
@@ -148,9 +148,9 @@ def command(
         _require_no_candidate(candidate, generation, simulation)
         if episodes is None and seed is None:
             raise click.UsageError(
-                "--controller: there are no recorded episodes of this controller to repeat; add --episodes N"
+                "--controller: the run has no recorded episodes of this controller; add --episodes N"
             )
-        found = _of_controller(
+        evaluation = _evaluate_controller(
             output,
             run,
             controller_file,
@@ -161,25 +161,28 @@ def command(
             broker=broker,
             servers=servers,
         )
-        named = {"run": str(run), "controller": str(controller_file), "settings": list(settings)}
-        output.json({**named, **found.to_mapping()})
+        source = {"run": str(run), "controller": str(controller_file), "settings": list(settings)}
+        output.json({**source, **evaluation.to_mapping()})
         output.text(f"The controller of {controller_file}.")
         _show_settings(output, settings)
-        _show(output, found, f"the held-out {_span(found)}" if seed is None else f"the {_span(found)}")
+        _show(
+            output,
+            evaluation,
+            f"the held-out {_format_span(evaluation)}" if seed is None else f"the {_format_span(evaluation)}",
+        )
         return 0
     if run.is_file():
         raise click.UsageError(
-            f"'{run}' is a file where a run folder is expected. A controller that is in a file is evaluated "
-            "with an experiment, or with the folder of a run: swarmwright evaluate EXPERIMENT.yaml "
-            "--controller FILE --episodes 100"
+            f"'{run}' is a file where a run folder is expected. Evaluate a controller file in an experiment, "
+            "or in that of a run folder: swarmwright evaluate EXPERIMENT.yaml --controller FILE --episodes "
+            "100"
         )
     opened = Run.open(run)
-    again = episodes is None and seed is None and curve is None
-    only = ELSEWHERE - {"validate"} if again else settable()
+    repeats = episodes is None and seed is None and curve is None
+    only = ELSEWHERE - {"validate"} if repeats else settable()
     reason = (
-        "--set changes the conditions, so that the result cannot be compared with the record; add "
-        "--episodes N"
-        if again
+        "--set changes the conditions, so the result cannot be compared with the record; add --episodes N"
+        if repeats
         else NOT_EVALUATED
     )
     used = used_for(opened, opened.evaluation(candidate, generation).generation, simulation)
@@ -188,7 +191,7 @@ def command(
     broker = experiment_broker(
         broker, experiment.broker, servers if servers is not None else experiment.servers
     )
-    if again:
+    if repeats:
         if metrics is not None:
             raise click.UsageError("--metrics: add --episodes N; metrics are measured in new episodes only")
 
@@ -224,12 +227,12 @@ def command(
     )
     _show_settings(output, settings)
     validation = () if other else (opened._store.validation() or {}).get("seeds", ())
-    _show(output, evaluated, _seeds(evaluated, validation))
+    _show(output, evaluated, _describe_seeds(evaluated, validation))
     return 0
 
 
 def _show_settings(output: Output, settings: Sequence[str]) -> None:
-    """Print what was set: the result depends on it."""
+    """Print the settings, on which the result depends."""
     if settings:
         output.text(f"Settings: {', '.join(settings)}")
 
@@ -242,33 +245,35 @@ def _check_curve(
     generation: int | None,
     metrics: str | None,
 ) -> None:
-    """Raise a UsageError for options that mean nothing with --curve, or only with it."""
+    """Raise a UsageError for options that exclude or need --curve."""
     if curve is None:
         if file is not None:
-            raise click.UsageError("--out: add --curve N, the curve that is drawn")
+            raise click.UsageError("--out draws a learning curve; add --curve N")
         return
-    for option, given in (
+    for option, value in (
         ("--controller", controller), ("--candidate", candidate), ("--generation", generation),
         ("--metrics", metrics),
     ):  # fmt: skip
-        if given is not None:
-            raise click.UsageError(f"{option}: has no meaning with --curve; leave it out")
+        if value is not None:
+            raise click.UsageError(f"{option}: cannot be combined with --curve; leave it out")
     if file is not None and file.suffix.lower() not in {".csv", ".png", ".svg", ".pdf"}:
-        raise click.UsageError(f"--out {file}: ends with .png, .svg or .pdf, or with .csv for a table")
+        raise click.UsageError(
+            f"--out {file}: the name must end with .png, .svg or .pdf, or with .csv for a table"
+        )
 
 
 def _require_no_candidate(candidate: int | None, generation: int | None, simulation: str | None) -> None:
-    """Raise a UsageError for options that name a candidate of the run, or its code."""
-    for option, given in (
+    """Raise a UsageError for options that choose a candidate of the run, or its code."""
+    for option, value in (
         ("--candidate", candidate),
         ("--generation", generation),
         ("--simulation", simulation),
     ):
-        if given is not None:
-            raise click.UsageError(f"{option}: has no meaning with --controller; leave it out")
+        if value is not None:
+            raise click.UsageError(f"{option}: cannot be combined with --controller; leave it out")
 
 
-def _of_controller(
+def _evaluate_controller(
     output: Output,
     run: Path,
     file: Path,
@@ -319,69 +324,70 @@ def _names(text: str | None) -> list[str] | Literal["all"]:
 
 
 def settable() -> frozenset[str]:
-    """Return the keys of an experiment that can be set where other episodes are evaluated."""
+    """Return the keys of an experiment that can be set for new episodes."""
     from swarmwright.experiment.experiment import ELSEWHERE
 
     return frozenset(ELSEWHERE - {"validate"} | {"parameters", "fitness", "ranking", "simulation"})
 
 
-def _show(output: Output, found: "ControllerEvaluation", seeds: str) -> None:
-    """Print the statistics; seeds: which they are, in words."""
-    values = found.to_mapping()
-    count = len(found.episodes)
+def _show(output: Output, evaluation: "ControllerEvaluation", seeds: str) -> None:
+    """Print the statistics; seeds: their description."""
+    values = evaluation.to_mapping()
+    count = len(evaluation.episodes)
     output.text(f"{count} episode{'s' * (count > 1)} with {seeds}:")
-    value = found.ranking.options.failure_fitness
-    if found.failed and value is None:
+    value = evaluation.ranking.options.failure_fitness
+    if evaluation.failed and value is None:
         output.text(
-            f"  {found.failed} failed; the others, whose mean is not to be reported (--set "
-            "ranking.failed=NUMBER gives failed episodes a fitness):"
+            f"  {evaluation.failed} failed; do not report the mean of the others (--set "
+            "ranking.failed=NUMBER "
+            "gives failed episodes a fitness):"
         )
-    elif found.failed:
-        output.text(f"  {found.failed} failed and count as {value:g}:")
+    elif evaluation.failed:
+        output.text(f"  {evaluation.failed} failed and count as {value:g}:")
     deviation = values["standard_deviation"]
     spread = "" if deviation is None else f", standard deviation {deviation:.4g}"
-    output.text(f"  mean {_interval(found.mean)}{spread}")
+    output.text(f"  mean {_interval(evaluation.mean)}{spread}")
     output.text(f"  median {values['median']:.6g}, lowest {values['min']:.6g}, highest {values['max']:.6g}")
-    options = found.ranking.options
+    options = evaluation.ranking.options
     if hasattr(options, "slow"):
-        output.text("  in the run's own simulation; the recorded fitness is made with the ranking's slow one")
-    if options.episodes > 1 and found.fitness != found.mean:
+        output.text("  in the run's own simulation; the recorded fitness includes the ranking's slow one")
+    if options.episodes > 1 and evaluation.fitness != evaluation.mean:
         how = getattr(options, "aggregate", options.kind)
-        what = f"  fitness, as the {how} of {options.episodes} episodes"
-        enough = math.isfinite(found.fitness.mean)  # of those that did not fail
-        output.text(f"{what}: {_interval(found.fitness) if enough else 'not known, too many failed'}")
-    _show_metrics(output, found)
+        label = f"  fitness, as the {how} of {options.episodes} episodes"
+        enough = math.isfinite(evaluation.fitness.mean)  # of those that did not fail
+        output.text(f"{label}: {_interval(evaluation.fitness) if enough else 'unknown, too many failed'}")
+    _show_metrics(output, evaluation)
 
 
-def _seeds(found: "PostEvaluation", validation: Sequence[int]) -> str:
-    """Return which seeds they are, and what they have been used for before.
+def _describe_seeds(evaluation: "PostEvaluation", validation: Sequence[int]) -> str:
+    """Describe the seeds of an evaluation, and their previous use.
 
-    validation: seeds of the run's own validation; empty where there is none, or it had other episodes.
+    validation: seeds of the run's own validation; empty without one, or if its episodes differ.
     """
-    last, count = found.seeds[-1], len(found.seeds)
-    seeds = _span(found)
-    if found.seen:
-        return f"the {seeds}, {found.seen} of them used by the run"
-    if not (found.validated and validation):
+    last, count = evaluation.seeds[-1], len(evaluation.seeds)
+    seeds = _format_span(evaluation)
+    if evaluation.seen:
+        return f"the {seeds}, {evaluation.seen} of them used by the run"
+    if not (evaluation.validated and validation):
         return f"the held-out {seeds}"
-    which = "the same as" if found.validated == count else f"{found.validated} of them"
+    overlap = "the same as" if evaluation.validated == count else f"{evaluation.validated} of them"
     fresh = max(last, *validation) + 1
-    return f"the held-out {seeds}, {which} those of the run's validation (fresh ones: --seed {fresh})"
+    return f"the held-out {seeds}, {overlap} those of the run's validation (fresh ones: --seed {fresh})"
 
 
-def _span(found: "ControllerEvaluation") -> str:
-    first, last = found.seeds[0], found.seeds[-1]
-    return f"seeds {first} to {last}" if len(found.seeds) > 1 else f"seed {first}"
+def _format_span(evaluation: "ControllerEvaluation") -> str:
+    first, last = evaluation.seeds[0], evaluation.seeds[-1]
+    return f"seeds {first} to {last}" if len(evaluation.seeds) > 1 else f"seed {first}"
 
 
-def _show_metrics(output: Output, found: "ControllerEvaluation") -> None:
+def _show_metrics(output: Output, evaluation: "ControllerEvaluation") -> None:
     from swarmwright.common.statistics import estimate
 
-    for name, values in found.metrics.items():
-        known = [value for value in values.tolist() if math.isfinite(value)]
-        without = len(values) - len(known)
+    for name, values in evaluation.metrics.items():
+        finite_values = [value for value in values.tolist() if math.isfinite(value)]
+        without = len(values) - len(finite_values)
         gaps = f"; {without} of {len(values)} episodes have no finite value" if without else ""
-        output.text(f"  {name}: mean {_interval(estimate(known))}{gaps}")
+        output.text(f"  {name}: mean {_interval(estimate(finite_values))}{gaps}")
 
 
 def _interval(estimate: "Estimate") -> str:
@@ -404,7 +410,7 @@ def show_learning_curve(
     settings: Sequence[str],
     where: "tuple[str | None, Servers | None]",
 ) -> int:
-    """Evaluate a learning curve, print it as a table, and draw or write it into a file if one is given."""
+    """Evaluate a learning curve and print it as a table; if there is a file, write or draw it."""
     from swarmwright import learning_curve
     from swarmwright.cli._progress import episodes as shown_episodes
     from swarmwright.runs.post_evaluation import EPISODES
@@ -440,8 +446,9 @@ def show_learning_curve(
         )
     if not curve.is_reportable:
         output.text(
-            "Means leave failed episodes out and are not to be reported; --set ranking.failed=NUMBER gives "
-            "these a fitness."
+            "Do not report these means, which exclude failed episodes; --set ranking.failed=NUMBER gives "
+            "them "
+            "a fitness."
         )
     if file is not None:
         output.text(f"The {'table' if file.suffix.lower() == '.csv' else 'figure'} is in {file}")
@@ -457,52 +464,55 @@ def show_repetition(
     broker: str | None,
     servers: "Servers | None",
 ) -> int:
-    """Repeat an evaluation and compare it with its record; return the exit status, 0 if it is the same."""
+    """Repeat an evaluation and compare it with its record; return the exit status, 0 if they are the same."""
     from swarmwright import repeat
 
-    found = repeat(run, candidate, generation, experiment=experiment, broker=broker, servers=servers)
+    repetition = repeat(run, candidate, generation, experiment=experiment, broker=broker, servers=servers)
     output.json(
         {
-            "number": found.number,
-            "generation": found.generation,
-            "candidate": found.candidate,
-            "seeds": found.seeds,
-            "recorded": found.recorded.tolist(),
-            "repeated": found.repeated.tolist(),
-            "same": found.same,
-            "left_out": found.left_out,
-            "recorded_errors": found.recorded_errors,
-            "errors": found.errors,
+            "number": repetition.number,
+            "generation": repetition.generation,
+            "candidate": repetition.candidate,
+            "seeds": repetition.seeds,
+            "recorded": repetition.recorded.tolist(),
+            "repeated": repetition.repeated.tolist(),
+            "same": repetition.same,
+            "left_out": repetition.left_out,
+            "recorded_errors": repetition.recorded_errors,
+            "errors": repetition.errors,
         }
     )
-    output.text(f"Candidate {found.candidate} of generation {found.generation}, evaluation {found.number}.")
+    output.text(
+        f"Candidate {repetition.candidate} of generation {repetition.generation}, evaluation "
+        f"{repetition.number}."
+    )
     for episode, (before, now) in enumerate(
-        zip(found.recorded.tolist(), found.repeated.tolist(), strict=True)
+        zip(repetition.recorded.tolist(), repetition.repeated.tolist(), strict=True)
     ):
         output.text(f"  episode {episode}: recorded {_fitness(before)}, now {_fitness(now)}")
-    if found.left_out:
-        ran = len(found.recorded)
+    if repetition.left_out:
+        ran = len(repetition.recorded)
         output.text(
-            f"It was dropped from the race after {ran} of {ran + found.left_out} episodes, "
+            f"It was dropped from the race after {ran} of {ran + repetition.left_out} episodes, "
             "which are compared."
         )
-    if found.failed_again:
-        for when, errors in (("as recorded", found.recorded_errors), ("now", found.errors)):
+    if repetition.failed_again:
+        for when, errors in (("as recorded", repetition.recorded_errors), ("now", repetition.errors)):
             output.text(f"Failed {when}: {'; '.join(map(one_line, errors)) or 'the reason is not known'}")
-    output.text(_verdict(found))
-    return 0 if found.same else 1
+    output.text(_compare_repetition(repetition))
+    return 0 if repetition.same else 1
 
 
 def _fitness(value: float) -> str:
     return "failed" if math.isnan(value) else repr(value)
 
 
-def _verdict(found: "Repetition") -> str:
-    """Say whether an evaluation and its repetition are the same."""
-    if not found.failed_again:
-        return "The fitness is the same, to the bit." if found.same else "The fitness is NOT the same."
-    if found.failed_again == len(found.recorded):
-        return "It failed again for the same reason." if found.same else "It failed for ANOTHER reason."
-    if found.same:
-        return "The fitness is the same, to the bit; what failed has failed again for the same reason."
+def _compare_repetition(repetition: "Repetition") -> str:
+    """Return a sentence on whether an evaluation and its repetition are the same."""
+    if not repetition.failed_again:
+        return "The fitness is the same, to the bit." if repetition.same else "The fitness is NOT the same."
+    if repetition.failed_again == len(repetition.recorded):
+        return "It failed again for the same reason." if repetition.same else "It failed for ANOTHER reason."
+    if repetition.same:
+        return "The fitness is the same, to the bit; the same episodes failed for the same reason."
     return "The fitness, or the reason why episodes failed, is NOT the same."

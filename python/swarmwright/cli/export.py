@@ -117,7 +117,7 @@ def command(
     from swarmwright.export import EXPORTERS
     from swarmwright.export.exporting import PREFIX, export_controller
 
-    said = Output(as_json=as_json)
+    printer = Output(as_json=as_json)
     show_warnings()
     _check_output(output, run)
     if bundle is not None:
@@ -128,13 +128,13 @@ def command(
         if group is not None:
             raise click.UsageError("--group goes with --to: a bundle holds one controller for all agents")
         prefix = prefix or PREFIX
-        return _bundle(said, run, bundle, generation, candidate, prefix, mapping, terms, force=force)
+        return _bundle(printer, run, bundle, generation, candidate, prefix, mapping, terms, force=force)
     if model:
         if form is not None or verify or output is None:
             raise click.UsageError(
                 "--model writes into a folder: name it with --output, leave out --to and --verify"
             )
-        return _model(said, run, model, output, generation, candidate, force=force)
+        return _model(printer, run, model, output, generation, candidate, force=force)
     if form is None:
         raise click.UsageError(
             f"name a format: --to {', '.join(EXPORTERS.names())}; or give --bundle FILE.zip or --model FILE"
@@ -153,11 +153,11 @@ def command(
         force=force,
     )
     facts = dict(exported.subject.facts)
-    said.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
+    printer.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
     for file in exported.files:
-        said.text(f"  {file}")
-    found = exported.verification
-    said.json(
+        printer.text(f"  {file}")
+    verification = exported.verification
+    printer.json(
         {
             "run": str(run),
             "to": form,
@@ -165,19 +165,22 @@ def command(
             **{name.lower(): text for name, text in facts.items() if name != "Run"},
             **(
                 {}
-                if found is None
-                else {"largest_difference": found.largest_difference, "verification": found.to_mapping()}
+                if verification is None
+                else {
+                    "largest_difference": verification.largest_difference,
+                    "verification": verification.to_mapping(),
+                }
             ),
         }
     )
-    if found is None:
+    if verification is None:
         return 0
-    if found.self_test:
-        said.text(f"The self-test {found.self_test} is ok")
-    if found.without_episodes:
-        said.text(f"Verified without episodes: {found.without_episodes}")
-    said.text(f"Verified: {found.words}" if found.ok else found.words)
-    return 0 if found.ok else 1
+    if verification.self_test:
+        printer.text(f"The self-test {verification.self_test} is ok")
+    if verification.without_episodes:
+        printer.text(f"Verified without episodes: {verification.without_episodes}")
+    printer.text(f"Verified: {verification.words}" if verification.ok else verification.words)
+    return 0 if verification.ok else 1
 
 
 def _check_output(output: Path | None, run: Path) -> None:
@@ -186,7 +189,7 @@ def _check_output(output: Path | None, run: Path) -> None:
 
 
 def _model(
-    said: Output,
+    printer: Output,
     run: Path,
     files: tuple[Path, ...],
     output: Path,
@@ -200,15 +203,15 @@ def _model(
         run, files, output, generation=generation, candidate=candidate, force=force
     )
     facts = dict(subject.facts)
-    said.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
+    printer.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
     for file in written:
-        said.text(f"  {file}")
-    said.json({"run": str(run), "files": [str(file) for file in written]})
+        printer.text(f"  {file}")
+    printer.json({"run": str(run), "files": [str(file) for file in written]})
     return 0
 
 
 def _bundle(
-    said: Output,
+    printer: Output,
     run: Path,
     file: Path,
     generation: int | None,
@@ -222,7 +225,7 @@ def _bundle(
     """Write an archive, and say what is in it."""
     from swarmwright.export.bundle import export_bundle
 
-    made = export_bundle(
+    bundled = export_bundle(
         run,
         file,
         generation=generation,
@@ -232,24 +235,24 @@ def _bundle(
         license=terms,
         force=force,
     )
-    facts = dict(made.subject.facts)
-    said.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
-    for form, found in made.verified.items():
-        said.text(f"  {form}: {found.words}")
-    for form, reason in made.unverified.items():
-        said.text(f"  {form}: not verified: {reason}")
-    for form, reason in made.without.items():
-        said.text(f"  {form}: left out: {reason}")
-    said.text(f"{file}: SHA-256 of the manifest {made.digest}")
-    said.json(
+    facts = dict(bundled.subject.facts)
+    printer.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
+    for form, verification in bundled.verified.items():
+        printer.text(f"  {form}: {verification.words}")
+    for form, reason in bundled.unverified.items():
+        printer.text(f"  {form}: not verified: {reason}")
+    for form, reason in bundled.without.items():
+        printer.text(f"  {form}: left out: {reason}")
+    printer.text(f"{file}: SHA-256 of the manifest {bundled.digest}")
+    printer.json(
         {
             "run": str(run),
             "bundle": str(file),
-            "digest": made.digest,
+            "digest": bundled.digest,
             **{name.lower(): text for name, text in facts.items() if name != "Run"},
-            "verified": {form: found.to_mapping() for form, found in made.verified.items()},
-            "unverified": made.unverified,
-            "without": made.without,
+            "verified": {form: verification.to_mapping() for form, verification in bundled.verified.items()},
+            "unverified": bundled.unverified,
+            "without": bundled.without,
         }
     )
     return 0

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from swarmwright import Experiment
 
 
-_PROXY_ONLY = "is for FMUs of simulation servers; add --proxy"
+_PROXY_ONLY = "applies only to FMUs of simulation servers; add --proxy"
 
 
 @click.command(
@@ -108,11 +108,11 @@ def command(
     from swarmwright.export.writing import write
     from swarmwright.simulations.catalogue import title
 
-    said = Output(as_json=as_json)
+    printer = Output(as_json=as_json)
     show_warnings()
     options = {"--broker": broker, "--prefix": prefix, "--server": server, "--agents": agents}
-    if not proxy and (given := [name for name, value in options.items() if value is not None]):
-        raise InputError(f"{given[0]}: {_PROXY_ONLY}")
+    if not proxy and (ignored := [name for name, value in options.items() if value is not None]):
+        raise InputError(f"{ignored[0]} {_PROXY_ONLY}")
     experiment = _experiment(simulation, settings, proxy=proxy)
     label = title(experiment.simulation)
     file = output or Path(f"{_stem(simulation)}.fmu")
@@ -132,10 +132,10 @@ def command(
     else:
         model = Model.of(experiment.simulation, experiment.parameters)
     write({file.name: model_fmu(model, fmi=f"{fmi}.0", name=name)}, file.parent, force=force)
-    by = f", by servers on {address.broker}" if proxy else ""
-    said.text(f"{file}: {label}, FMI {fmi}.0{by}")
+    origin = f", by servers on {address.broker}" if proxy else ""
+    printer.text(f"{file}: {label}, FMI {fmi}.0{origin}")
     about: dict[str, object] = {"file": str(file), "simulation": label, "fmi": f"{fmi}.0"}
-    said.json({**about, "broker": address.broker} if proxy else about)
+    printer.json({**about, "broker": address.broker} if proxy else about)
 
 
 def _experiment(simulation: str, settings: tuple[str, ...], *, proxy: bool) -> "Experiment":
@@ -153,18 +153,17 @@ def _experiment(simulation: str, settings: tuple[str, ...], *, proxy: bool) -> "
     elif Path(simulation).is_file():
         return Experiment.load(simulation, settings)
     else:
-        known = ", ".join(titles())
+        builtin = ", ".join(titles())
         is_file = Path(simulation).suffix in (".yaml", ".yml", ".fmu", ".ssp", ".py")
         if is_file or not proxy:
-            kinds = "a class is named FILE.py:CLASS; " if proxy else ""
+            hint = "; a class is named FILE.py:CLASS" if proxy else ""
             raise InputError(
-                f"{simulation}: is no built-in simulation ({known}), and there is no experiment file of this "
-                f"name{'; ' + kinds.rstrip('; ') if kinds else ''}"
+                f"{simulation}: is neither a built-in simulation ({builtin}) nor an experiment file{hint}"
             )
         if not has_description(simulation) and not any(
             assignment.startswith("requirements") for assignment in settings
         ):
-            # What a server of another make offers is not known here.
+            # Offers of other servers are unknown.
             settings = ("requirements.dimensions=2", *settings)
     return Experiment.from_mapping({"simulation": simulation}, settings)
 

@@ -7,7 +7,7 @@ import click
 from swarmwright.cli._commands import Command
 from swarmwright.cli._experiments import importer_of
 from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption
-from swarmwright.cli._output import Output, complain, document
+from swarmwright.cli._output import Output, complain, print_document
 
 _FIELD = "For a FREVO session: the field, as JSON or FREVO's .ser. Default: the one FILE names, next to FILE."
 
@@ -76,7 +76,7 @@ def command(
     Comments in the experiment name the origin of each line.
     """
     if target is not None and target.exists():
-        raise click.UsageError(f"'{target}' exists and is not written over; name another file, or remove it.")
+        raise click.UsageError(f"'{target}' already exists; choose another file, or remove it.")
     from swarmwright.common.files import write_text
     from swarmwright.experiment.importing import ImportOptions
 
@@ -91,11 +91,11 @@ def command(
     for name, text in imported.files.items():
         beside = (target or Path()).parent / name
         if beside.exists():
-            raise click.UsageError(f"'{beside}' exists and is not written over; remove it.")
+            raise click.UsageError(f"'{beside}' already exists; remove it.")
         write_text(beside, text)
         Output().text(f"The behaviour is in {beside}")
     if target is None:
-        document(imported.yaml)
+        print_document(imported.yaml)
     else:
         write_text(target, imported.yaml)
         Output().text(f"The experiment is in {target}")

@@ -3,7 +3,7 @@
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._output import document
+from swarmwright.cli._output import print_document
 
 
 class _MissionOption(click.Option):
@@ -51,10 +51,10 @@ def command(template: str, mission: str | None, mission_file: bool) -> None:
         raise click.UsageError(f"--mission{'-file' * mission_file} is for arena only, not for {template}")
     try:
         if mission_file:
-            document(templates.mission(mission or "aggregation"))
+            print_document(templates.mission(mission or "aggregation"))
         elif mission is not None:
-            document(templates.arena(mission, template))
+            print_document(templates.arena(mission, template))
         else:
-            document(templates.text(template))
+            print_document(templates.text(template))
     except InputError as error:
         raise click.UsageError(str(error)) from error

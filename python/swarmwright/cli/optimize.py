@@ -79,8 +79,8 @@ def command(
     output = Output(as_json=as_json)
     show_warnings()
     experiment = experiment_of(file, (*settings, *prefix_settings(prefix)))
-    wanted = servers if servers is not None else experiment.servers
-    broker = experiment_broker(broker, experiment.broker, wanted)
+    chosen_servers = servers if servers is not None else experiment.servers
+    broker = experiment_broker(broker, experiment.broker, chosen_servers)
     return evolve(
         output,
         experiment,

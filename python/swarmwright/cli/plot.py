@@ -11,7 +11,7 @@ from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption, compa
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
-    from swarmwright.cli._comparison import Compared
+    from swarmwright.cli._comparison import ComparisonOptions
     from swarmwright.display.figures.style import Page
     from swarmwright.runs.metric_curves import Names
 
@@ -74,7 +74,7 @@ def command(
     width: str | None,
     title: str | None,
     as_json: bool,
-    **options: Any,  # noqa: ANN401 - see `Compared`
+    **options: Any,  # noqa: ANN401 - see `ComparisonOptions`
 ) -> int:
     """Plot a run, or compare several.
 
@@ -83,25 +83,27 @@ def command(
     effect sizes). RUN can be the folder of a sweep. Runs that are unfinished, empty, damaged or missing are
     reported and excluded, and the exit status is 1.
     """
-    from swarmwright.cli._comparison import Compared, single_run
+    from swarmwright.cli._comparison import ComparisonOptions, single_run
     from swarmwright.display.figures.style import Page, on
 
-    what = Compared.of(options)
+    compared = ComparisonOptions.from_options(options)
     page = Page.of(style, width, title)
     output = Output(as_json=as_json)
-    run = single_run(runs) if what == Compared() else None
+    run = single_run(runs) if compared == ComparisonOptions() else None
     if run is not None:
         with on(page):
-            _draw_one(output, run, file or run / "plot.png", x, _asked(metrics))
+            _draw_single(output, run, file or run / "plot.png", x, _parse_metrics(metrics))
         return 0
-    return _draw_several(output, runs, file or Path("comparison.png"), x, what, page, _asked(metrics))
+    return _draw_several(
+        output, runs, file or Path("comparison.png"), x, compared, page, _parse_metrics(metrics)
+    )
 
 
-def _asked(metrics: tuple[str, ...]) -> "Names | None":
+def _parse_metrics(metrics: tuple[str, ...]) -> "Names | None":
     return "all" if metrics == ("all",) else metrics or None
 
 
-def _draw_one(output: Output, folder: Path, file: Path, x: str, metrics: "Names | None") -> None:
+def _draw_single(output: Output, folder: Path, file: Path, x: str, metrics: "Names | None") -> None:
     from swarmwright import InputError, Run
     from swarmwright.common.formatting import counted
     from swarmwright.display.figures import style
@@ -138,7 +140,7 @@ def _draw_several(
     runs: Sequence[Path],
     file: Path,
     x: str,
-    what: "Compared",
+    compared: "ComparisonOptions",
     page: "Page",
     metrics: "Names | None",
 ) -> int:
@@ -147,7 +149,7 @@ def _draw_several(
     from swarmwright.display.figures.style import on
 
     style.check(file)
-    comparison, status = show_comparison(output, runs, what)
+    comparison, status = show_comparison(output, runs, compared)
     with on(page):
         style.save(comparison._drawn(x, metrics), file)
     output.text(f"The figure is in {file}")

@@ -17,17 +17,17 @@ from swarmwright.cli._options import (
     simulation_option,
     trust_option,
 )
-from swarmwright.cli._output import Output, results, show_warnings
+from swarmwright.cli._output import Output, get_stdout, show_warnings
 from swarmwright.cli._pictures import (
     Colors,
     broker_of,
     check_file,
     check_unsaved,
+    describe_file,
+    describe_recording,
+    parse_parts,
     picture_options,
-    saved,
     show_in_browser,
-    shown_parts,
-    where,
 )
 from swarmwright.common.errors import engine_errors
 
@@ -111,16 +111,15 @@ def command(
     """
     if controller is not None and (generation is not None or candidate is not None):
         raise click.UsageError(
-            "--controller names another controller than the run's; leave it out, or leave out --generation "
-            "and --candidate."
+            "--controller excludes --generation and --candidate; leave it out, or leave out these."
         )
     if seed is not None and episode is not None:
-        raise click.UsageError("--episode is one of the run's, --seed another one; give one of them.")
+        raise click.UsageError("--episode and --seed exclude each other; leave one out.")
     if picture is not None:
         check_file(picture)
     if beside and (picture is None or picture.suffix.lower() != ".html"):
-        raise click.UsageError("--beside is shown by a page: --save FILE.html.")
-    shown = shown_parts(parts, colors)
+        raise click.UsageError("--beside needs a page: --save FILE.html.")
+    shown = parse_parts(parts, colors)
     if picture is None:
         check_unsaved({"opening": "--open", "parts": "--show", "colors": "--colors"})
     from swarmwright import Run
@@ -145,7 +144,7 @@ def command(
         **how,
     )
     if picture is not None:
-        others = [_replay_beside(replay, which, how) for which in beside]
+        others = [_replay_beside(replay, name, how) for name in beside]
         _save(output, replay, picture, speed, shown, others)
         if opening:
             show_in_browser(output, picture)
@@ -157,24 +156,24 @@ def command(
         output.text(replay.title)
         with engine_errors():
             played = replay.episode()
-            play(played, results(), in_place=output.terminal, color=output.color, speed=speed)
+            play(played, get_stdout(), in_place=output.terminal, color=output.color, speed=speed)
         output.text(replay.outcome(played.fitness))
 
 
-def _replay_beside(replay: "Replay", which: str, how: dict[str, Any]) -> "Replay":
-    """Return what `--beside` names, in the same episode: simulation, parameters and seed of the first one."""
+def _replay_beside(replay: "Replay", name: str, how: dict[str, Any]) -> "Replay":
+    """Return a replay for `--beside` in the same episode: simulation, parameters and seed of the first."""
     from swarmwright import Run
     from swarmwright.runs.replay import Replay
 
-    numbers = re.fullmatch(r"(\d{1,18}):(\d{1,18})", which)
+    numbers = re.fullmatch(r"(\d{1,18}):(\d{1,18})", name)
     if numbers is not None:
         generation, candidate = int(numbers[1]), int(numbers[2])
         return Replay.of(replay.run, generation=generation, candidate=candidate, seed=replay.seed, **how)
-    if not Path(which).is_dir():
+    if not Path(name).is_dir():
         raise click.UsageError(
-            f"--beside {which}: expected GENERATION:CANDIDATE such as 0:7, or the folder of a run."
+            f"--beside {name}: expected GENERATION:CANDIDATE such as 0:7, or the folder of a run."
         )
-    return replay.beside(Run.open(Path(which)))
+    return replay.beside(Run.open(Path(name)))
 
 
 def _save(
@@ -189,8 +188,8 @@ def _save(
 
     called = names([replay, *others]) if others else [""]
     recording = replay.save(picture, speed=speed, shown=shown, others=others, names=called)
-    output.text(f"{replay.who} {replay.outcome(recording.fitness)} {where(picture)}")
-    output.json({**saved(recording, picture), **replay.identity()})
+    output.text(f"{replay.who} {replay.outcome(recording.fitness)} {describe_file(picture)}")
+    output.json({**describe_recording(recording, picture), **replay.identity()})
 
 
 def _print_scenes(output: Output, replay: "Replay") -> None:

@@ -103,14 +103,14 @@ def command(
     settings = (*settings, *prefix_settings(prefix))
     # Report errors before anything is printed or started.
     budget = {"generations": generations, "evaluations": evaluations, "seconds": seconds}
-    wanted = Resumption.of(opened, opened._store, settings, budget)
-    experiment = wanted.experiment
-    if not wanted.has_all_generations:
+    resumption = Resumption.of(opened, opened._store, settings, budget)
+    experiment = resumption.experiment
+    if not resumption.has_all_generations:
         continuation(opened, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
     chosen = servers if servers is not None else experiment.servers
     broker = experiment_broker(broker, experiment.broker, chosen)
-    if wanted.has_all_generations:
-        due = wanted.validation_is_due
+    if resumption.has_all_generations:
+        due = resumption.validation_is_due
         if not due and at_end.is_due(experiment, opened._store):
             left = "its best candidates are transferred"
         else:

@@ -21,7 +21,7 @@ from swarmwright.cli._options import (
     compare_options,
     json_option,
 )
-from swarmwright.cli._output import Output, aside, complain
+from swarmwright.cli._output import Output, complain, print_note
 from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
 from swarmwright.common.errors import InputError
 from swarmwright.common.formatting import counted
@@ -37,7 +37,7 @@ COLUMNS = (
     *("run", "state", "simulation", "controller", "method", "seed", "generations", "evaluations", "failed"),
     *("best", "held_out", "seconds", "created"),
 )
-"""Keys by which runs are sorted and filtered; `runs list --json` has them."""
+"""Keys for sorting and filtering runs, as in `runs list --json`."""
 _CONDITION = re.compile(r"\s*([^\s<>=!]+)\s*(!=|<=|>=|=|<|>)(.*)", re.DOTALL)
 _ORDERS: Mapping[str, Callable[[Any, Any], bool]] = {
     "<": operator.lt,
@@ -56,34 +56,34 @@ class Condition:
     value: str
 
     def holds(self, values: Mapping[str, Any]) -> bool:
-        """Return whether it holds for a run.
+        """Return whether the condition holds for a run.
 
-        A missing value, such as the best fitness of a run without a generation, satisfies `!=` alone.
-        Raises InputError where a number is to be compared with something else.
+        A missing value, such as the best fitness of a run without a generation, satisfies only `!=`.
+        Raises InputError if a number is compared with another type.
         """
-        found = values.get(self.key)
-        if _is_missing(found):
+        value = values.get(self.key)
+        if _is_missing(value):
             return self.operator == "!="
         if self.operator in _ORDERS:
-            return self._is_in_order(found)
-        return self._is_equal(found) == (self.operator == "=")
+            return self._is_in_order(value)
+        return self._is_equal(value) == (self.operator == "=")
 
-    def _is_in_order(self, found: Any) -> bool:  # noqa: ANN401 - any value of an experiment
+    def _is_in_order(self, value: Any) -> bool:  # noqa: ANN401 - any value of an experiment
         compare = _ORDERS[self.operator]
-        if not _is_number(found):
-            return compare(_text(found), self.value)
-        wanted = _number(self.value)
-        if wanted is None:
+        if not _is_number(value):
+            return compare(_text(value), self.value)
+        limit = _number(self.value)
+        if limit is None:
             raise InputError(
                 f"--filter {self.key}{self.operator}{self.value}: {self.value!r} is not a number"
             )
-        return compare(found, wanted)
+        return compare(value, limit)
 
-    def _is_equal(self, found: Any) -> bool:  # noqa: ANN401 - any value of an experiment
-        wanted = _number(self.value) if _is_number(found) else None
-        if wanted is not None:
-            return bool(found == wanted)
-        return fnmatchcase(_text(found), self.value)
+    def _is_equal(self, value: Any) -> bool:  # noqa: ANN401 - any value of an experiment
+        number = _number(self.value) if _is_number(value) else None
+        if number is not None:
+            return bool(value == number)
+        return fnmatchcase(_text(value), self.value)
 
 
 class ConditionType(click.ParamType[Condition]):
@@ -97,18 +97,19 @@ class ConditionType(click.ParamType[Condition]):
         """Parse the condition."""
         if isinstance(value, Condition):
             return value
-        found = _CONDITION.fullmatch(value)
-        if found is None:
+        match = _CONDITION.fullmatch(value)
+        if match is None:
             self.fail(
-                f"'{value}' is not a condition: write KEY=VALUE, or !=, <, <=, > or >= in the place of =, in "
-                "quotes where it has < or >.",
+                f"'{value}' is not a condition: write KEY=VALUE, or !=, <, <=, > or >= instead of =, in "
+                "quotes "
+                "if it contains < or >.",
                 param,
                 ctx,
             )
-        return Condition(found[1], found[2], found[3].strip())
+        return Condition(match[1], match[2], match[3].strip())
 
 
-def selected(
+def filter_runs(
     runs: Sequence[Mapping[str, Any]],
     experiments: Sequence[Mapping[str, Any]],
     conditions: Sequence[Condition],
@@ -121,13 +122,13 @@ def selected(
         conditions: on columns, else on keys of experiments.
 
     Raises:
-        InputError: no run has a key of a condition, or a number is compared with something else.
+        InputError: no run has a key of a condition, or a number is compared with another type.
     """
-    known = {key for values in experiments for key in values}
+    keys = {key for values in experiments for key in values}
     for condition in conditions:
-        if runs and condition.key not in COLUMNS and condition.key not in known:
-            what = unknown_key(condition.key, [*COLUMNS, *sorted(known)])
-            raise InputError(f"--filter {condition.key}: {what}")
+        if runs and condition.key not in COLUMNS and condition.key not in keys:
+            problem = unknown_key(condition.key, [*COLUMNS, *sorted(keys)])
+            raise InputError(f"--filter {condition.key}: {problem}")
     return [
         run
         for run, experiment in zip(runs, experiments, strict=True)
@@ -135,15 +136,15 @@ def selected(
     ]
 
 
-def in_order(runs: Sequence[Mapping[str, Any]], column: str, *, reverse: bool) -> list[Mapping[str, Any]]:
-    """Return runs sorted by a column; those without a value come first, or last where it is reversed."""
+def sort_runs(runs: Sequence[Mapping[str, Any]], column: str, *, reverse: bool) -> list[Mapping[str, Any]]:
+    """Return runs sorted by a column; those without a value come first, or last if reversed."""
 
-    def place(run: Mapping[str, Any]) -> tuple[bool, Any, str]:
+    def key(run: Mapping[str, Any]) -> tuple[bool, Any, str]:
         value = run[column]
         missing = _is_missing(value)
         return (not missing, 0 if missing else value, run["created"])
 
-    return sorted(runs, key=place, reverse=reverse)
+    return sorted(runs, key=key, reverse=reverse)
 
 
 def _is_missing(value: Any) -> bool:  # noqa: ANN401 - any value of an experiment
@@ -214,20 +215,20 @@ def list_(
     from swarmwright.runs.store import FILE, StoreReader
 
     output = Output(as_json=as_json)
-    place = folder or RUNS
+    root = folder or RUNS
     runs, experiments, broken = [], [], []
-    stores = sorted(place.glob(f"**/{FILE}"))
+    stores = sorted(root.glob(f"**/{FILE}"))
     with reading_progress(len(stores)) as begin:
         for number, store in enumerate(stores):
             begin(number)
             try:
-                with StoreReader.opened(store.parent) as reader:  # one connection takes half the time of four
+                with StoreReader.opened(store.parent) as reader:  # one connection for all facts saves time
                     run = Run(store.parent, reader)
                     runs.append(facts_of(run))
                     experiments.append(flat(run.experiment.to_mapping()) if conditions else {})
             except InputError as error:
                 broken.append(str(error))
-    shown = in_order(selected(runs, experiments, conditions), sort, reverse=reverse)
+    shown = sort_runs(filter_runs(runs, experiments, conditions), sort, reverse=reverse)
     for facts in shown:
         output.json(facts)
     for reason in broken:
@@ -237,10 +238,10 @@ def list_(
         cure = (
             "`swarmwright runs list .` lists those in" if beside else "`swarmwright optimize FILE` makes one"
         )
-        output.text(f"No runs in {place}. {cure}{' the working folder' * beside}.")
+        output.text(f"No runs in {root}. {cure}{' the working folder' * beside}.")
     elif not as_json:
         if runs and not shown:
-            output.text(f"None of the {counted(len(runs), 'run')} in {place} matches.")
+            output.text(f"None of the {counted(len(runs), 'run')} in {root} matches.")
         else:
             list_table(output, shown)
         for reason in broken:
@@ -300,28 +301,28 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_js
     from swarmwright.cli._runs import elites_facts, list_elites
 
     output = Output(as_json=as_json)
-    found = Run.open(run).elites
-    if offset is not None and found.grid is None:
+    archive = Run.open(run).elites
+    if offset is not None and archive.grid is None:
         raise click.UsageError(
             "--offset is for the QD score of an archive, and this run has a front; leave it out."
         )
     offset = offset or 0.0
-    if file is not None and found.candidates:
-        found.plot(file)
+    if file is not None and archive.candidates:
+        archive.plot(file)
     output.json(
         {
             "run": str(run),
-            **elites_facts(found, offset),
-            "elites": [candidate._asdict() for candidate in found.candidates],
-            "picture": None if file is None or not found.candidates else str(file),
+            **elites_facts(archive, offset),
+            "elites": [candidate._asdict() for candidate in archive.candidates],
+            "picture": None if file is None or not archive.candidates else str(file),
         }
     )
     if not as_json:
-        list_elites(output, found, limit, offset)
-        if file is not None and found.candidates:
+        list_elites(output, archive, limit, offset)
+        if file is not None and archive.candidates:
             output.text(f"The figure is in {file}")
-    if file is not None and not found.candidates:
-        found.plot(file)  # says why there is none
+    if file is not None and not archive.candidates:
+        archive.plot(file)  # raises an error with the reason
 
 
 @command.command(
@@ -332,7 +333,7 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_js
 @click.argument("one", type=ExistingPath(folder=True), metavar="RUN")
 @click.argument("other", type=ExistingPath(folder=True), metavar="RUN")
 @json_option
-def diff(one: Path, other: Path, as_json: bool) -> int:
+def diff(first_path: Path, second_path: Path, as_json: bool) -> int:
     """Compare the records of two runs, byte for byte.
 
     Print the first difference. The exit status is 0 if the records are identical, else 1. Both can be
@@ -344,10 +345,10 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
     from swarmwright.runs.differences import first_difference
 
     output = Output(as_json=as_json)
-    sweeps = runs_of(one), runs_of(other)
+    sweeps = runs_of(first_path), runs_of(second_path)
     if sweeps[0] is not None and sweeps[1] is not None:
         return show_differences(output, sweeps[0], sweeps[1])
-    first, second = Run.open(one), Run.open(other)
+    first, second = Run.open(first_path), Run.open(second_path)
     difference = first_difference(first, second)
     output.json({"same": difference is None, "difference": difference})
     if difference is None:
@@ -389,7 +390,7 @@ def compare(
     csv_file: Path | None,
     latex_file: Path | None,
     as_json: bool,
-    **options: Any,  # noqa: ANN401 - see `Compared`
+    **options: Any,  # noqa: ANN401 - see `ComparisonOptions`
 ) -> int:
     """Compare the best fitness that runs reached, or their fronts or archives.
 
@@ -404,15 +405,15 @@ def compare(
     `swarmwright plot` draws the comparison; `swarmwright compare` compares two controllers.
     """
     from swarmwright.analysis import table
-    from swarmwright.cli._comparison import Compared, show_comparison
+    from swarmwright.cli._comparison import ComparisonOptions, show_comparison
 
     output = Output(as_json=as_json)
-    what = Compared.of(options)
-    asked = ((csv_file, table.CSV), (latex_file, table.LATEX))
-    files = [(file, ending) for file, ending in asked if file is not None]
+    compared = ComparisonOptions.from_options(options)
+    targets = ((csv_file, table.CSV), (latex_file, table.LATEX))
+    files = [(file, ending) for file, ending in targets if file is not None]
     for file, ending in files:
         table.check(file, ending)
-    comparison, status = show_comparison(output, runs, what)
+    comparison, status = show_comparison(output, runs, compared)
     for file, _ in files:
         output.text(f"The table is in {comparison.export(file)}")
     return status
@@ -457,10 +458,10 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> int:
     if validation:
         from swarmwright.runs.validation import command_to_validate
 
-        found = opened.validation
-        if found is None:
+        recorded = opened.validation
+        if recorded is None:
             raise InputError(f"{run}: has no validation; `{command_to_validate(opened)}` makes one")
-        found.export(file)
+        recorded.export(file)
     else:
         opened.export(file)
     output.text(f"The {'validation' if validation else 'record'} is in {file}")
@@ -490,26 +491,26 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     """
     from swarmwright import InputError
     from swarmwright.cli._comparison import folders_of
-    from swarmwright.cli._runs import verified_line
+    from swarmwright.cli._runs import print_verification
     from swarmwright.runs.store import FILE
-    from swarmwright.runs.verification import verify as verified
+    from swarmwright.runs.verification import verify as verify_run
 
     output = Output(as_json=as_json)
     status = 0
-    for run, of_sweep in with_sweeps(folders_of(runs)):
+    for run, of_sweep in expand_sweeps(folders_of(runs)):
         if of_sweep and not (run / FILE).exists():
             output.json({"run": str(run), "ok": False, "missing": True})
             output.text(f"{run}: missing; the same sweep runs it")
             status = status or 1
             continue
         try:
-            found = verified(run)
-        except InputError as error:  # the others are verified nevertheless
+            verification = verify_run(run)
+        except InputError as error:  # continue with the others
             complain(str(error))
             status = error.exit_status
             continue
-        status = status or (1 if found.problems else 0)
-        verified_line(output, run, found)
+        status = status or (1 if verification.problems else 0)
+        print_verification(output, run, verification)
     return status
 
 
@@ -530,25 +531,25 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     from swarmwright.cli._deletion import Deletion
 
     output = Output(as_json=as_json)
-    found = [Deletion.of(folder) for folder in {run.resolve(): run for run in runs}.values()]
-    if not yes and not _is_confirmed(found):
+    deletions = [Deletion.from_folder(folder) for folder in {run.resolve(): run for run in runs}.values()]
+    if not yes and not _is_confirmed(deletions):
         return 1
-    for deletion in found:
+    for deletion in deletions:
         for folder, left in deletion.delete():
             output.json({"deleted": str(folder), "left": left})
-            kept = f"; left there, for it is not Swarmwright's: {', '.join(left)}" if left else ""
-            output.text(f"Deleted {folder}{kept}")
+            remark = f"; other files stay there: {', '.join(left)}" if left else ""
+            output.text(f"Deleted {folder}{remark}")
     return 0
 
 
-def _is_confirmed(found: "Sequence[Deletion]") -> bool:
-    """Ask whether runs are to be deleted."""
-    for deletion in found:
-        aside(deletion.words)
-    runs = sum(len(deletion.runs) for deletion in found)
-    what = "this run" if runs == len(found) == 1 else f"these {counted(runs, 'run')}"
+def _is_confirmed(deletions: "Sequence[Deletion]") -> bool:
+    """Ask the user to confirm the deletion."""
+    for deletion in deletions:
+        print_note(deletion.words)
+    runs = sum(len(deletion.runs) for deletion in deletions)
+    subject = "this run" if runs == len(deletions) == 1 else f"these {counted(runs, 'run')}"
     try:
-        confirmed = click.confirm(f"Delete {what} permanently?", err=True)
+        confirmed = click.confirm(f"Delete {subject} permanently?", err=True)
     except click.Abort:
         if sys.stdin.isatty():  # Ctrl-C
             raise
@@ -556,31 +557,31 @@ def _is_confirmed(found: "Sequence[Deletion]") -> bool:
             "there is no terminal to confirm on; give --yes. Nothing was deleted."
         ) from None
     if not confirmed:
-        aside("Nothing was deleted.")
+        print_note("Nothing was deleted.")
     return confirmed
 
 
-def with_sweeps(folders: list[Path]) -> list[tuple[Path, bool]]:
-    """Return run folders, with those of sweeps instead of their folder; True for one that a sweep asks for.
+def expand_sweeps(folders: list[Path]) -> list[tuple[Path, bool]]:
+    """Replace folders of sweeps by those of their runs; True marks a run that a sweep requires.
 
-    Raises InputError where the record of a sweep cannot be read.
+    Raises InputError if the record of a sweep cannot be read.
     """
     from swarmwright.analysis.sweep_folders import runs_of
     from swarmwright.runs.store import FILE
 
-    found: dict[Path, bool] = {}
+    paths: dict[Path, bool] = {}
     for folder in folders:
-        asked = runs_of(folder)
-        found |= dict.fromkeys([folder] if asked is None else asked, asked is not None)
-        if asked is not None:  # and what other sweeps have put there
-            found = dict.fromkeys((store.parent for store in sorted(folder.glob(f"*/{FILE}"))), False) | found
-    return list(found.items())
+        sweep_runs = runs_of(folder)
+        paths |= dict.fromkeys([folder] if sweep_runs is None else sweep_runs, sweep_runs is not None)
+        if sweep_runs is not None:  # add runs of other sweeps in this folder
+            paths = dict.fromkeys((store.parent for store in sorted(folder.glob(f"*/{FILE}"))), False) | paths
+    return list(paths.items())
 
 
 def export_records(output: Output, folder: Path, file: Path) -> int:
-    """Write the records of the runs of a sweep as one table; return the exit status, 1 where some lack.
+    """Write the records of a sweep's runs as one table; return the exit status, 1 if some are missing.
 
-    Unlike comparisons, it has what runs that have not finished have recorded.
+    Unlike comparisons, the table includes unfinished runs.
     """
     from swarmwright import InputError
     from swarmwright.analysis.sweep_table import write_records
@@ -600,38 +601,38 @@ def export_records(output: Output, folder: Path, file: Path) -> int:
     return INCOMPLETE if missing or unreadable or empty else 0
 
 
-def show_differences(output: Output, ones: Sequence[Path], others: Sequence[Path]) -> int:
-    """Compare the records of runs of the same name; return the exit status, 1 unless all are the same.
+def show_differences(output: Output, first_sweep: Sequence[Path], second_sweep: Sequence[Path]) -> int:
+    """Compare the records of runs with the same name; return the exit status, 1 unless all are the same.
 
     Args:
-        output: for a line of each run that differs or is missing, with --json of each.
-        ones: the runs of a sweep.
-        others: those of the other one.
+        output: gets a line for each run that differs or is missing, with --json for each.
+        first_sweep: runs of a sweep.
+        second_sweep: runs of the other sweep.
     """
-    there = {run.name: run for run in others}
+    second_runs = {run.name: run for run in second_sweep}
     same = 0
-    for path in ones:
-        difference = _difference(path, there.pop(path.name, None))
+    for path in first_sweep:
+        difference = _difference(path, second_runs.pop(path.name, None))
         same += difference is None
         output.json({"run": path.name, "same": difference is None, "difference": difference})
         if difference is not None:
             output.item(f"{path.name}: {difference}")
-    for name in there:
+    for name in second_runs:
         output.json({"run": name, "same": False, "difference": "only the second sweep has it"})
         output.item(f"{name}: only the second sweep has it")
-    whole = len(ones) + len(there)
+    whole = len(first_sweep) + len(second_runs)
     output.text(f"The records of {same} of {counted(whole, 'run')} are the same, byte for byte.")
     return 0 if same == whole else 1
 
 
-def _difference(one: Path, other: Path | None) -> str | None:
-    """Return how two runs differ, in words; None where their records are the same."""
+def _difference(first: Path, second: Path | None) -> str | None:
+    """Describe the difference of two runs; None if their records are the same."""
     from swarmwright import Run
     from swarmwright.runs.differences import first_difference
 
-    if other is None:
+    if second is None:
         return "only the first sweep has it"
-    missing = [str(run) for run in (one, other) if not run.exists()]
+    missing = [str(run) for run in (first, second) if not run.exists()]
     if missing:
         return f"{' and '.join(missing)}: missing"
-    return first_difference(Run.open(one), Run.open(other))
+    return first_difference(Run.open(first), Run.open(second))

@@ -5,7 +5,7 @@ import json
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._output import document
+from swarmwright.cli._output import print_document
 
 
 @click.command(
@@ -22,4 +22,4 @@ def command() -> None:
     """
     from swarmwright import Experiment
 
-    document(json.dumps(Experiment.json_schema(), indent=2, allow_nan=False) + "\n")
+    print_document(json.dumps(Experiment.json_schema(), indent=2, allow_nan=False) + "\n")

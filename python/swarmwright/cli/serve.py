@@ -13,7 +13,7 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log
-from swarmwright.cli._observing import Observing, observe_options, observed_servers
+from swarmwright.cli._observing import Observing, observe_options, observe_servers
 from swarmwright.cli._options import (
     DEFAULT_BROKER,
     LARGEST_ID,
@@ -25,7 +25,7 @@ from swarmwright.cli._options import (
     trust_option,
     wait_option,
 )
-from swarmwright.cli._output import Output, aside, complain
+from swarmwright.cli._output import Output, complain, print_note
 from swarmwright.cli._signals import Terminated
 from swarmwright.servers.broker.credentials import prepare
 from swarmwright.servers.supervision import Ended, Event, News, Restarted, Supervisor
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from swarmwright.runs.monitoring.prometheus import ServeFigures
 
 LARGEST_RANDOM_ID = 2**31 - 1
-"""Ids that are drawn are short, because people read and type them."""
+"""Random ids are short, because people read and type them."""
 
 
 @click.command(
@@ -123,7 +123,7 @@ def command(
 
     Each server is a process that serves one optimization tool at a time, until Ctrl-C.
     """
-    simulation = _named(simulation)
+    simulation = _resolve_simulation(simulation)
     title = _title(simulation)
     names = [name.strip() for text in modules for name in text.split(",")]
     title += _modules_in_words(names)
@@ -143,9 +143,9 @@ def command(
     settings = [{**shared, "id": first + i} for i in range(count)]
     prepare(broker)
     output = Output(as_json=as_json)
-    with observed_servers(output, Observing(log, log_level, metrics, log_size)) as (lines, figures):
+    with observe_servers(output, Observing(log, log_level, metrics, log_size)) as (lines, figures):
         reporter = Reporter(output, title, broker, lines, figures)
-        with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM is how it is asked to end
+        with suppress(KeyboardInterrupt):  # Ctrl-C and SIGTERM are the normal end
             _serve(settings, reporter, restart=restart, patience=broker_timeout, grace=grace)
     return reporter.status
 
@@ -160,8 +160,8 @@ def _serve(
 ) -> None:
     """Keep servers alive until none is left.
 
-    patience: seconds after which they end that have missed the broker. grace: seconds for which they may go
-    on with what they compute when SIGTERM arrives.
+    patience: seconds without the broker after which the servers end. grace: seconds after SIGTERM to finish
+    current work.
     """
     news: queue.SimpleQueue[News] = queue.SimpleQueue()
     servers = Supervisor(settings, draws=True, restart=restart, output=Printed(), tell=news.put)
@@ -179,7 +179,7 @@ def _serve(
             if connected:
                 reached = time.monotonic()
             elif patience is not None and time.monotonic() - reached > patience:
-                reporter.give_up(f"the broker has not been reached for {patience:g} s")
+                reporter.give_up(f"the broker has been unreachable for {patience:g} s")
                 return
     except Terminated:
         servers.stop(grace)
@@ -189,7 +189,7 @@ def _serve(
 
 
 def _note_connection(item: News, connected: set[int]) -> None:
-    """Note which servers are connected to the broker."""
+    """Update the set of servers that are connected to the broker."""
     if isinstance(item, Ended):
         connected.discard(item.server_exit.server)
     elif isinstance(item, Event) and item.report.get("event") in {"ready", "busy"}:
@@ -198,8 +198,8 @@ def _note_connection(item: News, connected: set[int]) -> None:
         connected.discard(item.server)
 
 
-def _named(simulation: str) -> str:
-    """Return the name of a simulation, that of the experiment where it is a file."""
+def _resolve_simulation(simulation: str) -> str:
+    """Return the name of the simulation, for an experiment file that of the experiment."""
     if Path(simulation).suffix not in {".yaml", ".yml"}:
         return simulation
     from swarmwright.common.errors import InputError
@@ -216,7 +216,7 @@ def _named(simulation: str) -> str:
 
 
 def _title(simulation: str) -> str:
-    """The title of the offered simulation; errors are reported before any server is started."""
+    """Return the title of the simulation; errors are reported before any server is started."""
     from swarmwright.common.simulation_names import is_python
     from swarmwright.simulations import catalogue
 
@@ -236,7 +236,7 @@ def _title(simulation: str) -> str:
 
 
 def _modules_in_words(modules: Sequence[str]) -> str:
-    """Which modules are offered, in words; errors are reported before any server is started."""
+    """Describe the offered modules; errors are reported before any server is started."""
     if not modules:
         return ""
     from swarmwright.servers.evaluation.module_code import offered
@@ -270,10 +270,10 @@ class Reporter:
         """Report one piece of news."""
         self._note(item)
         if isinstance(item, Ended):
-            self._ended(item)
+            self._report_end(item)
             return
         if isinstance(item, Restarted):
-            line = f"server {item.server} is started again (process {item.pid})"
+            line = f"server {item.server} was restarted (process {item.pid})"
             self._output.json({"event": "restarted", "server": item.server, "pid": item.pid})
             self._output.text(line)
             return
@@ -291,14 +291,14 @@ class Reporter:
             self._last[item.server] = line
 
     def give_up(self, reason: str) -> None:
-        """Report why all servers end."""
+        """Report the reason why all servers end."""
         self.status = 1
         self._output.json({"event": "gave_up", "message": reason})
         self._log.write("error", "gave_up", message=reason)
         complain(reason)
 
     def _note(self, item: News) -> None:
-        """Tell programs."""
+        """Write an item to the log and the metrics."""
         if isinstance(item, Ended):
             server_exit = item.server_exit
             event, level, server, pid = (
@@ -331,7 +331,7 @@ class Reporter:
         rest = detail or json.dumps({key: value for key, value in report.items() if key != "event"})
         return f"server {server}: {event}: {rest}"
 
-    def _ended(self, item: Ended) -> None:
+    def _report_end(self, item: Ended) -> None:
         server_exit = item.server_exit
         error = self._errors.pop(server_exit.server, None)
         self.status = max(self.status, 2 if server_exit.status == 2 and error else 1)
@@ -345,10 +345,10 @@ class Reporter:
                 "restart": item.pause,
             }
         )
-        again = "" if item.pause is None else f"; it is started again in {item.pause:g} s"
+        restart = "" if item.pause is None else f"; restarting in {item.pause:g} s"
         if error:
-            complain(f"server {server_exit.server}: {error}{again}")
+            complain(f"server {server_exit.server}: {error}{restart}")
             return
-        complain(f"server {server_exit.server} (process {server_exit.pid}) {server_exit.how}{again}")
+        complain(f"server {server_exit.server} (process {server_exit.pid}) {server_exit.how}{restart}")
         if server_exit.words:
-            aside("its last output:", server_exit.words.split("\n"))
+            print_note("its last output:", server_exit.words.split("\n"))

@@ -23,7 +23,7 @@ HEADINGS = (
     "id",
     "host/pid",
     "state",
-    "for whom",
+    "reserved for",
     "since",
     "simulations",
     "dimensions",
@@ -108,10 +108,10 @@ def command(
         return go_on(output, broker, prefix, 1.0 if every is None else every)
     prepare(broker)
     wait = 1.0 if wait is None else wait
-    found = _engine.servers(broker, prefix=prefix, wait=wait)
+    announced = _engine.servers(broker, prefix=prefix, wait=wait)
     if forget_lost:
-        return _forget_lost(output, broker, prefix, wait, found)
-    servers: list[Mapping[str, Any]] = list(found)
+        return _forget_lost(output, broker, prefix, wait, announced)
+    servers: list[Mapping[str, Any]] = list(announced)
     numbers = USUAL_DIMENSIONS if dimensions is None else (dimensions,)
     if simulation is not None:
         servers = _with_answers(servers, broker, simulation, numbers, prefix=prefix, wait=wait)
@@ -123,7 +123,7 @@ def command(
         where = f" under the prefix {prefix}" if prefix else ""
         output.text(f"No simulation server on {broker}{where}.")
         if os.environ.get("SWARMWRIGHT_USERNAME"):
-            output.text("An account that may not read this prefix sees none either.")
+            output.text("An account that may not read this prefix sees no servers.")
     if simulation is not None and not any(server["answers"] for server in servers):
         _explain_silence(output, simulation, numbers)
     elif not servers:
@@ -141,17 +141,17 @@ def _check(
     watch: bool,
     forget_lost: bool,
 ) -> None:
-    """Refuse options that do not go together."""
+    """Refuse options that exclude each other."""
     if watch and wait is not None:
-        raise click.UsageError("--wait says how long to listen before the list is printed; --watch goes on")
+        raise click.UsageError("--wait cannot be combined with --watch; leave one out")
     if not watch and every is not None:
-        raise click.UsageError("--every goes with --watch")
+        raise click.UsageError("--every needs --watch")
     if watch and forget_lost:
-        raise click.UsageError("--forget-lost ends when it is done; --watch goes on")
+        raise click.UsageError("--forget-lost cannot be combined with --watch; leave one out")
     if simulation is None and dimensions is not None:
-        raise click.UsageError("--dimensions goes with --simulation")
+        raise click.UsageError("--dimensions needs --simulation")
     if simulation is not None and (watch or forget_lost):
-        raise click.UsageError("--simulation is for the list of servers, without --watch and --forget-lost")
+        raise click.UsageError("--simulation cannot be combined with --watch or --forget-lost")
     if simulation is not None and "," in broker:
         raise click.BadParameter("names several brokers; --simulation needs one.", param_hint="'--broker'")
 
@@ -165,40 +165,41 @@ def _with_answers(
     prefix: str,
     wait: float,
 ) -> list[Mapping[str, Any]]:
-    """The servers with presence and those that answer a discovery.
+    """Return the servers with presence and those that answer a discovery.
 
-    `presence` and `answers` say which of both holds for each.
+    Their fields `presence` and `answers` tell them apart.
     """
     from swarmwright.servers.broker.client import answers
 
-    found = {
+    answering = {
         answer["server"]: answer
         for answer in answers(broker, simulation, dimensions, prefix=prefix, wait=wait)
     }
-    known = {server["server"] for server in announced}
+    announced_ids = {server["server"] for server in announced}
     servers: list[Mapping[str, Any]] = [
-        {**server, "presence": True, "answers": server["server"] in found} for server in announced
+        {**server, "presence": True, "answers": server["server"] in answering} for server in announced
     ]
     servers += [
         {**answer, "presence": False, "answers": True}
-        for server, answer in found.items()
-        if server not in known
+        for server, answer in answering.items()
+        if server not in announced_ids
     ]
     return sorted(servers, key=lambda server: int(server["server"]))
 
 
 def _explain_silence(output: Output, simulation: str, dimensions: Sequence[int]) -> None:
-    """Why no server may have answered a discovery."""
+    """Print why no server may have answered a discovery."""
     needed = ", ".join(map(str, dimensions))
     output.text(
-        f"No server answered a discovery of {simulation!r} (dimensions: {needed}). A server is silent while "
-        "it is taken, if it offers another title, or if it has other dimensions; an account that may not "
-        "publish discoveries gets no answers either."
+        f"No server answered a discovery of {simulation!r} (dimensions: {needed}). Reserved servers and "
+        "those "
+        "with another title or other dimensions do not answer, and accounts without permission to publish "
+        "discoveries get no answers."
     )
 
 
 def _advise(output: Output, broker: str, prefix: str) -> None:
-    """What to do where no server announces itself."""
+    """Print what to do if no server announces itself."""
     option = f" --prefix {shlex.quote(prefix)}" if prefix else ""
     output.text(f"Start one with: swarmwright serve minisim --broker {broker}{option}")
     output.text(
@@ -208,7 +209,7 @@ def _advise(output: Output, broker: str, prefix: str) -> None:
 
 
 def _list(output: Output, servers: Sequence[Mapping[str, Any]]) -> None:
-    """A table; lines of cells where there is no terminal."""
+    """Print a table; without a terminal, lines of cells."""
     rows = [row(server) for server in servers]
     if output.terminal:
         _table(output, rows)
@@ -218,12 +219,12 @@ def _list(output: Output, servers: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _forget_lost(
-    output: Output, broker: str, prefix: str, wait: float, found: Sequence[Mapping[str, Any]]
+    output: Output, broker: str, prefix: str, wait: float, servers: Sequence[Mapping[str, Any]]
 ) -> int:
-    """Remove the presence of lost servers, which is retained; the exit status."""
+    """Remove the retained presence of lost servers; return the exit status."""
     from swarmwright import _engine
 
-    lost = {server["server"]: server for server in found if server.get("state") == "lost"}
+    lost = {server["server"]: server for server in servers if server.get("state") == "lost"}
     if not lost:
         output.text(f"No server on {broker} is lost.")
         return 0
@@ -232,21 +233,21 @@ def _forget_lost(
         if identity in forgotten:
             output.json({"event": "forgotten", "server": identity})
             output.text(f"server {identity} ({server.get('host')}/{server.get('pid')}) is forgotten")
-    kept = [f"server {identity}" for identity in lost if identity not in forgotten]
-    if not kept:
+    remaining = [f"server {identity}" for identity in lost if identity not in forgotten]
+    if not remaining:
         return 0
     complain(
-        f"{broker} keeps {', '.join(kept)}: it does not let this account publish presence; use that of a "
-        "server, such as `server` of `swarmwright broker --init`"
+        f"{broker} still lists {', '.join(remaining)}: this account may not publish presence; use a server's "
+        "account, such as `server` of `swarmwright broker --init`"
     )
     return 1
 
 
 def row(server: Mapping[str, Any]) -> tuple[str, ...]:
-    """What the table says of one server, a cell per heading; '-' where it does not say."""
+    """Return the table row of a server, a cell per heading; '-' for unknown values."""
     capabilities = server.get("capabilities") or {}
     extension = capabilities.get("swarmwright")
-    if not isinstance(extension, dict):  # answers to a discovery are not checked any further
+    if not isinstance(extension, dict):  # answers to a discovery are unchecked
         extension = {}
 
     def cell(*keys: str) -> str:

@@ -28,11 +28,11 @@ from swarmwright.cli._pictures import (
     broker_of,
     check_file,
     check_unsaved,
+    describe_file,
+    describe_recording,
+    parse_parts,
     picture_options,
-    saved,
     show_in_browser,
-    shown_parts,
-    where,
 )
 
 if TYPE_CHECKING:
@@ -91,16 +91,14 @@ def command(
     FILE is an experiment or a FREVO session (.zse).
     """
     if visual and as_json:
-        raise click.UsageError("--visual draws where --json prints; give one of them.")
+        raise click.UsageError("--visual and --json exclude each other; leave one out.")
     if visual and picture is not None:
-        raise click.UsageError(
-            "--visual has a server draw the episode, --save writes it into a file; give one of them."
-        )
+        raise click.UsageError("--visual and --save exclude each other; leave one out.")
     if picture is None:
         check_unsaved({"opening": "--open", "speed": "--speed", "parts": "--show", "colors": "--colors"})
     else:
         check_file(picture)
-    shown = shown_parts(parts, colors)
+    shown = parse_parts(parts, colors)
     from swarmwright import Controller
     from swarmwright.servers.evaluation.evaluate import episode
 
@@ -139,7 +137,7 @@ def _save(
     result = Episode(
         recording.fitness, episode.metrics(recording), episode.controller.parameters, episode.seed
     )
-    _print(output, result, controller, saved(recording, picture), where(picture))
+    _print(output, result, controller, describe_recording(recording, picture), describe_file(picture))
 
 
 def _print(
@@ -149,12 +147,12 @@ def _print(
     more: Mapping[str, Any] = MappingProxyType({}),
     sentence: str = "",
 ) -> None:
-    """Print what came out. more, sentence: of a picture, for --json and for readers."""
-    whose = None if controller is None else str(controller)
+    """Print the result. more, sentence: facts on a saved file, for --json and for readers."""
+    source = None if controller is None else str(controller)
     output.json(
         {
             "fitness": result.fitness,
-            "controller": whose,
+            "controller": source,
             "seed": result.seed,
             "parameters": result.parameters,
             "metrics": result.metrics,
@@ -162,7 +160,7 @@ def _print(
         }
     )
     random = "random values" if result.parameters else "a random controller"
-    output.text(f"Fitness {result.fitness:.6g} with {whose or random}. {sentence}".rstrip())
+    output.text(f"Fitness {result.fitness:.6g} with {source or random}. {sentence}".rstrip())
     for values in (result.parameters, result.metrics):
         if values:
             output.text(", ".join(f"{name} {_plain(value)}" for name, value in values.items()))

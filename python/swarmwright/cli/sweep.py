@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from swarmwright.cli._commands import SETTINGS, Command
-from swarmwright.cli._observing import Observing, observe_options, observed
+from swarmwright.cli._observing import Observing, observe_options, observe_run
 from swarmwright.cli._options import (
     ExistingPath,
     OutputOption,
@@ -114,8 +114,8 @@ def command(
     longer = 0
     for task in todo:
         with suppress(UnreadableRunError):  # reported among the runs
-            found = task.found()  # report errors before anything is printed
-            longer += found is not None and bool(task.budget_settings(found))
+            existing = task.found()  # report errors before anything is printed
+            longer += existing is not None and bool(task.budget_settings(existing))
     if tensorboard is not None:
         from swarmwright.runs.callbacks._tensorboard import require_writer
 
@@ -127,9 +127,9 @@ def command(
     if longer:
         output.text(f"{counted(longer, 'run')} had a smaller budget and will continue.")
     try:
-        with observed(output, Observing(log, log_level, metrics, log_size)) as observer:
+        with observe_run(output, Observing(log, log_level, metrics, log_size)) as observer:
             report = Report(output, observer, todo, tensorboard)
-            with report.shown():
+            with report.show():
                 outcome = conduct(sweep, todo, report, jobs=jobs, broker=broker, servers=servers)
             report.conclude()
         _conclude(output, outcome, sweep.out)
@@ -138,13 +138,13 @@ def command(
             output.text(f"Interrupted after {done} of {whole} runs; run the same command to continue.")
             return INTERRUPTED
     except KeyboardInterrupt:
-        complain("interrupted; what is finished is kept; run the same command to continue")
+        complain("interrupted; finished runs are kept. Run the same command to continue")
         return INTERRUPTED
     return FAILED if outcome.failures else 0
 
 
 def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
-    """Print the comparison and what is missing in it, then write its files: that fails on a full disk."""
+    """Print the comparison and the missing runs, then write its files, which may fail on a full disk."""
     from swarmwright.analysis.comparison import compare_all
     from swarmwright.analysis.indicators import quick_indicators, shared_indicators
 
@@ -156,20 +156,23 @@ def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
     if quick_indicators(runs) != shared_indicators(runs):
         output.text()
         output.text(
-            "Hypervolume is left out, since it takes long with fronts of this size or so many objectives; "
+            "Hypervolume is omitted because it is slow for fronts of this size or so many objectives; "
             f"`swarmwright runs compare {shlex.quote(str(folder))} --by hypervolume` computes it"
         )
     for task, message in outcome.failures.items():
         output.item(f"Failed: {task.variant.label}, seed {task.seed}: {message}")
     for task in outcome.busy:
         output.text(
-            f"Left to another process: {task.variant.label}, seed {task.seed}; when that has ended, the same "
-            "command compares it as well"
+            f"Left to another process: {task.variant.label}, seed {task.seed}; repeat the command when it "
+            "has "
+            "ended to include it"
         )
     if not comparisons:
         return
-    picture = _written(comparisons[0].plot, folder / "comparison.png")
-    tables = [_written(comparisons[0].export, folder / f"comparison{ending}") for ending in (".csv", ".tex")]
+    picture = _write_file(comparisons[0].plot, folder / "comparison.png")
+    tables = [
+        _write_file(comparisons[0].export, folder / f"comparison{ending}") for ending in (".csv", ".tex")
+    ]
     written = [str(table) for table in tables if table is not None]
     if written:
         output.text(f"Tables are in {' and '.join(written)}")
@@ -188,12 +191,12 @@ def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
     )
 
 
-def _written(write: Callable[[Path], Path], path: Path) -> Path | None:
-    """Write a file of the comparison; return its path, or None where it cannot be written, which is said."""
+def _write_file(write: Callable[[Path], Path], path: Path) -> Path | None:
+    """Write a file of the comparison; return its path, or None with a message if that fails."""
     from swarmwright import InputError
 
     try:
         return write(path)
     except InputError as error:
-        complain(f"the runs are whole, but a file of the comparison was not written: {error}")
+        complain(f"the runs are complete, but a comparison file could not be written: {error}")
         return None

@@ -127,7 +127,7 @@ def command(
         )
     folders, _ = run_folders(runs)
     with episodes(output) as on_progress:
-        found = transfer(
+        result = transfer(
             folders,
             names,
             vary=[Range.parse(text) for text in vary],
@@ -141,6 +141,6 @@ def command(
             prefix=prefix,
             on_progress=on_progress,
         )
-    output.block(str(found))
-    output.json(found.to_mapping())
-    write_episodes(output, found, picture, table)
+    output.block(str(result))
+    output.json(result.to_mapping())
+    write_episodes(output, result, picture, table)

@@ -34,27 +34,29 @@ def command(bundle: Path, require_fitness: bool, require_formats: bool, as_json:
     """
     from swarmwright.export.bundle_verification import verify_bundle
 
-    said = Output(as_json=as_json)
+    output = Output(as_json=as_json)
     show_warnings()
-    found = verify_bundle(bundle)
-    said.text(f"{bundle}: SHA-256 of the manifest {found.digest}")
-    for name, text in found.facts:
-        said.text(f"  {name:<12}{text}")
-    if found.ok:
-        said.text(f"{found.files} files are as the manifest says")
-    for form, verification in found.forms.items():
-        said.text(f"{form}: {verification.words}")
-    for form, reason in found.unverified.items():
-        said.text(f"{form}: not {'checked' if form in found.formats_not_checked else 'verified'}: {reason}")
-    if found.not_evaluated:
-        said.text(f"Not evaluated again: {found.not_evaluated}")
-    elif found.episodes:
-        said.text(f"Evaluated again in {found.episodes} episode{'s' if found.episodes > 1 else ''}")
-    for problem in found.problems:
-        said.text(f"PROBLEM: {problem}")
-    said.text(str(found))
-    said.json({"bundle": str(bundle), **found.to_mapping()})
-    missing = (require_fitness and found.fitness_not_checked) or (
-        require_formats and found.formats_not_checked
+    verified = verify_bundle(bundle)
+    output.text(f"{bundle}: SHA-256 of the manifest {verified.digest}")
+    for name, text in verified.facts:
+        output.text(f"  {name:<12}{text}")
+    if verified.ok:
+        output.text(f"{verified.files} files are as the manifest says")
+    for form, verification in verified.forms.items():
+        output.text(f"{form}: {verification.words}")
+    for form, reason in verified.unverified.items():
+        output.text(
+            f"{form}: not {'checked' if form in verified.formats_not_checked else 'verified'}: {reason}"
+        )
+    if verified.not_evaluated:
+        output.text(f"Not evaluated again: {verified.not_evaluated}")
+    elif verified.episodes:
+        output.text(f"Evaluated again in {verified.episodes} episode{'s' if verified.episodes > 1 else ''}")
+    for problem in verified.problems:
+        output.text(f"PROBLEM: {problem}")
+    output.text(str(verified))
+    output.json({"bundle": str(bundle), **verified.to_mapping()})
+    missing = (require_fitness and verified.fitness_not_checked) or (
+        require_formats and verified.formats_not_checked
     )
-    return 0 if found.ok and not missing else 1
+    return 0 if verified.ok and not missing else 1

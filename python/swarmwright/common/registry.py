@@ -45,12 +45,12 @@ class Registry(Generic[Component]):
         self._unread: ContextVar[type[Component] | None] = ContextVar(f"unread {what}", default=None)
 
     @cached_property
-    def _announced(self) -> dict[str, list[EntryPoint]]:
+    def _entry_points(self) -> dict[str, list[EntryPoint]]:
         return announced(self.group)
 
     def names(self) -> list[str]:
         """Return all kinds there are, sorted."""
-        return sorted({*self.built_in, *self._announced})
+        return sorted({*self.built_in, *self._entry_points})
 
     def get(self, kind: str) -> type[Component]:
         """Return the component's class.
@@ -161,7 +161,7 @@ class Registry(Generic[Component]):
         return _with_kind(found, kind)
 
     def _point(self, kind: str) -> EntryPoint:
-        points = self._announced.get(kind)
+        points = self._entry_points.get(kind)
         if points is None:
             raise InputError(unknown(self.what, kind, self.names()))
         return only(self.what, points)

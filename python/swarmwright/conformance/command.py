@@ -19,7 +19,7 @@ from swarmwright.cli._options import (
     peer_prefix,
     peer_prefix_option,
 )
-from swarmwright.cli._output import Output, aside
+from swarmwright.cli._output import Output, print_note
 from swarmwright.common.errors import InputError
 from swarmwright.common.json_text import loads
 
@@ -341,7 +341,7 @@ class _Reporter:
 
     def say(self, text: str) -> None:
         """A line for people, beside the results."""
-        aside(text)
+        print_note(text)
 
     def tell(self, result: "Result") -> None:
         """One result: a line where there is no terminal; the table comes at the end."""

@@ -257,7 +257,7 @@ def test_mistakes_of_the_command(folder: Path, tmp_path: Path) -> None:
     assert "does not exist" in command(a, "nothing:0:1", status=2)
     assert "is a file where a folder is expected" in command(a, f"{a}/best.json:0:1", status=2)
     assert "name one: --experiment FILE" in command(a / "best.json", folder / "mine.json", status=2)
-    assert "does not say how a candidate is evaluated" in command(
+    assert "does not affect how a candidate is evaluated" in command(
         a, a, "--set", "method.generations=2", status=2
     )
     assert "figures end with .png, .svg or .pdf" in command(a, a, "--save", tmp_path / "x.txt", status=2)

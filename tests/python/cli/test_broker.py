@@ -124,7 +124,7 @@ def test_a_group_is_added_to_a_broker(program: Any, tmp_path: Path) -> None:
     assert added.returncode == 0, added.stderr
     assert added.stdout.splitlines() == [
         "lab: the users b-tool, b-server, b-watcher were added",
-        "Send the broker SIGHUP, so that it reads them:",
+        "Send SIGHUP to the broker to load them:",
         "  kill -HUP $(pidof mosquitto)",
     ]
     assert "mqtts://broker.example:8883" in (tmp_path / "lab" / "b-tool.env").read_text()

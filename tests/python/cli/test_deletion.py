@@ -41,7 +41,7 @@ def test_what_does_not_belong_to_the_sweep_stays(
     assert command(["runs", "delete", str(swept.path), "--yes"]) == 0
     assert {one.name for one in swept.path.iterdir()} == {"notes.txt", "other", swept.runs[0].path.name}
     assert Run.open(other).generations == 1
-    assert f"Deleted {swept.path}; left there, for it is not Swarmwright's: " in capsys.readouterr().out
+    assert f"Deleted {swept.path}; other files stay there: " in capsys.readouterr().out
 
 
 def test_a_record_deletes_nothing_but_runs(swept: SweepResult) -> None:

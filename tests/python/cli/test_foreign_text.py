@@ -73,7 +73,7 @@ def test_whatever_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     output.cells([HOSTILE, "a\tb"])
     Output(as_json=True).json({"a": [HOSTILE], HOSTILE: 1})
     _output.complain(HOSTILE)
-    _output.aside(HOSTILE, [HOSTILE])
+    _output.print_note(HOSTILE, [HOSTILE])
     said = capsys.readouterr()
     check(said.out)
     check(said.err)

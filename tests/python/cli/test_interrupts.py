@@ -99,7 +99,7 @@ def test_it_ends_in_order_at_any_moment_whoever_is_told_of_its_course(
         process.send_signal(number)
         said, complaint = process.communicate(timeout=30)
         assert process.returncode == 130
-        assert "Interrupted; the results so far are kept. Go on with:" in said
+        assert "Interrupted; the results so far are kept. Continue with:" in said
         assert [line for line in complaint.splitlines() if not line.startswith("{")] == []
         assert Run.open(folder).state == "interrupted"
 
@@ -170,6 +170,6 @@ def test_the_command_that_is_printed_goes_on_with_the_same_servers(
         process.send_signal(signal.SIGINT)
         said, complaint = process.communicate(timeout=30)
         assert process.returncode == 130, complaint
-        command = said.split("Go on with:\n")[1].splitlines()[0]
+        command = said.split("Continue with:\n")[1].splitlines()[0]
         arguments = tuple(shlex.split(command[command.index("resume") :]))
     assert Run.open(tmp_path / "run").generations >= 2

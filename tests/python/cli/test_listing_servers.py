@@ -74,7 +74,7 @@ def test_without_a_server_the_option_is_named(program: Any, embedded_broker: str
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--dimensions", "2"), "--dimensions goes with --simulation"),
+        (("--dimensions", "2"), "--dimensions needs --simulation"),
         (("--simulation", "x", "--watch"), "without --watch and --forget-lost"),
         (("--simulation", "x", "--forget-lost"), "without --watch and --forget-lost"),
         (("--simulation", "x", "--broker", "mqtt://a:1,mqtt://b:1"), "names several brokers"),

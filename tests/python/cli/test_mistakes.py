@@ -265,7 +265,7 @@ def test_too_little_memory_is_no_bug(
 
     monkeypatch.setattr("swarmwright.cli._main._invoke", fail)
     assert swarmwright(["runs", "list"]) == 1
-    assert "there is not enough memory: take a smaller population" in capsys.readouterr().err
+    assert "out of memory: use a smaller population" in capsys.readouterr().err
 
 
 class PanicException(BaseException):
@@ -293,7 +293,7 @@ def test_that_no_thread_can_be_started_is_no_bug(
     monkeypatch.setattr("swarmwright.cli._main._invoke", fail)
     assert swarmwright(["runs", "list"]) == 1
     shown = capsys.readouterr().err
-    assert "no memory or threads are left for this process; let it have more (ulimit -v, ulimit -u" in shown
+    assert "no memory or threads are left for this process; raise its limits (ulimit -v, ulimit -u" in shown
     assert "bug" not in shown
 
 
@@ -337,9 +337,7 @@ def test_what_a_picture_shows_needs_a_picture(program: Any, tmp_path: Path) -> N
         for more in ([], ["--json"]):
             result = program("replay", "run", *option, *more)
             assert result.returncode == 2
-            assert (
-                f"{option[0]} is for pictures, videos and pages: give --save FILE as well." in result.stderr
-            )
+            assert f"{option[0]} needs a file to write: add --save FILE." in result.stderr
     assert program("replay", "run", "--show", "rays", "--save", "x.png").returncode == 0
     for option in (["--set", "parameters.seed=3"],):
         assert "the seed of episodes is the option --seed" in program("replay", "run", *option).stderr

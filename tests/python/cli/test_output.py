@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from swarmwright import Run
 from swarmwright.cli import _runs
-from swarmwright.cli._output import Output, finite
+from swarmwright.cli._output import Output, replace_nonfinite
 from swarmwright.cli._progress import Stall
 from swarmwright.cli.servers import HEADINGS, row
 from swarmwright.common.formatting import duration
@@ -26,9 +26,9 @@ values = st.recursive(
 @pytest.mark.slow
 @given(value=values)
 def test_everything_finite_is_kept_and_nothing_else_reaches_json(value: object) -> None:
-    text = json.dumps(finite(value), allow_nan=False)
+    text = json.dumps(replace_nonfinite(value), allow_nan=False)
     assert "NaN" not in text or isinstance(value, str) or "NaN" in str(value)
-    assert finite(json.loads(text)) == json.loads(text)
+    assert replace_nonfinite(json.loads(text)) == json.loads(text)
 
 
 def test_no_numbers_become_null(capsys: pytest.CaptureFixture[str]) -> None:
@@ -114,7 +114,7 @@ def test_a_server_that_says_everything() -> None:
         "id": "3",
         "host/pid": "h/7",
         "state": "busy",
-        "for whom": "me@here/1",
+        "reserved for": "me@here/1",
         "since": "2024-01-01T00:00:00Z",
         "simulations": "minisim, other",
         "dimensions": "2",

@@ -54,10 +54,10 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     folder.mkdir()
     monkeypatch.syspath_prepend(str(folder))
     for cached in (program, IMPORTERS):
-        vars(cached).pop("_announced", None)
+        vars(cached).pop("_entry_points", None)
     yield folder
     for cached in (program, IMPORTERS):
-        vars(cached).pop("_announced", None)
+        vars(cached).pop("_entry_points", None)
     for name in [name for name in sys.modules if name.startswith("plugin_")]:
         del sys.modules[name]
 

@@ -36,8 +36,8 @@ def test_piped_output_has_a_line_every_few_seconds(
         for number in range(3000):  # 11.7 seconds
             shown.generation(generation(number))
             clock[0] += 1 / 256
-        shown.ended()
-        shown.ended()
+        shown.finish()
+        shown.finish()
     told = [line.split(" of 3000 generations")[0] for line in capsys.readouterr().out.splitlines()]
     assert told == ["1", "1281", "2561", "3000"]
 
@@ -47,7 +47,7 @@ def test_slow_generations_have_a_line_each(clock: list[float], capsys: pytest.Ca
         for number in range(4):
             shown.generation(generation(number))
             clock[0] += 5.0
-        shown.ended()
+        shown.finish()
     assert len(capsys.readouterr().out.splitlines()) == 4
 
 
@@ -70,7 +70,7 @@ def test_json_has_an_object_for_each_generation(capsys: pytest.CaptureFixture[st
     with _progress.progress(Output(as_json=True), budget) as shown:
         for number in range(100):
             shown.generation(generation(number))
-        shown.ended()
+        shown.finish()
     assert len(capsys.readouterr().out.splitlines()) == 100
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from swarmwright import InputError, optimize
 from swarmwright.cli._main import run as command
-from swarmwright.cli.runs import COLUMNS, Condition, ConditionType, in_order
+from swarmwright.cli.runs import COLUMNS, Condition, ConditionType, sort_runs
 
 RUNS: list[dict[str, Any]] = [
     {"run": "a", "best": None, "failed": 0, "method": "nnga", "created": "2026-01-01", "skip": True},
@@ -60,8 +60,8 @@ def test_a_number_is_compared_with_numbers_alone() -> None:
 def test_runs_without_a_value_are_at_the_end_of_the_least(
     column: str, ascending: str, descending: str
 ) -> None:
-    assert "".join(run["run"] for run in in_order(RUNS, column, reverse=False)) == ascending
-    assert "".join(run["run"] for run in in_order(RUNS, column, reverse=True)) == descending
+    assert "".join(run["run"] for run in sort_runs(RUNS, column, reverse=False)) == ascending
+    assert "".join(run["run"] for run in sort_runs(RUNS, column, reverse=True)) == descending
 
 
 @pytest.fixture(scope="module")

@@ -215,7 +215,7 @@ def test_the_way_to_start_a_server_has_the_prefix(program: Any, embedded_broker:
     told = program(*where, "--prefix", "lab 1", env=account).stdout.splitlines()
     assert told[:3] == [
         f"No simulation server on {embedded_broker} under the prefix lab 1.",
-        "An account that may not read this prefix sees none either.",
+        "An account that may not read this prefix sees no servers.",
         f"Start one with: swarmwright serve minisim --broker {embedded_broker} --prefix 'lab 1'",
     ]
     assert "account" not in program(*where).stdout

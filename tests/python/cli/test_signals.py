@@ -75,6 +75,6 @@ def test_an_interrupt_that_was_noticed_does_not_come_again() -> None:
 def test_a_chain_of_errors_that_leads_back_into_itself_ends() -> None:
     first, second = ValueError("a"), ValueError("b")
     first.__context__, second.__context__ = second, first
-    assert not _main._interrupted(first)
+    assert not _main._is_interrupt(first)
     second.__context__ = KeyboardInterrupt()
-    assert _main._interrupted(first)
+    assert _main._is_interrupt(first)

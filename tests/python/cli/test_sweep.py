@@ -138,7 +138,7 @@ def test_a_figure_that_cannot_be_written_comes_last_and_fails_nothing(program: A
     assert result.returncode == 0
     assert "against second" in result.stdout
     assert result.stderr.startswith(
-        "swarmwright: the runs are whole, but a file of the comparison was not written: results/"
+        "swarmwright: the runs are complete, but a comparison file could not be written: results/"
     )
     last = json.loads(program("sweep", "sweep.yaml", "--json").stdout.splitlines()[-1])
     assert last["picture"] is None

@@ -40,7 +40,7 @@ def drawn(view: View, width: int = 160) -> str:
 def test_the_table_names_everybody_and_who_is_waited_for() -> None:
     text = drawn(VIEW)
     assert text.splitlines()[0].rstrip() == f"Blocking: {WORDS}"
-    for word in ("minisim, exit", "episode, step 7, agent 2", "4.0 s", "12.3/s", "2, has a pause of 3.2 s"):
+    for word in ("minisim, exit", "episode, step 7, agent 2", "4.0 s", "12.3/s", "2, paused for 3.2 s"):
         assert word in text
     for word in ("r-1", "3 of 9", "8 of 20"):
         assert word in text
@@ -80,8 +80,8 @@ def test_a_server_that_is_reserved_for_a_tool_that_was_killed(capsys: pytest.Cap
     other = ServerRow(5, "busy", ["minisim"], "ada")
     view = View([held, other], [], None, [held, other], {"ada"})
     assert headline(view, "b")[0].startswith(
-        "server 4 is still reserved for ada, which has ended; it becomes free when it has finished what it "
-        "computes, at the latest after the server's --step-timeout"
+        "server 4 is still reserved for ada, which has ended; it becomes free after its current "
+        "work, at the latest after its --step-timeout"
     )
     assert headline(view, "b")[0].endswith("(+1)")
     Lines(Output(), "b").show(view)
@@ -99,7 +99,7 @@ def test_lines_are_printed_for_what_has_changed(capsys: pytest.CaptureFixture[st
 
     assert said(VIEW) == [
         "server 1: ready (minisim, exit)",
-        "server 3: busy for ada (minisim), has a pause: late",
+        "server 3: busy for ada (minisim), paused: late",
         "tool ada: run r-1, 3 of 9 generations done",
         WORDS,
     ]

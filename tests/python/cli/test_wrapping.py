@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from swarmwright.cli._output import Output, complain, wrapped
+from swarmwright.cli._output import Output, complain, wrap_line
 
 PROSE = (
     "Not validated on held-out seeds: the evaluations are fewer than the 10 that a validation takes; "
@@ -16,7 +16,7 @@ PROSE = (
 @pytest.mark.parametrize("width", [20, 40, 80, 120])
 @pytest.mark.parametrize("indent", ["", "  "])
 def test_words_and_commands_in_backticks_stay_whole(width: int, indent: str) -> None:
-    first, *rest = wrapped(indent + PROSE, width)
+    first, *rest = wrap_line(indent + PROSE, width)
     assert " ".join([first.strip(), *(line.strip() for line in rest)]) == PROSE
     assert first.startswith(f"{indent}Not")
     assert all(line.startswith(f"{indent}  ") and line[len(indent) + 2] != " " for line in rest)
@@ -36,7 +36,7 @@ def test_words_and_commands_in_backticks_stay_whole(width: int, indent: str) -> 
     ],
 )
 def test_commands_and_long_words_are_left_to_the_terminal(line: str) -> None:
-    assert [one.rstrip() for one in wrapped(line, 40)] == [line.rstrip()]
+    assert [one.rstrip() for one in wrap_line(line, 40)] == [line.rstrip()]
 
 
 def test_rows_of_tables_are_broken_between_columns() -> None:
@@ -44,21 +44,21 @@ def test_rows_of_tables_are_broken_between_columns() -> None:
         "run                     state  best value      created",
         "runs/minisim-1          done   -3.5            2026-11-29 20:37",
     ]
-    assert [wrapped(row, 50) for row in rows] == [
+    assert [wrap_line(row, 50) for row in rows] == [
         ["run                     state  best value", "  created"],
         ["runs/minisim-1          done   -3.5", "  2026-11-29 20:37"],
     ]
 
 
 def test_text_of_others_never_begins_a_line_at_the_left_margin() -> None:
-    lines = wrapped("swarmwright: " + "word swarmwright: spoof " * 50, 30)
+    lines = wrap_line("swarmwright: " + "word swarmwright: spoof " * 50, 30)
     assert all(line.startswith("  ") for line in lines[1:])
 
 
 @pytest.mark.parametrize("word", ["x ", "` ", "`x` ", "  "])
 def test_long_lines_take_no_long_time(word: str) -> None:
     began = time.monotonic()
-    wrapped(word * 200_000, 80)
+    wrap_line(word * 200_000, 80)
     assert time.monotonic() - began < 10
 
 
@@ -77,9 +77,9 @@ def test_only_a_terminal_gets_broken_lines(
     Output().cells([PROSE, PROSE])
     complain(PROSE)
     shown = capsys.readouterr()
-    broken = [*wrapped(PROSE, 40)]
+    broken = [*wrap_line(PROSE, 40)]
     *lines, record, cells = shown.out.splitlines()
     assert (lines, len(broken) > 3) == (broken, True)
     assert PROSE in record
     assert cells == f"{PROSE}\t{PROSE}"
-    assert shown.err.splitlines() == wrapped(f"swarmwright: {PROSE}", 40)
+    assert shown.err.splitlines() == wrap_line(f"swarmwright: {PROSE}", 40)

@@ -74,7 +74,7 @@ def test_members_that_are_evaluated_again_count(tmp_path: Path) -> None:
     assert run.evaluations == 100, "20 in each of five generations, 15 of them new"
     assert run.generations == 5
     shown = CliRunner().invoke(program, ["runs", "show", str(run.path)]).output
-    assert "ended since all 100 evaluations are used" in shown
+    assert "ended because all 100 evaluations are used" in shown
 
 
 def test_the_first_generation_is_evaluated_in_any_case(
@@ -85,7 +85,7 @@ def test_the_first_generation_is_evaluated_in_any_case(
     assert (run.evaluations, run.ended) == (20, "evaluations")
     assert "method.evaluations: 7 is less than the first generation" in caplog.text
     shown = CliRunner().invoke(program, ["runs", "show", str(run.path)]).output
-    assert "ended since the first generation has used 20 evaluations, more than 7" in shown
+    assert "ended because the first generation has used 20 evaluations, more than 7" in shown
     steady = optimize(experiment(evaluations=7, **STEADY), out=tmp_path / "steady")
     assert (steady.evaluations, steady.ended) == (20, "evaluations")
 
@@ -125,7 +125,8 @@ def test_larger_populations_use_up_the_budget_in_fewer_generations(tmp_path: Pat
     assert run.ended == "generations"
     shown = CliRunner().invoke(program, ["runs", "show", str(run.path)]).output
     assert (
-        "ended since restarts have enlarged the population: the evaluations of 300 generations of the first "
+        "ended because restarts have enlarged the population: the evaluations of 300 generations of the "
+        "first "
         f"size were enough for {run.generations}; method.restart: none runs all 300\n"
     ) in shown
 

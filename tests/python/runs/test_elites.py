@@ -10,7 +10,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, repeat, resume
 from swarmwright.analysis.sweep import Sweep
-from swarmwright.cli._runs import saved_lines
+from swarmwright.cli._runs import extra_lines
 from swarmwright.common.statistics import mean
 from swarmwright.methods.nsga2 import Nsga2Options
 from swarmwright.runs.store import StoreReader
@@ -326,7 +326,7 @@ def test_candidates_without_an_objective_are_counted(partial: Any, program: Any)
     note = f"{without} of 30 candidates have no finite value of sometimes, and are not in the front."
     assert run.elites.notes == [note]
     assert program("runs", "elites", "run").stdout.splitlines()[-1] == note
-    assert note in saved_lines(run)
+    assert note in extra_lines(run)
     refused = program("runs", "elites", "run", "--offset", "1")
     assert refused.returncode == 2
     assert "--offset is for the QD score of an archive" in refused.stderr
@@ -458,5 +458,5 @@ def test_the_command(program: Any, tmp_path: Path) -> None:
 def test_the_command_that_lists_them_can_be_typed(tmp_path: Path) -> None:
     values = {**ARCHIVE, "method": {**ARCHIVE["method"], "population": 4, "generations": 1}}
     run = optimize(Experiment.from_mapping(values), out=tmp_path / "two words")
-    (line,) = saved_lines(run)
+    (line,) = extra_lines(run)
     assert shlex.split(line.split("`")[1]) == ["swarmwright", "runs", "elites", str(run.path)]

@@ -73,7 +73,7 @@ def test_a_figure_that_leaves_failures_out_is_not_to_be_reported(left_out: Run) 
     shown = said("runs", "show", left_out.path)
     assert "Report this one" not in shown
     assert f"of which {best.failed} failed" in shown
-    assert "do not report this figure" in shown
+    assert "do not report this value" in shown
     values = json.loads(said("runs", "show", left_out.path, "--json"))
     assert values["unseen"]["reportable"] is False
     assert (values["failed"], values["failed_episodes"]) == (167, left_out.failed_episodes)
@@ -108,7 +108,7 @@ def test_a_run_without_a_number_is_evaluated_with_one(left_out: Run) -> None:
     assert (values["failed"], values["reportable"]) == (left_out.unseen.failed, True)
     assert values["mean"] == pytest.approx(np.nan_to_num(left_out.unseen.episodes).mean())
     without = said("evaluate", left_out.path, "--episodes", str(count))
-    assert "whose mean is not to be reported" in without
+    assert "do not report the mean of the others" in without
 
 
 def test_a_resumed_run_counts_the_same(counted: Run, tmp_path: Path) -> None:
@@ -139,7 +139,7 @@ def test_comparisons_count_failures(left_out: Run, counted: Run, tmp_path: Path)
     assert not curve.is_reportable
     (point,) = csv.DictReader(curve.export(tmp_path / "curve.csv").read_text(encoding="utf-8").splitlines())
     assert point["failed"] == str(lost)
-    assert "Means leave failed episodes out" in said(
+    assert "which exclude failed episodes" in said(
         "evaluate", left_out.path, "--curve", "1", "--episodes", "30"
     )
     # With a number, nothing is left out; and it is another quantity than without one.

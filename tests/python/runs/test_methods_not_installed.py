@@ -101,7 +101,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(tmp_path))
         patch.setitem(
-            vars(METHODS), "_announced", {"draw": [EntryPoint("draw", "drawing:Draw", METHODS.group)]}
+            vars(METHODS), "_entry_points", {"draw": [EntryPoint("draw", "drawing:Draw", METHODS.group)]}
         )
         patch.setattr(METHODS, "_loaded", {})
         optimize(Experiment.from_mapping(EXPERIMENT), out=tmp_path / "run")
@@ -187,7 +187,7 @@ def test_another_method_is_not_taken_for_one_that_is_not_installed(
 
 def test_a_package_that_cannot_be_imported_any_more(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("draw", "drawing:Draw", METHODS.group)  # announced, but its file is gone
-    monkeypatch.setitem(vars(METHODS), "_announced", {"draw": [point]})
+    monkeypatch.setitem(vars(METHODS), "_entry_points", {"draw": [point]})
     opened = Run.open(run.path)
     assert opened.experiment == run.experiment
     with pytest.raises(
@@ -204,7 +204,7 @@ def test_the_copy_of_a_ranking_that_is_missing_is_named(
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(tmp_path))
         point = EntryPoint("first", "ranked:First", RANKINGS.group)
-        patch.setitem(vars(RANKINGS), "_announced", {"first": [point]})
+        patch.setitem(vars(RANKINGS), "_entry_points", {"first": [point]})
         patch.setattr(RANKINGS, "_loaded", {})
         values = {"simulation": "minisim", "ranking": {"kind": "first"}, "servers": "local"}
         experiment = Experiment.from_mapping({**values, "method": {"population": 4, "generations": 1}})

@@ -92,10 +92,7 @@ def test_another_reason_is_told(run: Any, program: Any, tmp_path: Path) -> None:
     same = program("evaluate", run.path, "--candidate", f"0:{FAILED}")
     assert same.returncode == 0, same.stderr
     assert "  episode 1: recorded failed, now failed\n" in same.stdout
-    assert (
-        "The fitness is the same, to the bit; what failed has failed again for the same reason."
-        in same.stdout
-    )
+    assert "The fitness is the same, to the bit; the same episodes failed for the same reason." in same.stdout
     other = program(
         "evaluate", run.path, "--candidate", f"0:{FAILED}", "--simulation", f"{tmp_path}/own.py:Missing"
     )

@@ -306,7 +306,7 @@ def test_a_run_that_was_interrupted_just_before_it_is_validated_later(tmp_path: 
     with pytest.raises(InputError, match=f"`swarmwright resume {folder}` does it"):
         compare([broken], held_out=True)
     result = CliRunner().invoke(program, ["runs", "show", str(folder)])
-    assert f"not validated yet: `swarmwright resume {folder}` does it" in result.output
+    assert f"not validated yet; run `swarmwright resume {folder}`" in result.output
     again = resume(folder)
     assert stored(again) == stored(whole)
     assert again.digest == whole.digest
@@ -567,7 +567,7 @@ def test_the_controller_that_a_search_started_from_is_compared_with_the_best(tmp
     assert validation.gain.mean == pytest.approx(validation.best.fitness.mean - np.mean(noise))
     assert validation.to_mapping()["start"]["fitness"] == validation.start.fitness.mean
     said = "\n".join(validation_lines(validation, run))
-    assert "The controller that it started from: on these 30 episodes " in said
+    assert "The starting controller on these 30 episodes: " in said
     assert f"The best of the run is worse than that by {-validation.gain.mean:.2g}, 95 % interval" in said
     assert "A smaller method.step samples nearer to it; nnga, de and pso keep it among" in said
     near = optimize(Experiment.from_mapping(PEAK), out=tmp_path / "near", seed=2).validation
@@ -579,16 +579,16 @@ def test_the_controller_that_a_search_started_from_is_compared_with_the_best(tmp
 @pytest.mark.parametrize(
     ("kind", "best", "start", "words"),
     [
-        ("cma_es", [5.0], [5.0], ["on this episode 5."]),
-        ("cma_es", [5.0], [np.nan], ["The controller that it started from failed in this episode."]),
-        ("cma_es", [1.0] * 2, [np.nan] * 2, ["The controller that it started from failed in all of these 2"]),
+        ("cma_es", [5.0], [5.0], ["on this episode: 5."]),
+        ("cma_es", [5.0], [np.nan], ["The starting controller failed in this episode."]),
+        ("cma_es", [1.0] * 2, [np.nan] * 2, ["The starting controller failed in all of these 2"]),
         (
             "openai_es",
             [4.0],
             [5.0],
-            ["on this episode 5.", "worse than that by 1: ", "smaller method.noise "],
+            ["on this episode: 5.", "worse than that by 1: ", "smaller method.noise "],
         ),
-        ("snes", [4.0], [5.0], ["on this episode 5.", "worse than that by 1: ", "smaller method.step "]),
+        ("snes", [4.0], [5.0], ["on this episode: 5.", "worse than that by 1: ", "smaller method.step "]),
     ],
 )
 def test_a_comparison_with_the_start_in_few_episodes(

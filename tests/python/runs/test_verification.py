@@ -71,7 +71,7 @@ def test_an_edited_file_is_found_and_written_again(
     assert swarmwright(["runs", "verify", str(run.path)]) == 1
     first, second = capsys.readouterr().out.splitlines()
     assert first == f"{run.path}: damaged: {problem.what}"
-    assert second == f"{run.path}: good are the generations 0 to 2"
+    assert second == f"{run.path}: generations 0 to 2 are intact"
     resume(run)
     assert verify(run.path).problems == []
 

@@ -79,7 +79,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def _forget() -> None:
     for registry in (BEHAVIOURS, CONDITIONS):
-        registry.__dict__.pop("_announced", None)
+        registry.__dict__.pop("_entry_points", None)
         registry._loaded.clear()
     registered._by_name.cache_clear()
     sys.modules.pop("own_modules", None)

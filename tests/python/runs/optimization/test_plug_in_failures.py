@@ -109,7 +109,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
         for section, (kind, name) in PLUG_INS.items():
             registry = REGISTRIES[section]
             point = EntryPoint(kind, f"owned:{name}", registry.group)
-            monkeypatch.setitem(vars(registry), "_announced", {kind: [point]})
+            monkeypatch.setitem(vars(registry), "_entry_points", {kind: [point]})
             monkeypatch.setattr(registry, "_loaded", {})
         monkeypatch.setattr("sys.dont_write_bytecode", True)
         monkeypatch.chdir(tmp_path)

@@ -221,7 +221,7 @@ def test_verify_takes_several_runs_and_leaves_files_out(
     assert said.out.splitlines() == [
         f"{finished.path}: ok, 4 generations, 33 evaluations",
         f"{copy}: damaged: generation 1: the table block disagrees with its digest",
-        f"{copy}: good are the generations 0, 2 to 3",
+        f"{copy}: generations 0, 2 to 3 are intact",
     ]
     assert "left out" in said.err
     assert program(["runs", "verify", str(copy.parent)]) == 2

@@ -165,7 +165,7 @@ def test_a_damaged_sample_is_named(
             read()
     assert Run.open(copied).evaluation(3, 2).candidate == 3, "other generations can be read"
     assert program(["runs", "verify", str(copied)]) == 1
-    assert "good are the generations 0, 2 to 4" in capsys.readouterr().out
+    assert "generations 0, 2 to 4 are intact" in capsys.readouterr().out
 
 
 def test_a_sample_of_another_run_does_not_go_on(copied: Path) -> None:

@@ -386,7 +386,8 @@ def test_the_time_of_a_server_counts_once_and_a_slower_backup_is_no_failure(copy
     assert share == (1, 17, 1, 6.5, 1, True, 0, 0)
     said = CliRunner().invoke(program, ["runs", "show", str(copy)]).output
     assert (
-        "server 1: 17 episodes (failed ones included), busy for 6.5 s, 1 attempt failed, 1 attempt ended as "
+        "server 1: 17 episodes (failed ones included), busy for 6.5 s, 1 attempt failed, 1 attempt stopped "
+        "as "
         "another server was faster (backup)\n"
     ) in said
 

@@ -96,7 +96,7 @@ def test_the_hint_to_watch_stands_where_there_is_something_to_see(
         )
         done = program("optimize", "x.yaml", "--servers", "local", "--out", f"run-{seen}")
         assert done.returncode == 0, done.stderr
-        assert ("See the best controller at work:" in done.stdout) == seen
+        assert ("Watch the best controller:" in done.stdout) == seen
         assert (f"replay run-{seen}" in done.stdout) == seen
     nothing = program("replay", "run-False")
     assert nothing.returncode == 2
