@@ -137,9 +137,9 @@ def test_a_fitness_without_chance_is_said_to_be_so(program: Any, noisy: Path) ->
         fixed = ("--set", "parameters.placement=fixed", "--set", f"validate.episodes={given}")
         text = program("optimize", noisy, "--out", f"run {given}", *fixed).stdout
         assert (
-            f"All {count} held-out episodes gave the recorded fitness: it does not seem to depend on the "
-            "seed. Report the recorded fitness as that of this controller; how good the method is takes "
-            "several runs with other seeds (`swarmwright sweep`)."
+            f"All {count} held-out episodes gave the recorded fitness, so it does not seem to depend on the "
+            "seed. Report the recorded fitness of this controller; to judge the method, run it with several "
+            "seeds (`swarmwright sweep`)."
         ) in text
         last = json.loads(program("runs", "show", f"run {given}", "--json").stdout)
         assert last["unseen"] is None
