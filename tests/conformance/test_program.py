@@ -148,7 +148,7 @@ def test_the_report_is_grouped_by_source(program: Run) -> None:
     options = ("--exec", SERVE, "--parameters", '{"maxSteps": 3}', "--rules", "S1")
     result = program("conformance", "server", *options)
     assert result.returncode == 0, result.stderr
-    assert "passed   S1.5   Swarmwright It does not answer when another number" in result.stdout
+    assert "passed   S1.5   Swarmwright It does not answer if another number" in result.stdout
     assert result.stdout.splitlines()[-3:-1] == [
         "D6.1's rules:        7 passed",
         "Swarmwright's rules: 1 passed",
