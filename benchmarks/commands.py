@@ -115,9 +115,9 @@ class CommandSuite:
         representation = experiment.representation()
         genomes = np.full((self._episodes, genes), 0.5, np.float32)
         with open_backend(experiment, servers="in-process") as backend:
-            backend.evaluate(Controllers.of(representation, genomes[:1]), [0], _silent)
+            backend.evaluate(Controllers.from_genomes(representation, genomes[:1]), [0], _silent)
             began = time.perf_counter()
-            results = backend.evaluate(Controllers.of(representation, genomes), [0], _silent)
+            results = backend.evaluate(Controllers.from_genomes(representation, genomes), [0], _silent)
             seconds = time.perf_counter() - began
         assert np.isfinite(results.fitness).all()
         return seconds

@@ -48,7 +48,7 @@ class Problem:
             search = experiment.new_method(representation)
             while not search.done:
                 genomes = search.ask()
-                results = backend.evaluate(Controllers.of(representation, genomes), seeds, _silent)
+                results = backend.evaluate(Controllers.from_genomes(representation, genomes), seeds, _silent)
                 fitness = ranking.score(results.fitness)
                 reached = np.flatnonzero(fitness >= self.target)
                 if len(reached):

@@ -66,7 +66,7 @@ class RaySuite:
             "spinning.py:Spinning",
             self._broker.url,
             prefix="bench/ray",
-            code=Code.of({"spinning.py": source}),
+            code=Code.from_files({"spinning.py": source}),
         )
         shape = (self._evaluations, _engine.genome_size(ARCHITECTURE))
         genomes = np.random.default_rng(1).uniform(-1, 1, shape).astype(np.float32)
@@ -90,7 +90,7 @@ class RaySuite:
                 start = time.perf_counter()
                 fitness, _, attempts, _ = pool.evaluate(ARCHITECTURE, genomes, [0])
                 rate = self._evaluations / (time.perf_counter() - start)
-                errors = Journal.of(attempts, []).errors
+                errors = Journal.from_fields(attempts, []).errors
                 if errors or not np.array_equal(fitness[:, 0], SPINS * np.ones(self._evaluations)):
                     raise SystemExit(f"evaluation on Ray failed: {errors[:1]}, fitness {fitness[:3]}")
                 return rate

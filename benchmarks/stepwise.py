@@ -88,7 +88,7 @@ class Stepwise:
         expected, _ = _engine.evaluate("minisim", self._parameters, ARCHITECTURE, genomes, [0])
         if fitness.tobytes() != expected.tobytes():
             raise SystemExit("stepwise evaluation and a rollout in this process give different fitness")
-        attempts = Journal.of(rows, []).attempts
+        attempts = Journal.from_fields(rows, []).attempts
         steps = sum(attempt.steps or 0 for attempt in attempts)
         done = Evaluation(
             agent_steps=steps * self._agents,

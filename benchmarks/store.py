@@ -139,7 +139,7 @@ def _bare_and_whole(candidates: int, folder: Path) -> tuple[float, float]:
         search, ranking = experiment.new_method(representation), experiment.new_ranking()
         seeds = ranking.seeds(experiment.first_seed)
         while not search.done:
-            controllers = Controllers.of(representation, search.ask())
+            controllers = Controllers.from_genomes(representation, search.ask())
             search.tell(ranking.score(backend.evaluate(controllers, seeds, lambda *_: None).fitness))
     bare = time.process_time() - start
     start = time.process_time()

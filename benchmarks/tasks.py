@@ -167,7 +167,7 @@ class TaskSuite:
     @staticmethod
     def _evaluate(pool: _engine.Pool, block: Block) -> np.ndarray:
         fitness, _, attempts, _ = pool.evaluate(block.architecture, block.genomes, [0])
-        errors = Journal.of(attempts, []).errors
+        errors = Journal.from_fields(attempts, []).errors
         if errors:
             raise SystemExit(f"offloaded evaluation failed: {errors[0]}")
         return fitness[:, 0]

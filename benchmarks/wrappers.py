@@ -189,7 +189,7 @@ def evaluate(pool: _engine.Pool, block: Block) -> tuple[NDArray[np.float64], flo
     start = time.perf_counter()
     fitness, _, attempts, _ = pool.evaluate(block.architecture, block.genomes, [0])
     seconds = time.perf_counter() - start
-    errors = Journal.of(attempts, []).errors
+    errors = Journal.from_fields(attempts, []).errors
     if errors:
         raise SystemExit(f"an evaluation failed: {errors[0]}")
     return fitness[:, 0], seconds

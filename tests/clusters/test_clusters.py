@@ -111,10 +111,10 @@ def test_the_conformance_check(cluster: Cluster) -> None:
 
 
 def test_a_killed_node_changes_nothing(cluster: Cluster, tmp_path: Path) -> None:
-    from swarmwright.servers.evaluation.launched.access import own_address
+    from swarmwright.servers.evaluation.launched.access import find_own_address
 
     # As on other machines: the code travels, the broker has TLS and accounts.
-    made = experiment(cluster, written(tmp_path / "simulation"), broker_host=own_address())
+    made = experiment(cluster, written(tmp_path / "simulation"), broker_host=find_own_address())
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
     done: list[int] = []
 

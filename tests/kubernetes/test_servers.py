@@ -53,10 +53,10 @@ def test_the_conformance_check(cluster: Cluster, namespace: Namespace) -> None:
 def test_a_deleted_pod_a_drained_node_and_a_lost_api_change_nothing(
     cluster: Cluster, namespace: Namespace, tmp_path: Path
 ) -> None:
-    from swarmwright.servers.evaluation.launched.access import own_address
+    from swarmwright.servers.evaluation.launched.access import find_own_address
 
     control, name = cluster.control, namespace("lab", "pod-security.kubernetes.io/enforce=restricted")
-    made = experiment(cluster, name, written(tmp_path / "simulation"), broker_host=own_address())
+    made = experiment(cluster, name, written(tmp_path / "simulation"), broker_host=find_own_address())
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
     done: list[int] = []
 
@@ -164,7 +164,7 @@ def test_what_is_wrong_is_said_in_the_words_of_kubernetes(
 def test_who_is_not_admitted_or_has_no_rights(cluster: Cluster, namespace: Namespace, tmp_path: Path) -> None:
     name = namespace("rights")
     for token, message in (
-        ("wrong", r"kubernetes: https://.* does not accept the credentials: Unauthorized \(401\)"),
+        ("wrong", r"kubernetes: https://.* rejects the credentials: Unauthorized \(401\)"),
         (
             f"{cluster.control.token}-poor",
             r'pods is forbidden: User "poor" cannot list resource "pods".*\(403\)',
@@ -200,7 +200,7 @@ def test_code_larger_than_a_secret(cluster: Cluster, namespace: Namespace, tmp_p
     (tmp_path / "map.bin").write_bytes(os.urandom(1 << 20))
     made = experiment(cluster, namespace("large"), simulation, files=["map.bin"])
     with pytest.raises(
-        InputError, match=r"1\.0 MiB, compressed; a Secret of Kubernetes holds 1 MiB: .*option code"
+        InputError, match=r"1\.0 MiB compressed, more than the 1 MiB of a Kubernetes Secret; .*option code"
     ):
         optimize(made, out=tmp_path / "run", progress=False)
 

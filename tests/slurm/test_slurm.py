@@ -43,9 +43,9 @@ def test_the_conformance_check(slurm: Cluster, tmp_path: Path) -> None:
 
 @pytest.mark.timeout(240)
 def test_a_cancelled_job_and_a_drained_node_change_nothing(slurm: Cluster, tmp_path: Path) -> None:
-    from swarmwright.servers.evaluation.launched.access import own_address
+    from swarmwright.servers.evaluation.launched.access import find_own_address
 
-    made = experiment(tmp_path / "shared", written(tmp_path / "simulation"), broker_host=own_address())
+    made = experiment(tmp_path / "shared", written(tmp_path / "simulation"), broker_host=find_own_address())
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
     done: list[int] = []
 
@@ -77,14 +77,14 @@ def test_a_cancelled_job_and_a_drained_node_change_nothing(slurm: Cluster, tmp_p
 @pytest.mark.timeout(400)
 def test_time_limits_end_in_the_middle_of_evaluations(slurm: Cluster, tmp_path: Path) -> None:
     """Slurm asks the servers to end 30 s to 90 s before the limit: each time in an episode of 8 s."""
-    from swarmwright.servers.evaluation.launched.access import own_address
+    from swarmwright.servers.evaluation.launched.access import find_own_address
 
     name = written(tmp_path / "simulation")
     file = tmp_path / "simulation" / "paced.py"
     pause = "time.sleep(float(__import__('os').environ.get('PAUSE_S', 0)))"
     file.write_text(file.read_text().replace("time.sleep(0.002)", pause))
     made = experiment(
-        tmp_path / "shared", name, broker_host=own_address(), time=2, environment={"PAUSE_S": "0.4"}
+        tmp_path / "shared", name, broker_host=find_own_address(), time=2, environment={"PAUSE_S": "0.4"}
     ).replace(method={"population": 16, "generations": 2})
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
     there = optimize(made, out=tmp_path / "there", progress=False)

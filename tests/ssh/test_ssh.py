@@ -87,7 +87,7 @@ def test_code_travels_once_and_the_record_is_the_same(machine: Machine, tmp_path
         times.append(copied.stat().st_mtime_ns)  # it travels once
         if folder == "second":
             assert times[0] == times[1]
-            other = Code.of({"gather.py": SIMULATION.replace("-abs", "abs").encode()})
+            other = Code.from_files({"gather.py": SIMULATION.replace("-abs", "abs").encode()})
             copied.write_bytes(other.archive)  # what was altered is not used
     assert copied.name == f"{hashlib.sha256(copied.read_bytes()).hexdigest()}.tar.gz"
     assert not list((machine.folder / "cache" / "run").iterdir())
@@ -114,7 +114,7 @@ def test_values_of_the_environment_are_in_no_arguments(machine: Machine, tmp_pat
 
 @pytest.mark.timeout(120)
 def test_tls_with_an_account_and_a_connection_that_breaks(machine: Machine, tmp_path: Path) -> None:
-    from swarmwright.servers.evaluation.launched.access import own_address
+    from swarmwright.servers.evaluation.launched.access import find_own_address
 
     broken: list[int] = []
 
@@ -125,7 +125,7 @@ def test_tls_with_an_account_and_a_connection_that_breaks(machine: Machine, tmp_
                 os.kill(session, signal.SIGKILL)
             until(lambda: len(machine.sessions()) > 0)
 
-    made = experiment(machine, written(tmp_path / "simulation"), broker_host=own_address())
+    made = experiment(machine, written(tmp_path / "simulation"), broker_host=find_own_address())
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
     same_record(optimize(made, breaks, out=tmp_path / "there", progress=False), here)
     assert broken
@@ -157,7 +157,10 @@ def test_nothing_is_left_behind_when_the_tool_is_killed(machine: Machine, tmp_pa
 @pytest.mark.parametrize(
     ("servers", "message"),
     [
-        ({"key": "{folder}/other_key"}, r"127\.0\.0\.1: login refused \(.*\); see the options user and key"),
+        (
+            {"key": "{folder}/other_key"},
+            r"127\.0\.0\.1: login refused \(.*\); check the options user and key",
+        ),
         ({"known_hosts": "{folder}/config"}, r"127\.0\.0\.1: its host key is not trusted"),
         ({"hosts": ["127.0.0.1:1"]}, r"127\.0\.0\.1: .*(refused|Connect call failed)"),
         ({"hosts": ["no-such-machine.invalid"]}, r"no-such-machine\.invalid: "),
@@ -180,7 +183,7 @@ def test_what_is_wrong_is_said_with_the_machines_words(
 
 
 def test_a_machine_without_sftp(tmp_path: Path) -> None:
-    words = r"refuses SFTP, by which files are copied there .* sshd_config"
+    words = r"refuses SFTP, which is needed to copy files .* sshd_config"
     with (
         running(tmp_path / "machine", subsystem="other internal-sftp") as machine,
         pytest.raises(RunError, match=words),

@@ -84,7 +84,7 @@ def test_experiments_know_the_missions_before_any_server(
 def test_without_a_broker_it_is_said_that_one_is_needed(launch: Launch, experiment: Experiment) -> None:
     program = launch("optimize", experiment(EXPERIMENT), "--servers", "local")
     assert program.wait() != 0
-    assert "any other needs a broker on which a server offers it" in program.stderr
+    assert "need a broker with a server that offers them" in program.stderr
 
 
 def test_several_threads_are_refused(embedded: BrokerProcess) -> None:

@@ -197,7 +197,7 @@ def test_lost_late_and_double_messages_change_nothing(
     left_out = {2, 3} if kind is Losing else set()
     assert steps == [step for step in range(steps[-1] + 1) if step not in left_out]
     assert ("server 4711: 2 scenes did not arrive" in caplog.text) == (kind is Losing)
-    assert ("the episode is begun again" in caplog.text) == (kind in (Forgetting, Stumbling))
+    assert ("restarting the episode" in caplog.text) == (kind in (Forgetting, Stumbling))
 
 
 class Silent(SceneServer):
@@ -351,5 +351,5 @@ def test_attempts_end() -> None:
         raise _engine.LostError("server 3 sent nothing")
 
     with pytest.raises(RunError, match="server 3 sent nothing; tried 3 times"):
-        remote.repeated(attempt)
+        remote.retry_lost(attempt)
     assert len(tried) == 3

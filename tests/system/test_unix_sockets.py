@@ -131,7 +131,7 @@ def test_the_file_of_the_embedded_broker(launch: Launch, tmp_path: Path) -> None
         (
             ("optimize", "{experiment}", "--servers", "slurm:2", "--broker", "unix:///run/x"),
             2,
-            "servers of slurm are on other machines, which cannot use a Unix socket",
+            "servers of slurm run on other machines, which cannot use a Unix socket",
         ),
     ],
 )

@@ -29,7 +29,7 @@ def test_everybody_waits_for_the_broker(later: BrokerProcess, launch: Launch, ex
     assert waiting["message"].startswith(f"no broker answers at {later.url} (Connection refused")
     assert waiting["message"].endswith(", for 60 s at most")
     tool = launch("optimize", path, "--broker", later.url, "--out", "result", "--wait", 60)
-    line = tool.until_error("waiting for it since ")
+    line = tool.until_error("waiting since ")
     assert line.startswith(f"swarmwright: no broker answers at {later.url} (Connection refused"), line
     later.start()
     server.until_event("ready")
@@ -39,7 +39,7 @@ def test_everybody_waits_for_the_broker(later: BrokerProcess, launch: Launch, ex
     tool.process.wait(10)
     later.kill()
     again = launch("resume", "result", "--broker", later.url, "--wait", 60)
-    again.until_error("waiting for it since ")
+    again.until_error("waiting since ")
     later.start()
     assert again.wait(60) == 0, again.stderr
     local = launch("optimize", path, "--servers", "local", "--out", "local")

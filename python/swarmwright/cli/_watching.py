@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING
 
 from swarmwright.cli._output import Output
 from swarmwright.common.formatting import duration
-from swarmwright.servers.broker.watching import SILENCE, ServerRow, ToolRow, View, views, words
+from swarmwright.servers.broker.watching import (
+    SILENCE_S,
+    ServerRow,
+    ToolRow,
+    View,
+    describe_owed_message,
+    watch_broker,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
@@ -49,7 +56,7 @@ def cells(server: ServerRow) -> tuple[str, ...]:
         ", ".join(server.simulations) or "-",
         server.tool or "-",
         describe_work(server),
-        duration(server.silent) if server.silent >= SILENCE else "-",
+        duration(server.silent) if server.silent >= SILENCE_S else "-",
         "-" if speed is None else f"{speed:.3g}/s",
         failures,
     )
@@ -86,7 +93,7 @@ def headline(view: View, broker: str) -> tuple[str, str]:
     if view.broker_lost is not None:
         return f"{broker} is lost ({view.broker_lost}); trying again", "bold red"
     if view.blocking is not None:
-        return f"Blocking: {words(view.blocking)}", "bold red"
+        return f"Blocking: {describe_owed_message(view.blocking)}", "bold red"
     alone = next((tool for tool in view.tools if tool.waits_for), None)
     if alone is not None:
         return f"{alone.status['tool']}: {alone.waits_for}", "bold yellow"
@@ -129,7 +136,7 @@ class Screen:
         servers: list[list[str | Text]] = []
         for server in self.view.servers:
             row = cells(server)
-            mark = "bold red" if server is blocking else "yellow" if server.silent >= SILENCE else ""
+            mark = "bold red" if server is blocking else "yellow" if server.silent >= SILENCE_S else ""
             state = text(row[1], COLORS.get(row[1], ""))
             marked = (text(cell, mark) for cell in row[4:6])
             servers.append([text(row[0], mark), state, *row[2:4], *marked, *row[6:]])
@@ -182,7 +189,7 @@ class Lines:
         elif blocking is not None:
             # Repeated with each doubling of the silence, not each second.
             doubled = int(blocking.silent).bit_length()
-            now[f"waited for {doubled}"] = words(blocking)
+            now[f"waited for {doubled}"] = describe_owed_message(blocking)
         for server in view.abandoned:
             now[f"waited for the tool of {server.server}"] = describe_abandoned(server, view)
         for key, message in now.items():
@@ -208,18 +215,18 @@ def watch(output: Output, broker: str, prefix: str, every: float) -> int:
 
 def _show(output: Output, broker: str, prefix: str, every: float) -> None:
     if output.as_json:
-        for view in views(broker, prefix=prefix, every=every):
+        for view in watch_broker(broker, prefix=prefix, every=every):
             moment = dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
             output.json({"time": moment, **view.record()})
     elif not output.terminal:
         lines = Lines(output, broker)
-        for view in views(broker, prefix=prefix, every=every):
+        for view in watch_broker(broker, prefix=prefix, every=every):
             lines.show(view)
     else:
         from rich.live import Live
 
         screen = Screen(output, broker)
-        shown = views(broker, prefix=prefix, every=every)
+        shown = watch_broker(broker, prefix=prefix, every=every)
         first = next(shown)  # reports an unreachable broker before anything is drawn
         screen.view = first
         with Live(screen, console=output.console(), refresh_per_second=4, vertical_overflow="ellipsis"):

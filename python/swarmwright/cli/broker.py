@@ -60,9 +60,9 @@ def account_for(
         raise click.UsageError("--account needs --port PORT; clients of a Unix socket need no account.")
     if options or not has_port:
         return None
-    from swarmwright.servers.broker.private import new_account
+    from swarmwright.servers.broker.private import create_account
 
-    return UserAccount(new_account(), file)
+    return UserAccount(create_account(), file)
 
 
 class UserAccount:
@@ -497,9 +497,9 @@ def _check_exposure(
 
 def _check_certificate(file: Path | None) -> None:
     """Warn about a certificate that clients refuse."""
-    from swarmwright.servers.broker.certificates import is_of_authority
+    from swarmwright.servers.broker.certificates import is_authority_certificate
 
-    if file is not None and is_of_authority(file):
+    if file is not None and is_authority_certificate(file):
         _LOGGER.warning(
             "%s is the certificate of an authority (CA:TRUE), as 'openssl req -x509' makes it, which "
             "Swarmwright's clients refuse; use one that an authority signs, such as --init makes",
@@ -569,7 +569,7 @@ def _init(
     if port == 0:
         raise click.UsageError("--init writes the port into the configuration; name one, such as 8883.")
     accounts = write_configuration(
-        folder, given=hosts, port=port or 8883, prefixes=prefixes, iterations=iterations
+        folder, hosts=hosts, port=port or 8883, prefixes=prefixes, iterations=iterations
     )
     output.json({"event": "written", "folder": str(folder), "users": [account.user for account in accounts]})
 

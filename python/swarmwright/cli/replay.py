@@ -187,7 +187,7 @@ def _save(
     from swarmwright.runs.replay import names
 
     called = names([replay, *others]) if others else [""]
-    recording = replay.save(picture, speed=speed, shown=shown, others=others, names=called)
+    recording = replay.save(picture, speed=speed, shown=shown, companions=others, names=called)
     output.text(f"{replay.who} {replay.outcome(recording.fitness)} {describe_file(picture)}")
     output.json({**describe_recording(recording, picture), **replay.identity()})
 

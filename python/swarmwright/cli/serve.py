@@ -28,7 +28,7 @@ from swarmwright.cli._options import (
 from swarmwright.cli._output import Output, complain, print_note
 from swarmwright.cli._signals import Terminated
 from swarmwright.servers.broker.credentials import prepare
-from swarmwright.servers.supervision import Ended, Event, News, Restarted, Supervisor
+from swarmwright.servers.supervision import News, ServerEnd, ServerEvent, ServerRestart, Supervisor
 from swarmwright.servers.supervision import Output as Printed
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ def _serve(
     connected: set[int] = set()
     try:
         servers.start()
-        while not (servers.all_given_up() and news.empty()):
+        while not (servers.has_given_up_all() and news.empty()):
             # A time-out, because a wait without one cannot be interrupted on every system.
             with suppress(queue.Empty):
                 item = news.get(timeout=1.0)
@@ -190,11 +190,11 @@ def _serve(
 
 def _note_connection(item: News, connected: set[int]) -> None:
     """Update the set of servers that are connected to the broker."""
-    if isinstance(item, Ended):
+    if isinstance(item, ServerEnd):
         connected.discard(item.server_exit.server)
-    elif isinstance(item, Event) and item.report.get("event") in {"ready", "busy"}:
+    elif isinstance(item, ServerEvent) and item.report.get("event") in {"ready", "busy"}:
         connected.add(item.server)
-    elif isinstance(item, Event) and item.report.get("event") == "lost":
+    elif isinstance(item, ServerEvent) and item.report.get("event") == "lost":
         connected.discard(item.server)
 
 
@@ -239,9 +239,9 @@ def _modules_in_words(modules: Sequence[str]) -> str:
     """Describe the offered modules; errors are reported before any server is started."""
     if not modules:
         return ""
-    from swarmwright.servers.evaluation.module_code import offered
+    from swarmwright.servers.evaluation.module_code import import_modules
 
-    return f" with {', '.join(dict.fromkeys(name for _, name in offered(modules)))}"
+    return f" with {', '.join(dict.fromkeys(name for _, name in import_modules(modules)))}"
 
 
 class Reporter:
@@ -269,10 +269,10 @@ class Reporter:
     def tell(self, item: News) -> None:
         """Report one piece of news."""
         self._note(item)
-        if isinstance(item, Ended):
+        if isinstance(item, ServerEnd):
             self._report_end(item)
             return
-        if isinstance(item, Restarted):
+        if isinstance(item, ServerRestart):
             line = f"server {item.server} was restarted (process {item.pid})"
             self._output.json({"event": "restarted", "server": item.server, "pid": item.pid})
             self._output.text(line)
@@ -299,7 +299,7 @@ class Reporter:
 
     def _note(self, item: News) -> None:
         """Write an item to the log and the metrics."""
-        if isinstance(item, Ended):
+        if isinstance(item, ServerEnd):
             server_exit = item.server_exit
             event, level, server, pid = (
                 "ended",
@@ -307,8 +307,11 @@ class Reporter:
                 server_exit.server,
                 server_exit.pid,
             )
-            fields: dict[str, Any] = {"status": server_exit.status, "message": server_exit.words or None}
-        elif isinstance(item, Restarted):
+            fields: dict[str, Any] = {
+                "status": server_exit.status,
+                "message": server_exit.output_text or None,
+            }
+        elif isinstance(item, ServerRestart):
             event, level, server, pid, fields = "restarted", "warning", item.server, item.pid, {}
         else:
             server, pid = item.server, item.pid
@@ -331,7 +334,7 @@ class Reporter:
         rest = detail or json.dumps({key: value for key, value in report.items() if key != "event"})
         return f"server {server}: {event}: {rest}"
 
-    def _report_end(self, item: Ended) -> None:
+    def _report_end(self, item: ServerEnd) -> None:
         server_exit = item.server_exit
         error = self._errors.pop(server_exit.server, None)
         self.status = max(self.status, 2 if server_exit.status == 2 and error else 1)
@@ -341,7 +344,7 @@ class Reporter:
                 "server": server_exit.server,
                 "pid": server_exit.pid,
                 "status": server_exit.status,
-                "message": error or server_exit.words,
+                "message": error or server_exit.output_text,
                 "restart": item.pause,
             }
         )
@@ -349,6 +352,8 @@ class Reporter:
         if error:
             complain(f"server {server_exit.server}: {error}{restart}")
             return
-        complain(f"server {server_exit.server} (process {server_exit.pid}) {server_exit.how}{restart}")
-        if server_exit.words:
-            print_note("its last output:", server_exit.words.split("\n"))
+        complain(
+            f"server {server_exit.server} (process {server_exit.pid}) {server_exit.description}{restart}"
+        )
+        if server_exit.output_text:
+            print_note("its last output:", server_exit.output_text.split("\n"))

@@ -169,11 +169,11 @@ def _with_answers(
 
     Their fields `presence` and `answers` tell them apart.
     """
-    from swarmwright.servers.broker.client import answers
+    from swarmwright.servers.broker.client import discover_servers
 
     answering = {
         answer["server"]: answer
-        for answer in answers(broker, simulation, dimensions, prefix=prefix, wait=wait)
+        for answer in discover_servers(broker, simulation, dimensions, prefix=prefix, wait=wait)
     }
     announced_ids = {server["server"] for server in announced}
     servers: list[Mapping[str, Any]] = [

@@ -100,7 +100,7 @@ def command(
         check_file(picture)
     shown = parse_parts(parts, colors)
     from swarmwright import Controller
-    from swarmwright.servers.evaluation.evaluate import episode
+    from swarmwright.servers.evaluation.evaluate import run_episode
 
     output = Output(as_json=as_json)
     show_warnings()
@@ -115,7 +115,7 @@ def command(
     if visual:  # the server's process, which draws, takes the width from its environment
         os.environ["COLUMNS"] = str(shutil.get_terminal_size().columns)
     broker = experiment_broker(broker, experiment.broker, experiment.servers)
-    result = episode(experiment, loaded, broker=broker, visual=visual, seed=seed)
+    result = run_episode(experiment, loaded, broker=broker, visual=visual, seed=seed)
     _print(output, result, controller)
 
 
@@ -132,7 +132,7 @@ def _save(
     from swarmwright.servers.evaluation.evaluate import Episode
     from swarmwright.servers.evaluation.shown import ShownEpisode
 
-    episode = ShownEpisode.of_experiment(experiment, controller, seed=seed, broker=broker)
+    episode = ShownEpisode.from_experiment(experiment, controller, seed=seed, broker=broker)
     recording = episode.save(picture, speed=speed, shown=shown)
     result = Episode(
         recording.fitness, episode.metrics(recording), episode.controller.parameters, episode.seed

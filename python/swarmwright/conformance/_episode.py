@@ -11,7 +11,7 @@ import numpy as np
 from swarmwright.common.json_text import Json, is_number, new_hash
 from swarmwright.conformance._trajectory import Numbers, Policy, Trajectory
 from swarmwright.conformance.rules import WentOn
-from swarmwright.servers.broker.client import Failure, Message, shown
+from swarmwright.servers.broker.client import Failure, Message, format_payload
 
 if TYPE_CHECKING:
     from swarmwright.conformance._server_under_test import Server
@@ -99,7 +99,7 @@ class Episode:
         with suppress(Exception):  # whatever the reader raises: it is not this message
             content = msgpack.unpackb(message.payload, strict_map_key=False)
             if content["kind"] == "failed" and content["simulation_hash"] == self.hash:
-                return shown(str(content.get("reason") or "none was given"))
+                return format_payload(str(content.get("reason") or "none was given"))
         return ""
 
     def is_mine(self, message: Message) -> bool:

@@ -17,7 +17,7 @@ from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Steer
 from swarmwright.conformance.rules import Skip
 from swarmwright.controllers import REPRESENTATIONS
-from swarmwright.servers.broker.client import TO_TOOL, Failure, Message, shown
+from swarmwright.servers.broker.client import TO_TOOL, Failure, Message, format_payload
 
 TOOL = "conformance/a"
 OTHER = "conformance/b"
@@ -207,7 +207,7 @@ def _shown_field(request: Mapping[str, Any], path: str) -> str:
             return f"no {path}"
         value = value[key]
     text = f"<{len(value)} bytes>" if isinstance(value, bytes) else json.dumps(value, default=str)
-    return f"{path}: {shown(text)}"
+    return f"{path}: {format_payload(text)}"
 
 
 def free_again(server: Server) -> None:

@@ -16,7 +16,7 @@ from swarmwright.conformance._episode import Episode
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._trajectory import Policy, Trajectory, Wander
 from swarmwright.conformance.rules import NotTried, Skip
-from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Client, Failure, Message, shown
+from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Client, Failure, Message, format_payload
 
 QUIET_S = 0.05
 """Seconds in which a quick server would have sent a message."""
@@ -265,13 +265,15 @@ class Server:
         if wrong:
             index = hashes.index(wrong[0].json["simulation_hash"])
             raise Failure(
-                f"it answered: {wrong[0]}", f"silence: {why}", f"discovery {shown(json.dumps(asked[index]))}"
+                f"it answered: {wrong[0]}",
+                f"silence: {why}",
+                f"discovery {format_payload(json.dumps(asked[index]))}",
             )
         if answer is None:
             raise Failure(
                 f"nothing came within {self.settings.timeout:g} s",
                 "silence at first, then an answer to a discovery that fits",
-                f"discovery {shown(json.dumps(asked[-1]))}",
+                f"discovery {format_payload(json.dumps(asked[-1]))}",
             )
 
     def must_be_silent(
@@ -347,4 +349,4 @@ class Server:
             key: f"<{len(value)} bytes>" if isinstance(value, bytes) else value
             for key, value in message.items()
         }
-        return f"{self.own_topic} {shown(json.dumps(brief, default=str))}"
+        return f"{self.own_topic} {format_payload(json.dumps(brief, default=str))}"

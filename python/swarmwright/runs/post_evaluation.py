@@ -25,8 +25,8 @@ from swarmwright.methods.rankings import Ranking
 from swarmwright.runs.code import used_for
 from swarmwright.runs.store import Evaluation
 from swarmwright.servers.evaluation.base import Backend, Controllers, Progress, Results, Servers
-from swarmwright.servers.evaluation.code_failures import failed
-from swarmwright.servers.evaluation.metrics import asked_for
+from swarmwright.servers.evaluation.code_failures import build_error
+from swarmwright.servers.evaluation.metrics import select_metrics
 from swarmwright.servers.evaluation.module_code import is_in_python
 from swarmwright.servers.evaluation.opening import open_backend, open_once
 
@@ -406,7 +406,7 @@ def of_candidates(
         broker=where.broker,
         servers=where.servers,
         most=len(seeds) * len(candidates),
-        metrics=asked_for(experiment, where.metrics),
+        metrics=select_metrics(experiment, where.metrics),
     ) as backend:
         genomes = np.stack([candidate.genome for candidate in candidates])
         results = evaluated(experiment, backend, genomes, seeds, where.on_progress)
@@ -469,7 +469,7 @@ def of_controllers(
                 broker=broker,
                 servers=servers,
                 most=len(seeds),
-                metrics=asked_for(experiment, where.metrics),
+                metrics=select_metrics(experiment, where.metrics),
                 controller=specification,
             ) as backend:
                 for place, member in controllers.items():
@@ -548,7 +548,7 @@ def evaluated(
             f"the run's controllers have {genomes.shape[1]} genes, those of this experiment have "
             f"{representation.genome_size}"
         )
-    controllers = Controllers.of(representation, genomes)
+    controllers = Controllers.from_genomes(representation, genomes)
     return _results(backend, controllers, seeds, on_progress, may_fail=may_fail)
 
 
@@ -565,11 +565,11 @@ def _results(
 
     whose: begins the message when every episode failed.
     """
-    backend.post_evaluates()
+    backend.announce_post_evaluation()
     results = backend.evaluate(controllers, seeds, on_progress or (lambda *_: None))
     if not (may_fail or np.isfinite(results.fitness).any()):
         words = f"{whose}every episode failed; the last reason: "
-        raise failed(words, results.journal.errors, backend.failure_of, unknown="not known")
+        raise build_error(words, results.journal.errors, backend.failure_of, unknown="not known")
     return results
 
 

@@ -17,7 +17,7 @@ from swarmwright.runs.code import used_for
 from swarmwright.runs.instances import instances
 from swarmwright.runs.store import Evaluation
 from swarmwright.servers.evaluation.base import Controllers, Servers
-from swarmwright.servers.evaluation.evaluate import tell_failures
+from swarmwright.servers.evaluation.evaluate import log_failures
 from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.servers.rows import NO_RESULT
 
@@ -118,9 +118,9 @@ def repeat(
     experiment = experiment or used_for(run, recorded.generation, simulation)
     with open_backend(experiment, broker=broker, servers=servers, most=len(seeds)) as backend:
         representation = experiment.representation(backend.sensors, backend.actuators)
-        controllers = Controllers.of(representation, recorded.genome[np.newaxis])
+        controllers = Controllers.from_genomes(representation, recorded.genome[np.newaxis])
         results = backend.evaluate(controllers, seeds, lambda *_: None)
-        tell_failures(backend, results)
+        log_failures(backend, results)
     return Repetition(
         recorded.number,
         recorded.generation,

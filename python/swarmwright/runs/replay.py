@@ -19,7 +19,7 @@ from swarmwright.experiment.settings import Setting, parse_settings, refuse_seed
 from swarmwright.runs.choice import Choice, choose
 from swarmwright.runs.code import used_for
 from swarmwright.servers.evaluation.module_code import is_in_python
-from swarmwright.servers.evaluation.shown import ShownEpisode, check_shown_on
+from swarmwright.servers.evaluation.shown import ShownEpisode, check_showable
 from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class Replay(ShownEpisode):
                 "(in Python, seed=S)"
             )
         played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
-        check_shown_on(broker, played)
+        check_showable(broker, played)
         return cls(
             run=run,
             controller=played,
@@ -236,7 +236,7 @@ class Replay(ShownEpisode):
         recording: of the episode, which says what was simulated and what came out.
         """
         experiment = self.run.experiment
-        facts = [*self._simulated(recording), *self._changed()]
+        facts = [*self._iter_mission(recording), *self._changed()]
         facts += [("controller", words_of(self.controller.specification)), *_origin(experiment)]
         if self.choice is not None:
             value = f"{self.choice.fitness + 0.0:.6g}"

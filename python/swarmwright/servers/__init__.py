@@ -1,1 +1,1 @@
-"""Where candidates are evaluated: in this process, in processes started here, or through a broker."""
+"""Evaluation of candidates in this process, in worker processes, or on servers behind a broker."""

@@ -1,4 +1,4 @@
-"""The rows of a store's tables."""
+"""Rows of the store's tables."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -14,43 +14,43 @@ from swarmwright.common.engine_types import AttemptFields, FailedEvaluation, Out
 from swarmwright.common.statistics import Summary
 
 IN_PROCESS = -1
-"""The server of attempts in the tool's own process."""
+"""Server number of attempts in the tool's own process."""
 FAILED: Final = frozenset[Outcome]({"failed", "unusable", "server_failed", "disconnected"})
 """Outcomes of attempts that failed."""
 NO_RESULT: Final = FAILED | frozenset[Outcome]({"lost", "handed_back"})
-"""Outcomes of attempts after which others had to try."""
+"""Outcomes of attempts that brought no result."""
 NOTHING_LEFT = "nothing was left to evaluate"
-"""The place of a session that only brought a run to its end."""
+"""`place` of a session that only completed a run."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Session:
-    """A process that worked on the run: the first one, then one for each time that it was resumed."""
+    """A process that worked on the run: the first one, or a resumption."""
 
     session: int
-    """From 1 on."""
+    """Number, from 1."""
     started: str
     """ISO 8601, UTC."""
     place: str
-    """Where the evaluations were made: servers on which broker, or this process; or `NOTHING_LEFT`."""
+    """Where evaluations ran: servers on a broker, or this process; or `NOTHING_LEFT`."""
     host: str
     machine: str
     """Operating system and processor."""
     versions: dict[str, str]
-    """Of Swarmwright, Python, NumPy and the libraries that were used."""
+    """Versions of Swarmwright, Python, NumPy and the libraries in use."""
     seconds: float | None
-    """Duration; up to the last generation when it was killed; None when it is not known."""
+    """Duration; of a killed session up to its last generation; None if unknown."""
     outcome: str | None
-    """done, interrupted, stopped (by a callback), or why it failed; None when it was killed or goes on."""
+    """done, interrupted, stopped (by a callback), or the error; None if killed or still running."""
     code: int | None = None
-    """Version of the copy of the source that was used; None where there is none."""
+    """Version of the run's copy of the source; None without a copy."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Attempt:
     """One attempt at a batch of evaluations, on one server.
 
-    Of evaluations in the tool's own process, only failed ones have attempts, of the mode `in-process`.
+    Evaluations in the tool's own process have attempts only for failures, with the mode `in-process`.
     """
 
     session: int
@@ -67,49 +67,49 @@ class Attempt:
     attempt: int
     """1 for the first try."""
     steps: int | None
-    """Steps that the server took, where it takes them one by one."""
+    """Number of steps, if the server steps episodes one by one."""
     started: float
     """Seconds since 1970."""
     seconds: float
-    """Duration; of a first attempt in the tool's own process, that of all evaluations of the generation."""
+    """Duration; for a first attempt in the tool's process, of all evaluations of the generation."""
     outcome: Outcome
     """How it ended."""
     error: str | None
-    """Why it brought no results, for people; None where it did."""
+    """Why it failed; None after success."""
     stack: str | None = None
-    """Where in the simulation's code, where that is known: the first attempt with this error has it."""
+    """Traceback of the simulation's code, for the first attempt with this error."""
 
 
 class ServerShare(NamedTuple):
-    """What a server did in a run."""
+    """A server's share of the work of a run."""
 
     server: int
     evaluations: int
     """Episodes of all attempts that it answered."""
     failed: int
-    """Attempts that failed: the evaluation, the server at it, or its connection."""
+    """Failed attempts: of the evaluation, the server or its connection."""
     seconds: float
-    """During which an attempt was under way; several at the same time count once."""
+    """Time with at least one attempt in progress."""
     slower: int
-    """Attempts that ended because another server, which had the same work, was faster."""
+    """Attempts that ended because another server finished the same work first."""
     with_failed: bool
-    """Whether episodes that failed are among `evaluations`: a server answers many episodes at once."""
+    """Whether `evaluations` includes failed episodes, as a server answers many episodes at once."""
     lost: int
-    """Attempts at other evaluations that the server had when it failed at one; they were repeated."""
+    """Other attempts in progress when the server failed; they were repeated."""
     handed_back: int
-    """Attempts that the server handed back, since another tool has it or waits for it."""
+    """Attempts that the server handed back because another tool uses it or waits for it."""
 
 
 class FailureReason(NamedTuple):
-    """Attempts that failed for one reason: reasons that differ in numbers or paths alone are the same."""
+    """Attempts that failed for the same reason, ignoring numbers and paths."""
 
     reason: str
-    """Of the first of them on the server with the lowest number."""
+    """Reason of the first attempt on the server with the lowest number."""
     attempts: int
     servers: dict[int, int]
     """Attempts on each server; those in the tool's own process have -1."""
     lost: int
-    """Attempts at other evaluations that these servers had when they failed; they were repeated."""
+    """Other attempts in progress when these servers failed; they were repeated."""
 
 
 class AttemptEntry(NamedTuple):
@@ -131,29 +131,29 @@ class AttemptEntry(NamedTuple):
 
 
 class WarningEntry(NamedTuple):
-    """A warning of a pool, or a failure that is not one of an attempt."""
+    """A warning of a pool, or a failure outside attempts."""
 
     text: str
     candidate: int | None = None
-    """Index of the candidate that it is about, if it is about one."""
+    """Index of the candidate concerned, if any."""
     error: str | None = None
-    """Why an evaluation failed, if one did."""
+    """Why an evaluation failed, if any did."""
     episode: int | None = None
-    """Index of the episode that it is about, if it is about one: the text begins with it."""
+    """Index of the episode concerned, if any; the text begins with it."""
     time: float | None = None
-    """When it arose, seconds since 1970, if that is known."""
+    """Time of the warning, seconds since 1970, if known."""
     failed: FailedEvaluation | None = None
-    """The evaluation that a pool has given up, if it is about one."""
+    """The evaluation that a pool gave up, if any."""
     unaudited: bool = False
-    """Whether it is about results that count without audits."""
+    """Whether it concerns results that count without audits."""
 
     @classmethod
-    def of_episode(cls, episode: int, words: str, candidate: int, error: str) -> Self:
-        """Return a warning whose text is `episode N` and these words."""
+    def from_episode(cls, episode: int, words: str, candidate: int, error: str) -> Self:
+        """Build a warning whose text is `episode N` followed by `words`."""
         return cls(f"{_beginning(episode)}{words}", candidate, error, episode)
 
-    def moved(self, candidate: int | None, episodes: int) -> Self:
-        """Return it for a candidate with another index, and for an episode so many later."""
+    def shift(self, candidate: int | None, episodes: int) -> Self:
+        """Return the warning for another candidate and with its episode shifted by `episodes`."""
         if self.failed is not None and candidate is not None:
             episode = self.failed["episode"] + episodes
             failed = self.failed | {"candidate": candidate, "episode": episode}
@@ -171,14 +171,14 @@ def _beginning(episode: int) -> str:
 
 @dataclass
 class Journal:
-    """What was done for evaluations, and what went wrong."""
+    """Attempts at evaluations, and warnings."""
 
     attempts: list[AttemptEntry] = field(default_factory=list)
     warnings: list[WarningEntry] = field(default_factory=list)
 
     @classmethod
-    def of(cls, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Self:
-        """Return the journal of what a pool returned."""
+    def from_fields(cls, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Self:
+        """Build the journal from a pool's attempts and warnings."""
         return cls(
             [AttemptEntry(**row) for row in attempts],
             [
@@ -195,9 +195,9 @@ class Journal:
 
     @property
     def errors(self) -> list[str]:
-        """Why evaluations failed, in order; failures that are not ones of an attempt come last.
+        """Reasons of failed evaluations, in order, those outside attempts last.
 
-        Attempts that were not needed any more are not among them.
+        Attempts that were no longer needed are left out.
         """
         errors = [entry.error for entry in self.attempts if entry.outcome in NO_RESULT]
         return [error for error in errors + [entry.error for entry in self.warnings] if error]
@@ -207,16 +207,16 @@ class Journal:
         return type(self)(self.attempts, [*self.warnings, *warnings])
 
     def extend(self, other: "Journal") -> None:
-        """Append what was done for other evaluations."""
+        """Append another journal."""
         self.attempts.extend(other.attempts)
         self.warnings.extend(other.warnings)
 
-    def placed(self, candidates: Sequence[int], episode: int = 0) -> Self:
-        """Return it with candidates and episodes counted as in the whole of which they are a part.
+    def renumber(self, candidates: Sequence[int], episode: int = 0) -> Self:
+        """Return the journal with the candidate and episode numbers of the whole that contains it.
 
         Args:
-            candidates: their numbers there, in the order in which they are counted here.
-            episode: the number there of the first episode here.
+            candidates: number in the whole, for each candidate of this journal.
+            episode: number in the whole of this journal's first episode.
         """
         return type(self)(
             [
@@ -224,7 +224,7 @@ class Journal:
                 for attempt in self.attempts
             ],
             [
-                warning.moved(None if warning.candidate is None else candidates[warning.candidate], episode)
+                warning.shift(None if warning.candidate is None else candidates[warning.candidate], episode)
                 for warning in self.warnings
             ],
         )
@@ -232,38 +232,35 @@ class Journal:
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
 class GenerationResult:
-    """A generation that was evaluated and ranked, and of which the method has been told.
-
-    The loop makes it, the store keeps it as it is, and who reads the store gets it again.
-    """
+    """A generation that was evaluated, ranked and passed to the method; the store saves it unchanged."""
 
     generation: int
     """Index, from 0."""
     seeds: list[int]
     """Simulation seed of each episode."""
     genomes: Genomes | _engine.Sample
-    """(candidates, genome_size), or what they are made from, where the store keeps that."""
+    """(candidates, genome_size), or the sample that the store keeps in their place."""
     episodes: NDArray[np.float64]
     """(candidates, episodes) fitness, NaN where an episode failed or was left out."""
     metrics: NDArray[np.float64]
-    """(candidates, episodes, metrics), what the experiment's fitness is made of; (.., 0) without."""
+    """(candidates, episodes, metrics), inputs of the fitness expression; (.., 0) without one."""
     fitness: Fitness
-    """(candidates,), as the ranking made it, NaN where a candidate failed."""
+    """(candidates,), scores of the ranking, NaN where a candidate failed."""
     summary: Summary
     """Figures of the population after this generation."""
     leader: int
-    """Number, counted over the whole run from 0, of the evaluation that is best after this generation."""
+    """Number of the best evaluation so far, counted from 0 over the run."""
     journal: Journal = field(default_factory=Journal)
-    """What was done for it; empty where it was read from a store, which has it in tables of its own."""
+    """Its journal; empty if read from a store, which has separate tables for it."""
     digests: _engine.Digests | None = None
-    """Of its columns in the store, where another thread has begun to compute them."""
+    """Digests of its columns in the store, if a thread computes them."""
 
-    def made(self) -> Genomes:
+    def expand_genomes(self) -> Genomes:
         """Return the genomes, (candidates, genome_size)."""
         genomes = self.genomes
         return genomes.genomes(0, len(genomes)) if isinstance(genomes, _engine.Sample) else genomes
 
-    def digested(self) -> Self:
+    def with_digests(self) -> Self:
         """Begin to compute the digests, in another thread."""
         if self.digests is not None:
             return self
@@ -273,7 +270,7 @@ class GenerationResult:
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """An event worth noting: a warning of the pool, a result that was refused."""
+    """A noteworthy event, such as a warning of the pool or a refused result."""
 
     session: int
     generation: int | None
@@ -283,8 +280,8 @@ class Event:
     text: str
 
 
-def journal_line(kind: type[Any], values: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of the kinds above
-    """Return a line of the journal. Raises TypeError for values that none was written with: it is damaged."""
+def parse_journal_line(kind: type[Any], values: Mapping[str, Any]) -> Any:  # noqa: ANN401 - one of the kinds above
+    """Build a row from a journal line. Raises TypeError for values that a damaged file holds."""
     for column in fields(kind):
         if column.name not in values:
             continue

@@ -1,4 +1,4 @@
-"""How long the servers of each launcher have run, and what that has cost."""
+"""Running time and cost of the servers of each launcher."""
 
 import json
 from collections.abc import Mapping
@@ -8,37 +8,36 @@ from swarmwright.common.json_text import loads
 
 
 class ServerUse(NamedTuple):
-    """Use of the servers of one launcher.
-
-    seconds: for which they ran, all together. cost: in the currency of `cost_per_hour`; 0 without it.
-    """
+    """Use of the servers of one launcher."""
 
     seconds: float = 0.0
+    """Total running time of its servers."""
     cost: float = 0.0
+    """In the currency of `cost_per_hour`; 0 without it."""
 
     def __add__(self, other: object) -> "ServerUse":
-        """Return both together."""
+        """Return the sum."""
         assert isinstance(other, ServerUse)
         return ServerUse(self.seconds + other.seconds, self.cost + other.cost)
 
 
 ServerUses = Mapping[str, ServerUse]
-"""By launcher; `ssh-2` is the second entry of this kind."""
+"""Use by launcher; `ssh-2` is the second entry of this kind."""
 
 
-def together(one: ServerUses, other: ServerUses) -> dict[str, ServerUse]:
-    """Return the sum of both."""
-    names = dict.fromkeys([*one, *other])
-    return {name: one.get(name, ServerUse()) + other.get(name, ServerUse()) for name in names}
+def add_uses(first: ServerUses, second: ServerUses) -> dict[str, ServerUse]:
+    """Add two uses launcher by launcher."""
+    names = dict.fromkeys([*first, *second])
+    return {name: first.get(name, ServerUse()) + second.get(name, ServerUse()) for name in names}
 
 
-def written(uses: ServerUses) -> str:
-    """Return uses as JSON."""
+def to_json(uses: ServerUses) -> str:
+    """Serialize uses as JSON."""
     return json.dumps({name: use._asdict() for name, use in uses.items()})
 
 
-def read(text: str) -> dict[str, ServerUse]:
-    """Return what `written` wrote; raises ValueError, KeyError or TypeError for something else."""
+def from_json(text: str) -> dict[str, ServerUse]:
+    """Parse uses from JSON. Raises ValueError, KeyError or TypeError for other texts."""
     return {
         str(name): ServerUse(float(use["seconds"]), float(use["cost"]))
         for name, use in dict(loads(text)).items()

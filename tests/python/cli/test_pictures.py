@@ -102,7 +102,7 @@ def test_what_cannot_be_saved_is_refused(program: Any, experiment: str, tmp_path
         (
             "--save x.png --set simulation=elsewhere --set parameters={} --set servers=auto",
             2,
-            "the simulation 'elsewhere' is not built in; name the broker",
+            "the simulation 'elsewhere' is not built in; give a broker",
         ),
     ):
         refused = program("simulate", experiment, *options.split())

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError
-from swarmwright.servers.evaluation.base import chosen
+from swarmwright.servers.evaluation.base import resolve_servers
 from swarmwright.servers.launchers import LAUNCHERS
 from swarmwright.servers.launchers.process import ProcessOptions
 
@@ -40,19 +40,19 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
 
 def test_the_number_on_the_command_line_keeps_other_options() -> None:
     made = loaded({"launcher": "process", "count": 3, "start_timeout": 7.0})
-    assert chosen(made, "process:5") == (ProcessOptions(count=5, start_timeout=7.0),)
-    assert chosen(made, "process:2..9") == (ProcessOptions(min=2, max=9, start_timeout=7.0),)
-    assert chosen(made, None) == made.servers
-    assert chosen(made, 4) == 4
+    assert resolve_servers(made, "process:5") == (ProcessOptions(count=5, start_timeout=7.0),)
+    assert resolve_servers(made, "process:2..9") == (ProcessOptions(min=2, max=9, start_timeout=7.0),)
+    assert resolve_servers(made, None) == made.servers
+    assert resolve_servers(made, 4) == 4
 
 
 def test_another_launcher_on_the_command_line_keeps_the_files_of_the_simulation() -> None:
     made = loaded({"launcher": "ssh", "hosts": ["one"], "files": ["maps/*.json"]})
-    assert chosen(made, "process:5") == (ProcessOptions(count=5, files=["maps/*.json"]),)
-    assert chosen(made, {"launcher": "process", "files": []}) == (ProcessOptions(files=[]),)
+    assert resolve_servers(made, "process:5") == (ProcessOptions(count=5, files=["maps/*.json"]),)
+    assert resolve_servers(made, {"launcher": "process", "files": []}) == (ProcessOptions(files=[]),)
     there = {"launcher": "process", "code": "/code"}
-    assert chosen(made, there) == (ProcessOptions(code="/code"),)
-    assert chosen(made, "local") == "local"
+    assert resolve_servers(made, there) == (ProcessOptions(code="/code"),)
+    assert resolve_servers(made, "local") == "local"
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_mistakes_are_explained(servers: Any, message: str) -> None:
 def test_a_launcher_without_a_number_is_known_from_the_experiment() -> None:
     experiment = loaded({"launcher": "process", "count": 3})
     with pytest.raises(InputError, match=r"not 'process'; leave it out to start those of the experiment$"):
-        chosen(experiment, "process")
+        resolve_servers(experiment, "process")
 
 
 @pytest.mark.parametrize(
@@ -104,14 +104,14 @@ def test_a_launcher_without_a_number_is_known_from_the_experiment() -> None:
 )
 def test_mistakes_in_arguments_are_explained(servers: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
-        chosen(Experiment.from_mapping({"simulation": "minisim"}), servers)
+        resolve_servers(Experiment.from_mapping({"simulation": "minisim"}), servers)
     assert str(caught.value).startswith(message)
 
 
 @pytest.mark.parametrize("servers", ["process:0", "process:3..2"])
 def test_a_wrong_number_is_corrected_where_it_is(servers: str) -> None:
     with pytest.raises(InputError) as caught:
-        chosen(Experiment.from_mapping({"simulation": "minisim"}), servers)
+        resolve_servers(Experiment.from_mapping({"simulation": "minisim"}), servers)
     assert "in the experiment" not in str(caught.value)
 
 

@@ -130,7 +130,9 @@ def test_one_episode_fails_and_the_others_are_sound(trouble: str, mode: str, ser
         )
         genomes = np.random.default_rng(1).normal(size=(3, one.genome_size)).astype(np.float32)
         with open_backend(one, servers=servers) as backend:
-            return backend.evaluate(Controllers.of(one.representation(), genomes), range(6), lambda *_: None)
+            return backend.evaluate(
+                Controllers.from_genomes(one.representation(), genomes), range(6), lambda *_: None
+            )
 
     found, sound = results(trouble, mode, servers), results("", "auto", "in-process")
     assert np.isnan(found.fitness[:, 3]).all()

@@ -283,7 +283,7 @@ def test_the_same_in_every_mode(mode: str) -> None:
 def test_the_ranking_sees_the_expression_s_values() -> None:
     rows = genomes(6)
     with open_backend(MINISIM.replace(fitness="arrived + 10 * caught + 100 * fitness")) as backend:
-        controllers = Controllers.of(MINISIM.representation(), rows)
+        controllers = Controllers.from_genomes(MINISIM.representation(), rows)
         results = backend.evaluate(controllers, [0, 1, 2], lambda *_: None)
     with open_backend(MINISIM) as backend:
         own = backend.evaluate(controllers, [0, 1, 2], lambda *_: None)

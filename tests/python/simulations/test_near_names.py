@@ -126,7 +126,7 @@ def test_where_one_is_found_is_told() -> None:
         simulate(experiment, servers="local")
     assert str(caught.value) == (
         "simulation: 'arena-gazebo' is not built in: servers of another simulator offer it, see "
-        "docs/how-to/simulators.md; name the broker on which one does"
+        "docs/how-to/simulators.md; set `broker` to a broker with a server that offers it"
     )
-    with pytest.raises(InputError, match="needs a broker on which a server offers it, as arena-argos, "):
+    with pytest.raises(InputError, match="simulations such as arena-argos, "):
         simulate(Experiment.from_mapping({"simulation": "gazebo"}), servers="local")

@@ -177,7 +177,7 @@ def test_a_script_with_a_class_of_its_own(guard: str, status: int, tmp_path: Pat
     )
     assert result.returncode == status, result.stderr
     if status:
-        assert 'put what starts a run under `if __name__ == "__main__":`' in result.stderr
+        assert 'move the start of the run under `if __name__ == "__main__":`' in result.stderr
     else:
         assert result.stdout == "2\n"
 
@@ -202,7 +202,7 @@ def test_a_class_of_a_session_stays_in_its_process(tmp_path: Path) -> None:
     first, second = result.stdout.splitlines()
     assert first == "run []"
     assert second == (
-        "simulation: Mine is defined in this session alone, where no server finds it; "
-        "write the class to a file, or evaluate with servers: in-process"
+        "simulation: Mine is defined only in this session, where servers cannot import it; "
+        "move the class to a file or set servers: in-process"
     )
     assert (tmp_path / "runs" / "Mine-1").is_dir()

@@ -100,7 +100,9 @@ def test_one_evaluation_fails_and_the_others_are_sound(servers: Any, mode: str, 
 
     def results(one: Experiment, servers: Any) -> Results:
         with open_backend(one, servers=servers) as backend:
-            return backend.evaluate(Controllers.of(one.representation(), genomes), seeds, lambda *_: None)
+            return backend.evaluate(
+                Controllers.from_genomes(one.representation(), genomes), seeds, lambda *_: None
+            )
 
     found, sound = results(experiment(trouble, mode=mode), servers), results(experiment(""), "in-process")
     failed = np.isin(seeds, [0, 3])
@@ -117,7 +119,9 @@ def test_metrics_that_fail_are_told_where_all_are_sent() -> None:
     genomes = np.zeros((2, experiment("").genome_size), np.float32)
     one = experiment("measure", mode="stepwise")
     with open_backend(one, servers=1) as backend:
-        found = backend.evaluate(Controllers.of(one.representation(), genomes), [0, 1], lambda *_: None)
+        found = backend.evaluate(
+            Controllers.from_genomes(one.representation(), genomes), [0, 1], lambda *_: None
+        )
     assert np.isnan(found.fitness).tolist() == [[True, False], [True, False]]
     reasons = {*found.journal.errors}
     assert reasons == {"Walk.measure: {'left': 0} returned, which lacks 'steps'"}
@@ -217,7 +221,9 @@ def test_an_episode_without_an_end_fails(kind: Any, mode: str) -> None:
     one = Experiment.from_mapping(values)
     genomes = np.zeros((1, one.genome_size), np.float32)
     with open_backend(one, servers="in-process" if mode == "offloaded" else 1) as backend:
-        found = backend.evaluate(Controllers.of(one.representation(), genomes), [0, 1], lambda *_: None)
+        found = backend.evaluate(
+            Controllers.from_genomes(one.representation(), genomes), [0, 1], lambda *_: None
+        )
     assert np.isnan(found.fitness).tolist() == [[True, False]]
     (reason,) = {*found.journal.errors}
     assert reason.startswith(f"{kind.__name__}.done: not true after 20 steps; does it become true? An epis")

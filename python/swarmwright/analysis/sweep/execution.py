@@ -36,10 +36,10 @@ from swarmwright.runs import picture
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import FILE as STORE
 from swarmwright.runs.store.folder import SWEEP
-from swarmwright.servers.broker.credentials import from_keyring
+from swarmwright.servers.broker.credentials import load_from_keyring
 from swarmwright.servers.evaluation import here
-from swarmwright.servers.evaluation.base import HERE, Servers, chosen
-from swarmwright.servers.supervision.local_servers import automatic_count, processors
+from swarmwright.servers.evaluation.base import BROKERLESS, Servers, resolve_servers
+from swarmwright.servers.supervision.local_servers import automatic_count, count_processors
 from swarmwright.simulations import catalogue
 
 _LISTEN = 1.0
@@ -76,19 +76,19 @@ def shares(
         InputError: fewer servers are to be started than runs go on at a time.
     """
     first = experiments[0]
-    wanted = chosen(first, servers)
-    if broker is None and wanted == "auto" and here.in_process_is_better(first):
+    wanted = resolve_servers(first, servers)
+    if broker is None and wanted == "auto" and here.prefers_local(first):
         wanted = "local"
     if any(experiment.simulation.startswith("__main__:") for experiment in experiments):
         jobs = 1  # a class of this session, which no other process finds
     most = max(runs, 1)
-    if broker is None and wanted in HERE:
-        jobs = min(jobs or processors(), most)
+    if broker is None and wanted in BROKERLESS:
+        jobs = min(jobs or count_processors(), most)
         if wanted == "in-process" or not all(
             here.has_workers(experiment.simulation) for experiment in experiments
         ):
             return [wanted] * jobs
-        wanted = max(processors(), jobs)  # all runs together, not each of them
+        wanted = max(count_processors(), jobs)  # all runs together, not each of them
     if isinstance(wanted, tuple):  # one run after the other has all of them
         return [written(wanted)]
     if broker is not None and not isinstance(servers, int):
@@ -107,7 +107,7 @@ def shares(
 
 def _served(experiments: Sequence[Experiment], broker: str) -> int:
     """Return how many runs the servers on a broker can serve at a time."""
-    from_keyring(broker)
+    load_from_keyring(broker)
     first = experiments[0]
     found = _engine.servers(broker, prefix=with_environment(first).prefix, wait=_LISTEN)
     titles = {catalogue.title(experiment.simulation) for experiment in experiments}
@@ -307,7 +307,7 @@ def conduct(
         else:
             left.append(task)
     experiments = [variant.experiment for variant in sweep.variants]
-    if broker is None and servers not in HERE and experiments[0].servers not in HERE:
+    if broker is None and servers not in BROKERLESS and experiments[0].servers not in BROKERLESS:
         broker = experiments[0].broker
     try:
         parts = shares(experiments, len(left), jobs, broker=broker, servers=servers) if left else []

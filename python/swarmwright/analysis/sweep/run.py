@@ -30,7 +30,7 @@ from swarmwright.runs.store.lock import is_locked
 from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import is_due
 from swarmwright.servers.evaluation import opening
-from swarmwright.servers.evaluation.base import HERE, Chosen, Progress, Servers, chosen
+from swarmwright.servers.evaluation.base import BROKERLESS, Progress, ServerChoice, Servers, resolve_servers
 from swarmwright.servers.supervision.local_servers import LocalServers
 from swarmwright.simulations import catalogue
 
@@ -347,10 +347,10 @@ class Executor:
 
     def __enter__(self) -> Self:
         first = self._sweep.variants[0].experiment
-        wanted = chosen(first, self._servers)
-        if self._broker is None and wanted not in HERE:
+        wanted = resolve_servers(first, self._servers)
+        if self._broker is None and wanted not in BROKERLESS:
             self._broker = first.broker
-        if wanted in HERE and self._broker is None:
+        if wanted in BROKERLESS and self._broker is None:
             self._here = wanted
             return self
         if self._broker is not None:
@@ -365,7 +365,7 @@ class Executor:
             raise
         return self
 
-    def _start(self, wanted: Chosen) -> None:
+    def _start(self, wanted: ServerChoice) -> None:
         """Start servers for every simulation that there is among the variants.
 
         Each has a broker of its own, unless one is given: a run finds servers by the title of their

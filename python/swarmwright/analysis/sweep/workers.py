@@ -21,7 +21,7 @@ from swarmwright.runs.optimization.generation import Generation
 from swarmwright.runs.run import Run
 from swarmwright.servers.evaluation import reports
 from swarmwright.servers.evaluation.base import Servers
-from swarmwright.servers.supervision.local_servers import processors
+from swarmwright.servers.supervision.local_servers import count_processors
 
 GRACE_S = 20.0
 """Seconds that interrupted runs have to end and be stored."""
@@ -129,7 +129,7 @@ class SideBySide:
         self._broker = broker
         self._servers = servers
         self._listener = listener
-        self._threads = max(1, processors() // len(servers))
+        self._threads = max(1, count_processors() // len(servers))
         self._processes: list[_Process | None] = [None] * len(servers)
         self._selector = selectors.DefaultSelector()
 
@@ -156,7 +156,9 @@ class SideBySide:
             "variants": [_plain(variant) for variant in self._variants],
             "broker": self._broker,
             "servers": self._servers[place],
-            "reports": ("warnings" if reports.only_warnings() else "all") if reports.wanted() else "",
+            "reports": ("warnings" if reports.needs_only_warnings() else "all")
+            if reports.has_listeners()
+            else "",
         }
         process = _Process(settings, self._threads)
         self._processes[place] = process

@@ -7,7 +7,7 @@ from collections import defaultdict, deque
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Json, sensed
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on
-from swarmwright.servers.broker.client import Failure, shown
+from swarmwright.servers.broker.client import Failure, format_payload
 
 PAUSE_S = 0.03
 """Seconds between a wrong message and the next."""
@@ -52,7 +52,7 @@ class WrongFirst(Actor):
                 payload = kinds[self.tried[topic]]
                 self.tried[topic] += 1
                 self.left -= 1
-                self.wrong = f"{topic} {shown(payload) or '(nothing)'}"
+                self.wrong = f"{topic} {format_payload(payload) or '(nothing)'}"
                 self.stage.record.notes["last wrong"] = self.wrong
                 self.stage.record.sent.append((topic, payload))
                 self.stage.client.publish(topic, payload)
@@ -195,7 +195,7 @@ def foreign(tool: Tool) -> None:
 
     def sent(topic: str, key: str, value: object) -> str:
         found = (text for name, text in record.sent if name == topic and json.loads(text)[key] == value)
-        return f"{topic} {shown(next(found, 'messages with other hashes'))}"
+        return f"{topic} {format_payload(next(found, 'messages with other hashes'))}"
 
     for content in record.on("actuator"):
         hash_ = content.get("simulation_hash")

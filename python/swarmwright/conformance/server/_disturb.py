@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from swarmwright.common.json_text import new_hash
 from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance.rules import Skip, WentOn
-from swarmwright.servers.broker.client import Failure, shown
+from swarmwright.servers.broker.client import Failure, format_payload
 
 Junk = tuple[str, str | bytes]
 """A topic and a payload."""
@@ -94,7 +94,7 @@ def _blamed(server: ServerPeer, junk: Maker, why: str) -> Failure | None:
 
 
 def _said(topic: str, payload: str | bytes) -> str:
-    return f"{topic} {shown(payload) or '(nothing)'}"
+    return f"{topic} {format_payload(payload) or '(nothing)'}"
 
 
 def _listed(pieces: Sequence[Junk]) -> str:

@@ -18,7 +18,7 @@ from swarmwright.conformance.server._retained import kept
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
 from swarmwright.conformance.server.presence import presence
-from swarmwright.servers.broker.client import PRESENCE, TO_TOOL, Failure, Message, shown
+from swarmwright.servers.broker.client import PRESENCE, TO_TOOL, Failure, Message, format_payload
 
 BACK_S = 15.0
 """Seconds in which a server is back when the broker is."""
@@ -129,7 +129,8 @@ def leftovers(server: Server) -> None:
         left[server.own_topic] = msgpack.packb(request)
         server.tools.add(TOOL)
     sent = "; ".join(
-        f"{topic} {shown(payload) if isinstance(payload, str) else f'({len(payload)} bytes)'} (retained)"
+        f"{topic} {format_payload(payload) if isinstance(payload, str) else f'({len(payload)} bytes)'} "
+        "(retained)"
         for topic, payload in left.items()
     )
     gate.shut()

@@ -7,7 +7,7 @@ from swarmwright.common.json_text import is_number, new_hash
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._rules import rule
-from swarmwright.servers.broker.client import Failure, Message, shown
+from swarmwright.servers.broker.client import Failure, Message, format_payload
 
 EPISODE = "protocol.md, An episode, 1"
 
@@ -72,7 +72,7 @@ def echoes(server: Server) -> None:
 def has_its_keys(server: Server) -> None:
     """The shape of the answer."""
     answer = server.must_answer("an answer")
-    text = f"server {shown(json.dumps(answer))} came"
+    text = f"server {format_payload(json.dumps(answer))} came"
     titles, capabilities = answer.get("simulations"), answer.get("capabilities")
     if not isinstance(titles, list) or not all(isinstance(title, str) for title in titles):
         raise Failure(text, '"simulations" is a list of titles')
@@ -113,7 +113,7 @@ def other_dimensions(server: Server) -> None:
     answer = server.must_answer("an answer")
     if answer.get("capabilities", {}).get("dimensions") != dimensions:
         raise Failure(
-            f"server {shown(json.dumps(answer))} came",
+            f"server {format_payload(json.dumps(answer))} came",
             f'"dimensions" is {dimensions:g}, as the discovery required',
             f'discovery with "requirements": {{"dimensions": {dimensions:g}}}',
         )
@@ -142,7 +142,7 @@ def compare_agents(server: Server, key: str, most: float) -> None:
     fits = server.discovery(requirements={**needs, key: most})
     server.must_answer(
         f'an answer: "{key}" is not above what it announces',
-        f"discovery {shown(json.dumps(fits))}",
+        f"discovery {format_payload(json.dumps(fits))}",
         requirements=fits["requirements"],
     )
     many = server.discovery(requirements={**needs, key: most + 1})
@@ -161,7 +161,7 @@ def any_hash(server: Server) -> None:
     """Short, long, with quotes, backslashes and letters beyond ASCII."""
     for start in ("x", "ä ☃ 🤖", 'say "\\n"', "long " * 400):
         hash_ = start + new_hash()[:8]
-        sent = f'discovery with "simulation_hash": {shown(json.dumps(hash_))}'
+        sent = f'discovery with "simulation_hash": {format_payload(json.dumps(hash_))}'
         server.must_answer("an answer with this hash", sent, simulation_hash=hash_)
 
 

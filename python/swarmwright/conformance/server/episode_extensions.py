@@ -16,7 +16,7 @@ from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._disturb import Junk, disturb
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
-from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Failure, shown
+from swarmwright.servers.broker.client import TO_SERVER, TO_TOOL, Failure, format_payload
 
 
 def names(server: Server) -> list[str]:
@@ -59,7 +59,7 @@ def metrics_are_sent(server: Server) -> str:
     wrong = [name for name in missing if name in server.wrong_metrics]
     if wrong:
         value = server.wrong_metrics[wrong[0]]
-        raise Failure(f'"metrics.{wrong[0]}" is {shown(json.dumps(value))}', "a finite number")
+        raise Failure(f'"metrics.{wrong[0]}" is {format_payload(json.dumps(value))}', "a finite number")
     if missing:
         raise Failure(
             f"metrics {', '.join(trajectory.metrics) or 'none'} came",

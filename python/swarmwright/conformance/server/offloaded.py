@@ -40,7 +40,7 @@ from swarmwright.conformance.server._evaluations import (
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
 from swarmwright.conformance.server.reservation import must_be_taken
-from swarmwright.servers.broker.client import Failure, shown
+from swarmwright.servers.broker.client import Failure, format_payload
 
 NORMAL = "normal"
 REAL = ("layered", "fully_meshed", "evostick", "hebbian")
@@ -136,7 +136,7 @@ def is_answered(server: Server) -> None:
         raise Failure(
             f"fitness {found.tolist()} of a sample",
             f"{expected.tolist()}, that of its genomes",
-            f"evaluate with the sample {shown(str(sample))}",
+            f"evaluate with the sample {format_payload(str(sample))}",
         )
 
 

@@ -10,7 +10,7 @@ from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._retained import kept, skip_without_presence
 from swarmwright.conformance.server._rules import rule
-from swarmwright.servers.broker.client import PRESENCE, TOPICS, Failure, shown
+from swarmwright.servers.broker.client import PRESENCE, TOPICS, Failure, format_payload
 
 WHERE = "protocol.md, Presence"
 STAMP = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
@@ -83,7 +83,7 @@ def retained(server: Server) -> None:
     """The message, as the broker keeps it."""
     found = presence(server)
     found = awaited_presence(server, "ready")
-    text = f"presence {shown(json.dumps(found))}"
+    text = f"presence {format_payload(json.dumps(found))}"
     capabilities = found.get("capabilities")
     if found.get("version") != 1 or found.get("server") != server.id:
         raise Failure(text, f'"version" is 1 and "server" {server.id}')
@@ -112,7 +112,8 @@ def consistent(server: Server) -> None:
     for key in ("simulations", "capabilities"):
         if found[key] != answer.get(key):
             raise Failure(
-                f"{key} in presence: {shown(json.dumps(found[key]))}", shown(json.dumps(answer.get(key)))
+                f"{key} in presence: {format_payload(json.dumps(found[key]))}",
+                format_payload(json.dumps(answer.get(key))),
             )
 
 

@@ -50,7 +50,7 @@ class Ahead(Strategy):
         assert isinstance(method, SearchMethod)
         assert isinstance(ranking, Absolute)
         architecture = dict(representation.architecture())
-        evaluator = backend.ahead(architecture)
+        evaluator = backend.background_evaluator(architecture)
         if evaluator is None:
             return None
         options, seeds = ranking.options, ranking.seeds(loop.first_seed, method.generation)
@@ -114,7 +114,7 @@ class Ahead(Strategy):
         if found is None:
             return False
         genomes, episodes, metrics, fitness, _, figures, outcome, digests, attempts, warnings = found
-        results = Results(episodes, metrics, self._backend.journal(attempts, warnings))
+        results = Results(episodes, metrics, self._backend.build_journal(attempts, warnings))
         self._next = partial(self._complete, genomes, results, fitness, outcome, figures, digests)
         return True
 

@@ -172,7 +172,9 @@ def _repeat(
     """Repeat all episodes of some evaluations that did not fail, and compare them."""
     before = reader.evaluators({evaluation.generation for evaluation in chosen})
     representation = experiment.representation(backend.sensors, backend.actuators)
-    controllers = Controllers.of(representation, np.stack([evaluation.genome for evaluation in chosen]))
+    controllers = Controllers.from_genomes(
+        representation, np.stack([evaluation.genome for evaluation in chosen])
+    )
     places = [
         (index, episode)
         for index, evaluation in enumerate(chosen)
@@ -189,7 +191,7 @@ def _repeat(
     ]
     if not wanted:
         return
-    backend.post_evaluates()
+    backend.announce_post_evaluation()
     results, servers = backend.repeat(controllers, wanted, on_progress or (lambda *_: None))
     compared = set()
     for row, ((index, episode), asked, server) in enumerate(zip(places, wanted, servers, strict=True)):

@@ -100,7 +100,7 @@ class RaceEvaluator(Evaluator):
             meanwhile = on_results = None
             fitness[who, which] = results.fitness
             metrics[who, which] = results.metrics
-            journal.extend(results.journal.placed(who.tolist(), which.start))
+            journal.extend(results.journal.renumber(who.tolist(), which.start))
             try:
                 who, which = rounds.send(results.fitness)
             except StopIteration:
@@ -157,7 +157,7 @@ class TwoSimulationsEvaluator(Evaluator):
                 results = backend.slow.evaluate(part, seeds, progress)
                 done += len(who) * episodes
                 slow[who] = results.fitness
-                journal.extend(_named(results.journal, backend.name).placed(who.tolist()))
+                journal.extend(_named(results.journal, backend.name).renumber(who.tolist()))
                 who = rounds.send(ranking.counted(results.fitness))
         except StopIteration:
             on_progress(whole, whole, "")

@@ -16,7 +16,7 @@ from swarmwright.common.errors import RunError
 from swarmwright.common.formatting import counted
 from swarmwright.common.message_kinds import kind_of
 from swarmwright.common.untrusted import one_line
-from swarmwright.servers.evaluation.base import FIRST, OnResults, Results
+from swarmwright.servers.evaluation.base import FIRST_EVALUATIONS, OnResults, Results
 from swarmwright.servers.rows import FAILED, AttemptEntry, Journal, WarningEntry
 
 _log = logging.getLogger("swarmwright")
@@ -211,7 +211,8 @@ class FirstEvaluations:
                         else ""
                     )
                     raise FirstFailedError(
-                        f"the first {FIRST} evaluations all failed in the same way, and none succeeded{hint}",
+                        f"the first {FIRST_EVALUATIONS} evaluations all failed in the same way, and none "
+                        f"succeeded{hint}",
                         journal,
                     )
 
@@ -225,7 +226,7 @@ class FirstEvaluations:
         self._kinds |= kinds
         self._failed += 1
         self.is_open = self.is_open and len(self._kinds) <= 1
-        return self.is_open and self._failed >= FIRST
+        return self.is_open and self._failed >= FIRST_EVALUATIONS
 
     def _outcomes(self, candidates: Sequence[int], results: Results) -> Iterable[tuple[int, set[str] | None]]:
         """Yield each candidate with the kinds of reasons for which it failed; None: it succeeded."""

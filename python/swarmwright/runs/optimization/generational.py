@@ -56,7 +56,7 @@ class Generational(Strategy):
         loop.announce(backend, number)
         loop.say(f"generation {number}: evaluating {len(genomes):,} candidates")
         sample = loop.method.sample
-        controllers = Controllers.of(loop.representation, genomes, sample)
+        controllers = Controllers.from_genomes(loop.representation, genomes, sample)
         with loop.first_evaluations(number) as on_results:
             results = loop.evaluator.evaluate(
                 *(backend, controllers, seeds, loop.recorder.progress, loop.recorder.store_last, on_results)
@@ -71,7 +71,7 @@ class Generational(Strategy):
         if can_be_ahead(self.loop.method, self.loop.ranking):
             return retold(self.loop, stored)
         genomes, seeds = self._ask()
-        if genomes.tobytes() != stored.made().tobytes() or seeds != stored.seeds:
+        if genomes.tobytes() != stored.expand_genomes().tobytes() or seeds != stored.seeds:
             return False
         results = Results(stored.episodes, stored.metrics, Journal())
         return self._tell(genomes, seeds, results).fitness.tobytes() == stored.fitness.tobytes()

@@ -191,7 +191,7 @@ class Loop:
                 self._fitness_checks.tell()
             finally:
                 # Ctrl-C may have come before there was something to close.
-                backend.end_ahead()
+                backend.release_background_evaluator()
                 self.recorder.store_last()
         except KeyboardInterrupt:
             if not self.account.stored:
@@ -312,7 +312,7 @@ class Loop:
         self, backend: Backend, generation: int | None, evaluations: tuple[int, int] | None = None
     ) -> None:
         """Tell the backend which generation it works for, for watchers."""
-        backend.about(self.name, generation, self.account.expected_generations(), evaluations)
+        backend.announce(self.name, generation, self.account.expected_generations(), evaluations)
 
     def say(self, what: str) -> None:
         """Log the next step where generations are so large that each step takes long."""

@@ -48,7 +48,7 @@ from swarmwright.runs.store.folder import check_folder
 from swarmwright.runs.store.lock import MovedError
 from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import validate
-from swarmwright.servers.evaluation.base import HERE, Backend, Progress, Servers, chosen
+from swarmwright.servers.evaluation.base import BROKERLESS, Backend, Progress, Servers, resolve_servers
 from swarmwright.servers.rows import NOTHING_LEFT
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.user_code.in_process import fingerprints, warn_of_edits
@@ -209,9 +209,13 @@ def _check_construction(experiment: Experiment, servers: Servers | None) -> None
 
     Each server would refuse it, after seconds.
     """
-    wanted = chosen(experiment, servers)
-    here = isinstance(wanted, int) or wanted in ("auto", *HERE)
-    if here and (experiment.broker is None or wanted in HERE) and catalogue.is_local(experiment.simulation):
+    wanted = resolve_servers(experiment, servers)
+    here = isinstance(wanted, int) or wanted in ("auto", *BROKERLESS)
+    if (
+        here
+        and (experiment.broker is None or wanted in BROKERLESS)
+        and catalogue.is_local(experiment.simulation)
+    ):
         problem = catalogue.construction_problem(experiment.simulation, experiment.parameters)
         if problem is not None:
             raise InputError(f"{place_of(experiment, 'parameters')}{problem}")

@@ -8,7 +8,7 @@ from swarmwright.runs.optimization.account import Account
 from swarmwright.runs.optimization.generation import OnGeneration, goes_on
 from swarmwright.runs.store import StoreWriter
 from swarmwright.servers.evaluation.base import Progress
-from swarmwright.servers.evaluation.code_failures import FailureOf, failed
+from swarmwright.servers.evaluation.code_failures import FailureOf, build_error
 from swarmwright.servers.rows import GenerationResult, Journal
 
 
@@ -42,7 +42,7 @@ class Recorder:
 
         later: store it with `store_last`, unless there is a callback, which waits for that.
         """
-        self._last = result.digested() if later else result
+        self._last = result.with_digests() if later else result
         if self._on_generation is not None or not later:
             self.store_last()
         if self._on_generation is None:
@@ -71,7 +71,7 @@ class Recorder:
             reasons = journal.errors
             if not reasons or isinstance(error, PlugInError):  # not for what failed episodes raised
                 raise
-            last = failed(f"{error}; the last reason: ", reasons, self._failure_of)
+            last = build_error(f"{error}; the last reason: ", reasons, self._failure_of)
             raise last from last.__cause__ or error.__cause__
 
     def progress(self, done: int, total: int, waiting_for: str) -> None:

@@ -60,13 +60,13 @@ class SteadyState(Strategy):
         self._ask()
         done, whole = (count * len(self._seeds) for count in (first, loop.account.most))
         loop.announce(backend, None, (done, whole))
-        controllers = Controllers.of(loop.representation, np.array(self._flying, dtype=np.float32))
+        controllers = Controllers.from_genomes(loop.representation, np.array(self._flying, dtype=np.float32))
         with loop.first_evaluations(0) as on_results:
 
             def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32] | None:
                 rows = {candidate: row for row, candidate in enumerate(candidates)}
                 results = loop.failures.named(results, self._seeds, rows=rows, first=first)
-                self._journal.extend(results.journal.placed(numbers))
+                self._journal.extend(results.journal.renumber(numbers))
                 if on_results is not None:
                     on_results(candidates, results)
                 for row, candidate in enumerate(candidates):
@@ -82,7 +82,9 @@ class SteadyState(Strategy):
 
     def retell(self, stored: GenerationResult) -> bool:
         """Ask the method for each candidate, and tell it the stored results; see `Strategy.retell`."""
-        for genome, episodes, metrics in zip(stored.made(), stored.episodes, stored.metrics, strict=True):
+        for genome, episodes, metrics in zip(
+            stored.expand_genomes(), stored.episodes, stored.metrics, strict=True
+        ):
             self._ask()
             if not self._flying or self._flying[0].tobytes() != genome.tobytes():
                 return False

@@ -16,7 +16,7 @@ from swarmwright.experiment.targets import OtherSimulation, slow_of
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.slow_simulation import METRIC, SlowRanking
 from swarmwright.servers.evaluation.base import (
-    HERE,
+    BROKERLESS,
     AuditedEpisode,
     Backend,
     Controllers,
@@ -25,8 +25,8 @@ from swarmwright.servers.evaluation.base import (
     Progress,
     Results,
     Servers,
-    chosen,
     metrics_of,
+    resolve_servers,
 )
 from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.servers.rows import Journal
@@ -80,10 +80,10 @@ class TwoSimulations:
         """Return that of the fast simulation."""
         return self.fast.evaluator(architecture)
 
-    def ahead(self, architecture: dict[str, Any]) -> None:
+    def background_evaluator(self, architecture: dict[str, Any]) -> None:
         """Return None: the ranking has a part in every generation."""
 
-    def end_ahead(self) -> None:
+    def release_background_evaluator(self) -> None:
         """Do nothing: nothing is lent."""
 
     def check(self) -> None:
@@ -95,9 +95,9 @@ class TwoSimulations:
         """Count failed episodes of what the engine has evaluated by itself."""
         self.fast.count_failed(results)
 
-    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
+    def build_journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
         """Return the journal of what the engine has evaluated by itself."""
-        return self.fast.journal(attempts, warnings)
+        return self.fast.build_journal(attempts, warnings)
 
     def failure_of(self, reason: str, /) -> SimulationError | None:
         """Return what the code of either simulation failed with, for a reason of a journal."""
@@ -109,7 +109,7 @@ class TwoSimulations:
         """Run controllers as they come, in the fast simulation."""
         self.fast.stream(controllers, seeds, feed, on_progress)
 
-    def about(
+    def announce(
         self,
         run: str,
         generation: int | None,
@@ -117,8 +117,8 @@ class TwoSimulations:
         evaluations: tuple[int, int] | None = None,
     ) -> None:
         """Publish what the following evaluations are for."""
-        self.fast.about(run, generation, generations, evaluations)
-        self.slow.about(run, generation, generations, evaluations)
+        self.fast.announce(run, generation, generations, evaluations)
+        self.slow.announce(run, generation, generations, evaluations)
 
     def usage(self) -> str:
         """Return what servers of both were used."""
@@ -141,10 +141,10 @@ class TwoSimulations:
         self.fast.log_to(folder)
         self.slow.log_to(folder)
 
-    def post_evaluates(self) -> None:
+    def announce_post_evaluation(self) -> None:
         """Publish that what follows belongs to no generation."""
-        self.fast.post_evaluates()
-        self.slow.post_evaluates()
+        self.fast.announce_post_evaluation()
+        self.slow.announce_post_evaluation()
 
 
 @contextmanager
@@ -228,8 +228,8 @@ def _require_apart(
 
 def _place(experiment: Experiment, broker: str | None, servers: Servers | None) -> str | None:
     """Return the broker that `open_backend` uses with these arguments, None without one of others."""
-    wanted = chosen(experiment, servers)
-    return experiment.broker if broker is None and wanted not in HERE else broker
+    wanted = resolve_servers(experiment, servers)
+    return experiment.broker if broker is None and wanted not in BROKERLESS else broker
 
 
 def descriptor_columns(ranking: Ranking, experiment: Experiment) -> list[int]:

@@ -7,7 +7,7 @@ from typing import Any
 from swarmwright.common.formatting import counted
 from swarmwright.common.message_kinds import kind_of
 from swarmwright.runs.store.pieces import Begin
-from swarmwright.servers.rows import FAILED, FailureReason, ServerShare, journal_line
+from swarmwright.servers.rows import FAILED, FailureReason, ServerShare, parse_journal_line
 
 _FAILED = ", ".join(f"'{outcome}'" for outcome in sorted(FAILED))
 _SHARES = f"""
@@ -53,7 +53,7 @@ def lines(begin: Begin, kind: type[Any], table: str, last: int) -> Iterator[Any]
             names = [column[0] for column in cursor.description][1:]
             some = []
             for number, *row in cursor:
-                some.append(journal_line(kind, dict(zip(names, row, strict=True))))
+                some.append(parse_journal_line(kind, dict(zip(names, row, strict=True))))
                 after = number
         yield from some
         found = len(some)

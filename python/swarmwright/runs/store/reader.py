@@ -30,9 +30,9 @@ from swarmwright.servers.rows import (
     GenerationResult,
     ServerShare,
     Session,
-    journal_line,
+    parse_journal_line,
 )
-from swarmwright.servers.server_use import ServerUse, read
+from swarmwright.servers.server_use import ServerUse, from_json
 
 
 class StoreReader:
@@ -228,7 +228,7 @@ class StoreReader:
         """Return the use of the servers of each launcher in all sessions, of those that are counted."""
         text = self._facts_then().get("servers")
         try:
-            return {} if text is None else read(text)
+            return {} if text is None else from_json(text)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise DamageError(self.file, f"the fact servers: {error}") from error
 
@@ -362,7 +362,7 @@ class StoreReader:
                 values = {**row, "versions": self._parsed(row["versions"])}
                 if values["seconds"] is None:  # killed: known up to its last generation
                     values["seconds"] = reached.get(values["session"])
-                sessions.append(journal_line(Session, values))
+                sessions.append(parse_journal_line(Session, values))
         return sessions
 
     def session_of(self, generation: int) -> int:

@@ -28,7 +28,7 @@ from swarmwright.runs.store.open_store import OpenStore
 from swarmwright.runs.store.provenance import HASH_SEED, recorded, timestamp, versions
 from swarmwright.runs.store.reader import StoreReader
 from swarmwright.servers.rows import GenerationResult, Journal
-from swarmwright.servers.server_use import ServerUses, together, written
+from swarmwright.servers.server_use import ServerUses, add_uses, to_json
 from swarmwright.simulations.user_code.copying import FOLDER as CODE
 from swarmwright.simulations.user_code.copying import Copy
 from swarmwright.simulations.user_code.copying import remove as remove_copies
@@ -313,8 +313,8 @@ class StoreWriter:
                         "reserved it; what it writes counts, and this one ends"
                     )
             self._write_finished()
-            if self._use is not None and (uses := together(self._earlier_use, self._use())):
-                self._facts["servers"] = written(uses)
+            if self._use is not None and (uses := add_uses(self._earlier_use, self._use())):
+                self._facts["servers"] = to_json(uses)
             if self._facts:
                 self._store.connection.executemany(
                     "INSERT OR REPLACE INTO fact VALUES (?, ?)", self._facts.items()

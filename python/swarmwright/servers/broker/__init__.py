@@ -1,1 +1,1 @@
-"""The MQTT broker from outside: address, accounts, configuration, waiting for it, watching it."""
+"""Access to MQTT brokers: address, accounts, configuration, connection and observation."""

@@ -1,4 +1,4 @@
-"""The certificate that a broker listens with."""
+"""Checks of a broker's certificate."""
 
 import ssl
 from pathlib import Path
@@ -6,15 +6,15 @@ from pathlib import Path
 _END = "-----END CERTIFICATE-----"
 
 
-def is_of_authority(file: Path) -> bool:
-    """Whether the first certificate of a PEM file is that of an authority (CA:TRUE).
+def is_authority_certificate(file: Path) -> bool:
+    """Whether the first certificate of a PEM file belongs to an authority (CA:TRUE).
 
-    Clients of TLS may refuse a broker that presents one. False for a file that cannot be read as PEM.
+    TLS clients may refuse a broker that presents such a certificate. False for files that are not PEM.
     """
     try:
-        first, found, _ = file.read_text(encoding="ascii").partition(_END)
+        first, end, _ = file.read_text(encoding="ascii").partition(_END)
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-        context.load_verify_locations(cadata=first + found)
+        context.load_verify_locations(cadata=first + end)
     except (OSError, ValueError):  # ssl.SSLError is an OSError
         return False
     return context.cert_store_stats()["x509_ca"] > 0

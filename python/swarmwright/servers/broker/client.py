@@ -1,4 +1,4 @@
-"""A broker seen from outside: an MQTT client (paho without a thread), and who answers a discovery."""
+"""A single-threaded MQTT client (paho), and the discovery of servers."""
 
 import json
 import os
@@ -28,17 +28,17 @@ TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", 
 PRESENCE = "swarmwright/v1/presence/"
 TO_SERVER = "swarmwright/v1/server/"
 TO_TOOL = "swarmwright/v1/tool/"
-LONGEST = 240
-"""Characters of a message that are shown."""
+MAX_SHOWN_CHARACTERS = 240
+"""Characters of a message to show."""
 
 
 class Failure(Exception):  # noqa: N818 - of the peer, not of this program
     """The peer broke the rule.
 
     Args:
-        came: what it did.
-        expected: what it should have done.
-        sent: what it was sent before; empty where that does not matter.
+        came: observed behaviour.
+        expected: behaviour that the rule demands.
+        sent: message sent before; empty if irrelevant.
     """
 
     def __init__(self, came: str, expected: str, sent: str = "") -> None:
@@ -49,13 +49,17 @@ class Failure(Exception):  # noqa: N818 - of the peer, not of this program
 
 
 class Overdue(Exception):  # noqa: N818 - the rule's time is over
-    """The rule has lasted longer than it may."""
+    """The check of a rule has exceeded its time limit."""
 
 
-def shown(payload: bytes | str) -> str:
-    """Return a payload for people, shortened."""
+def format_payload(payload: bytes | str) -> str:
+    """Format a payload as text, shortened."""
     text = payload if isinstance(payload, str) else payload.decode("utf-8", "backslashreplace")
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}... ({len(payload)} bytes)"
+    return (
+        text
+        if len(text) <= MAX_SHOWN_CHARACTERS
+        else f"{text[:MAX_SHOWN_CHARACTERS]}... ({len(payload)} bytes)"
+    )
 
 
 def _refuse(word: str) -> float:
@@ -64,7 +68,7 @@ def _refuse(word: str) -> float:
 
 @dataclass(frozen=True)
 class Message:
-    """A message as it came: topic without the prefix, whether it was retained, when (monotonic seconds)."""
+    """A received message; `topic` lacks the prefix, `at` is in monotonic seconds."""
 
     topic: str
     payload: bytes
@@ -75,7 +79,7 @@ class Message:
 
     @property
     def json(self) -> dict[str, Any]:
-        """The JSON object in it. Raises Failure when it is none."""
+        """The payload as a JSON object. Raises Failure for other payloads."""
         try:
             value = json.loads(self.payload, parse_constant=_refuse)
         except (ValueError, RecursionError) as error:
@@ -86,15 +90,15 @@ class Message:
 
     @property
     def maybe(self) -> Mapping[str, Any]:
-        """The JSON object in it, empty when it is none."""
+        """The payload as a JSON object, empty for other payloads."""
         try:
             return self.json
         except Failure:
             return {}
 
     def __str__(self) -> str:
-        """Topic and payload, shortened."""
-        return f"{self.topic} {shown(self.payload)}"
+        """Return topic and payload, shortened."""
+        return f"{self.topic} {format_payload(self.payload)}"
 
 
 def _send_at_once(_client: Paho, _data: object, opened: object) -> None:
@@ -106,47 +110,46 @@ class Client:
     """A connection to the broker.
 
     Args:
-        url: of the broker; user and password as everywhere.
-        prefix: what topics begin with, empty for none.
+        url: of the broker; user and password come from the environment.
+        prefix: of all topics, or empty.
         subscriptions: topics without prefix.
 
-    Raises RunError when the broker cannot be reached.
-
+    Raises RunError if the broker cannot be reached.
     """
 
     def __init__(self, url: str, prefix: str, subscriptions: Collection[str]) -> None:
         self.url = url
         self.deadline = float("inf")
         self.waiting: deque[Message] = deque()
-        self._before = f"{prefix}/" if prefix else ""
+        self._prefix = f"{prefix}/" if prefix else ""
         self._subscribed = False
-        self._paho = _paho(url)
-        self._paho.on_socket_open = _send_at_once
-        self._paho.on_message = self._on_message
-        self._paho.on_subscribe = self._on_subscribe
-        self._paho.on_connect = self._on_connect
+        self._make_paho = _make_paho(url)
+        self._make_paho.on_socket_open = _send_at_once
+        self._make_paho.on_message = self._on_message
+        self._make_paho.on_subscribe = self._on_subscribe
+        self._make_paho.on_connect = self._on_connect
         self._refused = ""
         address = urlsplit(url)
         secure = address.scheme in {"mqtts", "wss"}
         host = address.path if address.scheme == "unix" else address.hostname
         assert host is not None
         try:
-            self._paho.connect(host, address.port or (8883 if secure else 1883), keepalive=600)
+            self._make_paho.connect(host, address.port or (8883 if secure else 1883), keepalive=600)
         except OSError as error:
             raise RunError(f"broker {url}: cannot be reached: {error.strerror or error}") from None
-        self._paho.subscribe([(self._before + topic, 1) for topic in subscriptions])
+        self._make_paho.subscribe([(self._prefix + topic, 1) for topic in subscriptions])
         limit = time.monotonic() + 10
         while not self._subscribed:
             if time.monotonic() > limit or self._refused:
                 why = self._refused or "does not answer"
                 raise RunError(f"broker {url}: {why}")
-            self._turn(0.1)
+            self._run_loop(0.1)
 
     def _on_message(self, _client: Paho, _data: object, message: MQTTMessage) -> None:
         properties = message.properties
         self.waiting.append(
             Message(
-                message.topic.removeprefix(self._before),
+                message.topic.removeprefix(self._prefix),
                 bytes(message.payload),
                 message.retain,
                 time.monotonic(),
@@ -162,8 +165,8 @@ class Client:
         if reason.is_failure:
             self._refused = f"refuses the connection: {reason}"
 
-    def _turn(self, seconds: float) -> None:
-        status = self._paho.loop(max(0.0, seconds))
+    def _run_loop(self, seconds: float) -> None:
+        status = self._make_paho.loop(max(0.0, seconds))
         if status != MQTTErrorCode.MQTT_ERR_SUCCESS:
             raise RunError(f"broker {self.url}: {self._refused or 'the connection broke'}")
 
@@ -176,63 +179,63 @@ class Client:
         correlation: bytes | None = None,
         response: str | None = None,
     ) -> None:
-        """Publish with QoS 0. correlation, response: of MQTT 5, with the content type of MessagePack."""
+        """Publish with QoS 0. correlation, response: of MQTT 5, for MessagePack payloads."""
         properties = None
         if correlation is not None:
             properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
             properties.CorrelationData = correlation
             properties.ContentType = "application/msgpack"
             if response is not None:
-                properties.ResponseTopic = self._before + response
-        self._paho.publish(self._before + topic, payload, retain=retain, properties=properties)
-        while self._paho.want_write():
-            self._turn(0.01)
+                properties.ResponseTopic = self._prefix + response
+        self._make_paho.publish(self._prefix + topic, payload, retain=retain, properties=properties)
+        while self._make_paho.want_write():
+            self._run_loop(0.01)
 
     def send(self, topic: str, **fields: Any) -> str:  # noqa: ANN401 - JSON
-        """Publish a JSON object; what was sent, for people."""
+        """Publish a JSON object; return topic and payload as text."""
         text = json.dumps(fields)
         self.publish(topic, text)
-        return f"{topic} {shown(text)}"
+        return f"{topic} {format_payload(text)}"
 
-    def next(self, wanted: Callable[[Message], bool], seconds: float) -> Message | None:
-        """The next message that is wanted, None when none comes in time; the others wait on.
+    def next(self, matches: Callable[[Message], bool], seconds: float) -> Message | None:
+        """Return the next matching message, None after `seconds`; other messages stay queued.
 
-        Raises Overdue when the rule's time is over.
+        Raises Overdue after the rule's deadline.
         """
         limit = time.monotonic() + seconds
-        seen = 0
+        index = 0
         while True:
-            while seen < len(self.waiting):
-                message = self.waiting[seen]
-                if wanted(message):
-                    del self.waiting[seen]
+            while index < len(self.waiting):
+                message = self.waiting[index]
+                if matches(message):
+                    del self.waiting[index]
                     return message
-                seen += 1
+                index += 1
             now = time.monotonic()
             if now >= self.deadline:
                 raise Overdue
             if now >= limit:
                 return None
-            self._turn(min(limit, self.deadline) - now)
+            self._run_loop(min(limit, self.deadline) - now)
 
     def drain(self, seconds: float = 0.0) -> list[Message]:
-        """All that has come, or comes within these seconds."""
+        """Return all queued messages and those that arrive within `seconds`."""
         limit = time.monotonic() + seconds
         while True:
-            self._turn(min(limit, self.deadline) - time.monotonic())
+            self._run_loop(min(limit, self.deadline) - time.monotonic())
             if time.monotonic() >= min(limit, self.deadline):
                 break
-        found = list(self.waiting)
+        messages = list(self.waiting)
         self.waiting.clear()
-        return found
+        return messages
 
     def close(self) -> None:
         """Leave the broker."""
-        self._paho.disconnect()
-        self._paho.loop(0)
+        self._make_paho.disconnect()
+        self._make_paho.loop(0)
 
     def __enter__(self) -> Self:
-        """The client itself."""
+        """Return the client."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -240,7 +243,7 @@ class Client:
         self.close()
 
 
-def _paho(url: str) -> Paho:
+def _make_paho(url: str) -> Paho:
     address = urlsplit(url)
     transport = {"ws": "websockets", "wss": "websockets", "unix": "unix"}.get(address.scheme, "tcp")
     paho = Paho(CallbackAPIVersion.VERSION2, protocol=MQTTv5, transport=transport)  # type: ignore[arg-type]
@@ -257,12 +260,12 @@ def _secure(paho: Paho) -> None:
     variables = ("SWARMWRIGHT_CA_FILE", "SWARMWRIGHT_CERTIFICATE_FILE", "SWARMWRIGHT_KEY_FILE")
     authority, certificate, key = (os.environ.get(name) or None for name in variables)
     if (certificate is None) != (key is None):
-        unset, given = variables[1:] if certificate is None else variables[:0:-1]
-        raise InputError(f"{given} is set but {unset} is not; a client certificate needs both (PEM)")
+        unset, present = variables[1:] if certificate is None else variables[:0:-1]
+        raise InputError(f"{present} is set but {unset} is not; a client certificate needs both (PEM)")
 
     def ask() -> str:  # otherwise OpenSSL asks on the terminal
         raise InputError(
-            f"{variables[2]}: {key} has a passphrase; name a key without one "
+            f"{variables[2]}: {key} has a passphrase; use a key without one "
             "(`openssl pkey -in FILE -out FILE` removes it)"
         )
 
@@ -280,31 +283,31 @@ def _secure(paho: Paho) -> None:
     paho.tls_set_context(context)
 
 
-def answers(
+def discover_servers(
     broker: str, simulation: str, dimensions: Sequence[float], *, prefix: str = "", wait: float = 1.0
 ) -> list[dict[str, Any]]:
     """Send a discovery for each number of dimensions, as D6.1 defines it.
 
-    Returns the answers that come within `wait` seconds, one for each server, sorted by id: `server`,
-    `simulations`, `capabilities`. Servers that are taken or do not fit are silent. Those that answer stay
-    free, because no parameters follow.
+    Returns the answers within `wait` seconds, one per server, sorted by id: `server`, `simulations`,
+    `capabilities`. Reserved or unsuitable servers do not answer. Those that answer stay free, because no
+    parameters follow.
 
-    Raises RunError when the broker cannot be reached.
+    Raises RunError if the broker cannot be reached.
     """
-    found: dict[int, dict[str, Any]] = {}
+    servers: dict[int, dict[str, Any]] = {}
     with Client(broker, prefix, ["server"]) as client:
         hashes = {new_hash(): {"dimensions": number} for number in dimensions}
         for hash_, needs in hashes.items():
             client.send("discovery", simulation=simulation, simulation_hash=hash_, requirements=needs)
         for message in client.drain(wait):
-            answer = _answer(message, hashes)
+            answer = _parse_answer(message, hashes)
             if answer is not None:
-                found.setdefault(answer["server"], answer)
-    return [found[server] for server in sorted(found)]
+                servers.setdefault(answer["server"], answer)
+    return [servers[server] for server in sorted(servers)]
 
 
-def _answer(message: Message, hashes: Collection[str]) -> dict[str, Any] | None:
-    """What a server says of itself; None where it says that to another tool, or breaks the schema."""
+def _parse_answer(message: Message, hashes: Collection[str]) -> dict[str, Any] | None:
+    """Parse a server's answer; None for answers to other tools and invalid ones."""
     content = message.maybe
     server, hash_ = content.get("server"), content.get("simulation_hash")
     if message.retained or not is_number(server) or server != int(server):

@@ -1,7 +1,7 @@
-"""The password of the broker's account from the system's keyring, where environment and file have none.
+"""Credentials for brokers, from the environment, a file or the system's keyring.
 
-https://keyring.readthedocs.io; `pip install 'swarmwright[keyring]'`. The order: SWARMWRIGHT_PASSWORD, then
-SWARMWRIGHT_PASSWORD_FILE, then the keyring, for the user of SWARMWRIGHT_USERNAME.
+The password of SWARMWRIGHT_USERNAME comes from SWARMWRIGHT_PASSWORD, else SWARMWRIGHT_PASSWORD_FILE, else the
+keyring (https://keyring.readthedocs.io, `pip install 'swarmwright[keyring]'`).
 """
 
 import errno
@@ -14,8 +14,8 @@ from pathlib import Path
 from swarmwright.common.errors import InputError
 
 SERVICE = "swarmwright"
-"""Under this name the keyring has the passwords, of `USER@HOST:PORT` (`USER@PATH` for a Unix socket) or, for
-every broker, of `USER`."""
+"""Service name in the keyring; accounts are `USER@HOST:PORT` (`USER@PATH` for a Unix socket) or, for every
+broker, `USER`."""
 
 CREDENTIALS = (
     "SWARMWRIGHT_USERNAME",
@@ -25,7 +25,7 @@ CREDENTIALS = (
     "SWARMWRIGHT_CERTIFICATE_FILE",
     "SWARMWRIGHT_KEY_FILE",
 )
-"""Environment variables of what a client needs to be admitted by a broker."""
+"""Environment variables with a client's credentials."""
 _KEEP_ALIVE = "SWARMWRIGHT_KEEP_ALIVE"
 _LONGEST_KEEP_ALIVE_S = 3600
 
@@ -42,27 +42,26 @@ def prepare(broker: str) -> None:
         InputError: As `check_environment` and `from_keyring`.
     """
     check_environment()
-    from_keyring(broker)
+    load_from_keyring(broker)
     for url in broker.split(","):
-        there = place(url)
-        if there not in _warned and has_password() and in_clear(url):
-            _warned.add(there)
+        location = location_of(url)
+        if location not in _warned and has_password() and is_sent_in_clear(url):
+            _warned.add(location)
             _LOGGER.warning(
-                "the password for %s travels unencrypted and can be read on the network path; use a broker "
-                "with TLS, mqtts://",
-                there,
+                "the password for %s is sent unencrypted over the network; use a broker with TLS, mqtts://",
+                location,
             )
 
 
 def check_environment(*, credentials: bool = True) -> None:
-    """Check the variables that connections read, before anything is started that would end with their errors.
+    """Check the environment variables of connections before anything is started.
 
     credentials: also those for an external broker.
 
     Raises:
-        InputError: SWARMWRIGHT_KEEP_ALIVE is not a number of seconds; a password without a user; a password
-            file that cannot be read, or without a password; one of SWARMWRIGHT_CERTIFICATE_FILE and
-            SWARMWRIGHT_KEY_FILE only.
+        InputError: SWARMWRIGHT_KEEP_ALIVE is not a number of seconds; a password is set without a user; the
+            password file is unreadable or empty; or only one of SWARMWRIGHT_CERTIFICATE_FILE and
+            SWARMWRIGHT_KEY_FILE is set.
     """
     seconds = os.environ.get(_KEEP_ALIVE)
     is_number = seconds and re.fullmatch("[+]?0*[0-9]{1,4}", seconds)
@@ -75,7 +74,7 @@ def check_environment(*, credentials: bool = True) -> None:
         return
     file = os.environ.get("SWARMWRIGHT_PASSWORD_FILE")
     if file and not os.environ.get("SWARMWRIGHT_PASSWORD"):
-        reason = _no_password(Path(file))
+        reason = _explain_missing_password(Path(file))
         if reason is not None:
             raise InputError(f"SWARMWRIGHT_PASSWORD_FILE (environment): {file} {reason}")
     if has_password() and not os.environ.get("SWARMWRIGHT_USERNAME"):
@@ -83,16 +82,16 @@ def check_environment(*, credentials: bool = True) -> None:
             "a password is set but SWARMWRIGHT_USERNAME is not (environment); set both or neither"
         )
     pair = ("SWARMWRIGHT_CERTIFICATE_FILE", "SWARMWRIGHT_KEY_FILE")
-    there = [name for name in pair if os.environ.get(name)]
-    if len(there) == 1:
-        (unset,) = set(pair) - set(there)
+    present = [name for name in pair if os.environ.get(name)]
+    if len(present) == 1:
+        (unset,) = set(pair) - set(present)
         raise InputError(
-            f"{there[0]} is set but {unset} is not (environment); a client certificate needs both (PEM)"
+            f"{present[0]} is set but {unset} is not (environment); a client certificate needs both (PEM)"
         )
 
 
-def _no_password(file: Path) -> str | None:
-    """Return why a file has no password, None if it has; a pipe keeps its content for the connection."""
+def _explain_missing_password(file: Path) -> str | None:
+    """Return why a file provides no password, or None; does not read from pipes."""
     reason: str | None = None
     try:
         if file.is_file():
@@ -112,15 +111,15 @@ def _no_password(file: Path) -> str | None:
 
 
 def has_password() -> bool:
-    """Whether the environment has a password for brokers."""
+    """Whether the environment sets a password for brokers."""
     return any(os.environ.get(name) for name in ("SWARMWRIGHT_PASSWORD", "SWARMWRIGHT_PASSWORD_FILE"))
 
 
-def in_clear(broker: str) -> bool:
-    """Whether what is sent to a broker leaves this machine without TLS."""
+def is_sent_in_clear(broker: str) -> bool:
+    """Whether messages to a broker leave this machine without TLS."""
     if _scheme(broker) in {"mqtts", "ssl", "tls", "wss", "unix"}:
         return False
-    host = re.sub(r":\d+$", "", place(broker)).strip("[]").lower()
+    host = re.sub(r":\d+$", "", location_of(broker)).strip("[]").lower()
     if host == "localhost" or host.endswith(".localhost"):
         return False
     try:
@@ -129,14 +128,14 @@ def in_clear(broker: str) -> bool:
         return True
 
 
-def from_keyring(broker: str) -> None:
-    """Look the password up, if a user is named and nothing else says it; child processes get it, too.
+def load_from_keyring(broker: str) -> None:
+    """Set SWARMWRIGHT_PASSWORD from the keyring if a user but no password is set; child processes inherit it.
 
-    broker: URL, or several, separated by commas. Nothing is done where the package keyring is not installed,
-    or has no such password.
+    broker: URL, or several, separated by commas. Without the package keyring or a stored password, nothing
+    happens.
 
     Raises:
-        InputError: The keyring is there and cannot be read: locked, or its file is damaged.
+        InputError: The keyring cannot be read, because it is locked or damaged.
     """
     user = os.environ.get("SWARMWRIGHT_USERNAME")
     if not user or os.environ.get("SWARMWRIGHT_PASSWORD") or os.environ.get("SWARMWRIGHT_PASSWORD_FILE"):
@@ -147,7 +146,7 @@ def from_keyring(broker: str) -> None:
     except ImportError:
         return
     try:
-        for account in (*(f"{user}@{place(url)}" for url in broker.split(",")), user):
+        for account in (*(f"{user}@{location_of(url)}" for url in broker.split(",")), user):
             password = keyring.get_password(SERVICE, account)
             if password:
                 # The engine reads its environment, and so do the servers that a run starts.
@@ -157,22 +156,22 @@ def from_keyring(broker: str) -> None:
         return
     except Exception as error:  # third-party backends may raise anything
         raise InputError(
-            f"the password of {user} cannot be read from the keyring ({type(error).__name__}); unlock it, or "
+            f"the password of {user} cannot be read from the keyring ({type(error).__name__}); unlock it or "
             "set SWARMWRIGHT_PASSWORD_FILE"
         ) from error
 
 
-def place(broker: str) -> str:
-    """Host and port of a broker's URL, or the path of its Unix socket: mqtts://lab -> lab:8883."""
-    rest = broker.strip().rpartition("://")[2]
+def location_of(broker: str) -> str:
+    """Return host and port of a broker's URL, or the path of its Unix socket: mqtts://lab -> lab:8883."""
+    remainder = broker.strip().rpartition("://")[2]
     if _scheme(broker) == "unix":
-        return rest.partition("?")[0]
-    authority = re.split("[/?]", rest, maxsplit=1)[0]
+        return remainder.partition("?")[0]
+    authority = re.split("[/?]", remainder, maxsplit=1)[0]
     if re.search(r":\d+$", authority):
         return authority
     return f"{authority}:{_PORTS.get(_scheme(broker), 1883)}"
 
 
 def _scheme(broker: str) -> str:
-    """The scheme of a URL in lower case, "" where it has none."""
+    """Return the scheme of a URL in lower case, or an empty text."""
     return broker.strip().rpartition("://")[0].lower()

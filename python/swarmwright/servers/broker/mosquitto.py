@@ -1,11 +1,11 @@
-"""A ready-made Mosquitto configuration: TLS with a new certificate authority, and an account for each role.
+"""Mosquitto configuration with TLS, a new certificate authority and an account for each role.
 
 Roles:
-    tool     asks for servers, configures and steers them, reads what they answer
-    server   answers; reads what tools send, and publishes none of it
+    tool     discovers, configures and controls servers, and reads their messages
+    server   publishes its own messages and reads those of tools
     watcher  reads everything, publishes nothing
 
-Each topic prefix has separate accounts, which reach no other one. docs/reference/protocol.md has the topics.
+Each topic prefix has separate accounts without access to others. docs/reference/protocol.md lists the topics.
 """
 
 import ipaddress
@@ -29,13 +29,13 @@ from swarmwright.experiment.broker_address import PREFIX_VARIABLE
 _LOGGER = logging.getLogger("swarmwright")
 
 CERTIFICATE_DAYS = 730
-"""Term of the broker's certificate; the authority's is ten years."""
+"""Validity of the broker's certificate; the authority's is ten years."""
 
 ITERATIONS = 210_000
 """Rounds of PBKDF2 with HMAC-SHA-512, as OWASP's Password Storage Cheat Sheet advises."""
 
 LARGEST_PACKET_BYTES = (64 << 20) + (1 << 20)
-"""What the built-in broker accepts, too."""
+"""Largest MQTT packet, as in the embedded broker."""
 
 _TO_SERVERS = ("discovery", "parameters", "control", "actuator", "swarmwright/v1/server/+")
 _TO_TOOLS = ("server", "sensor", "fitness", "swarmwright/v1/tool/+")
@@ -44,11 +44,11 @@ _STATUS = ("swarmwright/v1/status/+",)
 
 ROLES: dict[str, dict[str, tuple[str, ...]]] = {
     "tool": {"write": (*_TO_SERVERS, *_STATUS), "read": (*_TO_TOOLS, *_PRESENCE)},
-    # It reads presence too, to notice another server with its id.
+    # Servers read presence to notice another server with their id.
     "server": {"write": (*_TO_TOOLS, *_PRESENCE), "read": (*_TO_SERVERS, *_PRESENCE)},
     "watcher": {"write": (), "read": (*_TO_SERVERS, *_TO_TOOLS, *_PRESENCE, *_STATUS)},
 }
-"""What each role may publish and read, without prefix."""
+"""Topics that each role may publish and read, without prefix."""
 
 _CONFIGURATION = """\
 # Made by `swarmwright broker --init`. `passwords` has the accounts, `acl` what they may do; after SIGHUP both
@@ -76,20 +76,20 @@ max_packet_size {largest_packet}
 
 @dataclass(frozen=True)
 class Account:
-    """One account of the broker: its user name, its role, its topic prefix ("" for none)."""
+    """An account of the broker; `prefix` is the topic prefix or empty."""
 
     user: str
     role: str
     prefix: str
 
 
-def accounts(prefixes: Sequence[str]) -> list[Account]:
-    """The accounts for topic prefixes: `tool`, or `lab-1-tool` under the prefix `lab/1`.
+def make_accounts(prefixes: Sequence[str]) -> list[Account]:
+    """Make the accounts of topic prefixes: `tool`, or `lab-1-tool` for the prefix `lab/1`.
 
     Raises:
-        InputError: A prefix that an access file cannot hold; two that lead to the same user names.
+        InputError: A prefix is invalid in an access file, or two prefixes lead to the same user names.
     """
-    made: dict[str, Account] = {}
+    accounts: dict[str, Account] = {}
     for prefix in dict.fromkeys(prefix.removesuffix("/") for prefix in prefixes or [""]):
         if not prefix.isprintable() or prefix != prefix.strip():
             raise InputError(
@@ -98,26 +98,26 @@ def accounts(prefixes: Sequence[str]) -> list[Account]:
         stem = re.sub(r"[^\w.-]+", "-", prefix, flags=re.ASCII)
         for role in ROLES:
             account = Account(f"{stem}-{role}" if stem else role, role, prefix)
-            other = made.setdefault(account.user, account)
-            if other is not account:
+            existing = accounts.setdefault(account.user, account)
+            if existing is not account:
                 raise InputError(
-                    f"the prefixes {other.prefix!r} and {prefix!r} would share the user {account.user}; "
+                    f"the prefixes {existing.prefix!r} and {prefix!r} would share the user {account.user}; "
                     "use letters, digits, '-' and '_'"
                 )
-    return list(made.values())
+    return list(accounts.values())
 
 
-def access_rules(of: Sequence[Account]) -> str:
-    """The access file: what is not allowed is denied."""
-    return f"# What each account may read and write; all else is denied.\n{_rules(of)}"
+def format_access_rules(accounts: Sequence[Account]) -> str:
+    """Return the text of the access file, which denies everything else."""
+    return f"# What each account may read and write; all else is denied.\n{_format_rules(accounts)}"
 
 
-def _rules(of: Sequence[Account]) -> str:
+def _format_rules(accounts: Sequence[Account]) -> str:
     parts = []
-    for account in of:
-        under = f"{account.prefix}/" if account.prefix else ""
+    for account in accounts:
+        root = f"{account.prefix}/" if account.prefix else ""
         lines = [
-            f"topic {right} {under}{topic}"
+            f"topic {right} {root}{topic}"
             for right, topics in ROLES[account.role].items()
             for topic in topics
         ]
@@ -125,47 +125,51 @@ def _rules(of: Sequence[Account]) -> str:
     return "".join(parts)
 
 
-def hosts(given: Sequence[str]) -> list[str]:
-    """Names and addresses for the certificate: those given, or this machine's name; and loopback's.
+def list_hosts(names: Sequence[str]) -> list[str]:
+    """List the names and addresses for the certificate: those given or this machine's name, and loopback.
 
     Raises:
-        InputError: Something that is neither a host name nor an IP address.
+        InputError: A name is neither a host name nor an IP address.
     """
-    found = list(given) or [socket.gethostname()]
-    for host in found:
+    addresses = list(names) or [socket.gethostname()]
+    for host in addresses:
         if _is_address(host):
             if ipaddress.ip_address(host).is_unspecified:
-                raise InputError(f"{host} means every address; name those by which clients reach the broker")
+                raise InputError(f"{host} stands for every address; give the addresses that clients use")
         elif not re.fullmatch(r"(?!-)[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*", host):
             raise InputError(f"{host!r} is neither a host name nor an IP address")
-    return list(dict.fromkeys([*found, "localhost", "127.0.0.1", "::1"]))
+    return list(dict.fromkeys([*addresses, "localhost", "127.0.0.1", "::1"]))
 
 
 def write_configuration(
     folder: Path,
     *,
-    given: Sequence[str],
+    hosts: Sequence[str],
     port: int,
     prefixes: Sequence[str],
     iterations: int | None = None,
 ) -> list[Account]:
-    """Write configuration, certificates, accounts and access rules into a folder; secrets have the mode 0600.
+    """Write configuration, certificates, accounts and access rules into a folder; secrets get mode 0600.
 
-    A folder that exists keeps its mode: Mosquitto's user must be able to enter it, and is warned of if not.
+    An existing folder keeps its mode; a warning tells if Mosquitto's user cannot enter it.
 
-    given: names and addresses by which clients reach the broker. port: of the listener, TLS. iterations: of
-    PBKDF2 for each password, None for `ITERATIONS`.
+    Args:
+        folder: for the files.
+        hosts: names and addresses by which clients reach the broker.
+        port: of the TLS listener.
+        prefixes: topic prefixes, each with its own accounts.
+        iterations: of PBKDF2 for each password; None for `ITERATIONS`.
 
     Raises:
-        InputError: A file that would be written is there already (then none is), or cannot be written.
+        InputError: A file exists already (then none is written) or cannot be written.
     """
     folder = folder.resolve()
     if "\n" in str(folder):
-        raise InputError("the path of the folder has a line break in it")
-    made = accounts(prefixes)
-    names = hosts(given)
+        raise InputError("the folder's path contains a line break")
+    accounts = make_accounts(prefixes)
+    names = list_hosts(hosts)
     rounds = iterations or ITERATIONS
-    passwords = {account.user: secrets.token_urlsafe(24) for account in made}
+    passwords = {account.user: secrets.token_urlsafe(24) for account in accounts}
     authority, authority_key, certificate, key = _engine.certificates(names, CERTIFICATE_DAYS)
     public = {
         "mosquitto.conf": _CONFIGURATION.format(
@@ -174,36 +178,36 @@ def write_configuration(
         "ca.pem": authority,
         "broker.pem": certificate,
     }
-    of_broker = {
-        "acl": access_rules(made),
+    broker_files = {
+        "acl": format_access_rules(accounts),
         "broker-key.pem": key,
         "passwords": "".join(
-            f"{user}:{_engine.hash_for_mosquitto(word, rounds)}\n" for user, word in passwords.items()
+            f"{user}:{_engine.hash_for_mosquitto(password, rounds)}\n" for user, password in passwords.items()
         ),
     }
     secret = {"ca-key.pem": authority_key}
     host = f"[{names[0]}]" if ":" in names[0] else names[0]
     address = f"mqtts://{host}:{port}"
-    for account in made:
+    for account in accounts:
         secret[f"{account.user}.password"] = passwords[account.user] + "\n"
-        public[f"{account.user}.env"] = _variables(folder, account, address)
-    there = sorted(name for name in (*public, *of_broker, *secret) if (folder / name).exists())
-    if there:
+        public[f"{account.user}.env"] = _format_variables(folder, account, address)
+    existing = sorted(name for name in (*public, *broker_files, *secret) if (folder / name).exists())
+    if existing:
         adding = "; `--prefix P` alone adds accounts for another prefix" if can_add(folder) else ""
         raise InputError(
-            f"{folder}: {', '.join(there)} already exist; nothing is overwritten. Name another folder, or "
-            f"move them away first{adding}"
+            f"{folder}: {', '.join(existing)} already exist and are not overwritten. Choose another "
+            f"folder or move them away first{adding}"
         )
     is_new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        for name, text in {**secret, **of_broker}.items():
+        for name, text in {**secret, **broker_files}.items():
             _write(folder / name, text, 0o600)
         for name, text in public.items():
             _write(folder / name, text, 0o644)
-        _give_to_mosquitto([folder / name for name in of_broker], folder if is_new else None)
+        _give_to_mosquitto([folder / name for name in broker_files], folder if is_new else None)
     except (OSError, UnicodeError) as error:
-        for name in (*public, *of_broker, *secret):  # none was there before
+        for name in (*public, *broker_files, *secret):  # none existed before
             with suppress(OSError):
                 (folder / name).unlink(missing_ok=True)
         if is_new:
@@ -212,11 +216,11 @@ def write_configuration(
         if isinstance(error, OSError):
             raise InputError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
         raise
-    return made
+    return accounts
 
 
 def can_add(folder: Path) -> bool:
-    """Whether accounts can be added to a folder: `write_configuration` has made it."""
+    """Whether `write_configuration` has made a folder, so that accounts can be added."""
     try:
         with (folder / "mosquitto.conf").open(encoding="utf-8", errors="replace") as file:
             first = file.readline()
@@ -226,43 +230,44 @@ def can_add(folder: Path) -> bool:
 
 
 def add_accounts(folder: Path, prefixes: Sequence[str], iterations: int | None = None) -> list[Account]:
-    """Add accounts for further topic prefixes to a folder that `write_configuration` has made.
+    """Add accounts for further topic prefixes to a folder of `write_configuration`.
 
-    Lines are added to `acl` and `passwords`, which the broker reads again on SIGHUP; other files stay.
+    The broker rereads `acl` and `passwords` on SIGHUP; other files stay unchanged.
 
     prefixes: at least one. iterations: as in `write_configuration`.
 
     Raises:
-        InputError: There are accounts of these names, or a file cannot be read or written; nothing is added.
+        InputError: Accounts of these names exist, or a file cannot be read or written; nothing is added.
     """
     folder = folder.resolve()
-    made = accounts(prefixes)
+    accounts = make_accounts(prefixes)
     rounds = iterations or ITERATIONS
-    passwords = {account.user: secrets.token_urlsafe(24) for account in made}
-    files = {f"{user}.password": (f"{word}\n", 0o600) for user, word in passwords.items()}
+    passwords = {account.user: secrets.token_urlsafe(24) for account in accounts}
+    files = {f"{user}.password": (f"{password}\n", 0o600) for user, password in passwords.items()}
     lines = {
-        "acl": _rules(made),
+        "acl": _format_rules(accounts),
         "passwords": "".join(
-            f"{user}:{_engine.hash_for_mosquitto(word, rounds)}\n" for user, word in passwords.items()
+            f"{user}:{_engine.hash_for_mosquitto(password, rounds)}\n" for user, password in passwords.items()
         ),
     }
     sizes: dict[str, int] = {}
     written: list[Path] = []
     try:
-        address = _address(folder)
-        for account in made:
-            files[f"{account.user}.env"] = (_variables(folder, account, address), 0o644)
-        known = {line.partition(":")[0] for line in (folder / "passwords").read_text("utf-8").splitlines()}
-        there = sorted({name for name in files if (folder / name).exists()} | (known & set(passwords)))
-        if there:
+        address = _find_address(folder)
+        for account in accounts:
+            files[f"{account.user}.env"] = (_format_variables(folder, account, address), 0o644)
+        users = {line.partition(":")[0] for line in (folder / "passwords").read_text("utf-8").splitlines()}
+        existing = sorted({name for name in files if (folder / name).exists()} | (users & set(passwords)))
+        if existing:
             raise InputError(
-                f"{folder}: {', '.join(there)} already there; nothing is overwritten. Name other prefixes"
+                f"{folder}: {', '.join(existing)} already exist and are not overwritten. Choose other "
+                "prefixes"
             )
         for name, (text, mode) in files.items():
             written.append(folder / name)
             _write(folder / name, text, mode)
         for name, text in lines.items():
-            # Appended: another file in its place would have another owner than Mosquitto's user.
+            # Append in place, because a new file would not belong to Mosquitto's user.
             with (folder / name).open("r+b") as file:
                 before = file.read()
                 sizes[name] = len(before)
@@ -274,39 +279,39 @@ def add_accounts(folder: Path, prefixes: Sequence[str], iterations: int | None =
         for path in written:
             with suppress(OSError):
                 path.unlink()
-        where = getattr(error, "filename", None) or folder
+        path_text = getattr(error, "filename", None) or folder
         reason = getattr(error, "strerror", None) or "is not UTF-8 text"
-        raise InputError(f"{where}: accounts cannot be added: {reason}") from error
-    return made
+        raise InputError(f"{path_text}: accounts cannot be added: {reason}") from error
+    return accounts
 
 
-def _address(folder: Path) -> str:
-    """The broker's address, as the variables of the accounts that are there have it."""
+def _find_address(folder: Path) -> str:
+    """Find the broker's address in the variables of existing accounts."""
     for path in sorted(folder.glob("*.env")):
-        found = re.search(r"^export SWARMWRIGHT_BROKER=(.+)$", path.read_text("utf-8"), re.MULTILINE)
-        if found:
-            return "".join(shlex.split(found[1]))
+        match = re.search(r"^export SWARMWRIGHT_BROKER=(.+)$", path.read_text("utf-8"), re.MULTILINE)
+        if match:
+            return "".join(shlex.split(match[1]))
     raise InputError(
-        f"{folder}: accounts cannot be added: the broker's address is unknown, since the files *.env of "
-        "`broker --init` are not there"
+        f"{folder}: accounts cannot be added: the broker's address is unknown, because the files *.env of "
+        "`broker --init` are missing"
     )
 
 
-def _variables(folder: Path, account: Account, address: str) -> str:
-    """What a shell reads (`. FILE`) to act as the account."""
+def _format_variables(folder: Path, account: Account, address: str) -> str:
+    """Return the text of a file of variables for a shell (`. FILE`)."""
     values = {
         "SWARMWRIGHT_BROKER": address,
         "SWARMWRIGHT_CA_FILE": str(folder / "ca.pem"),
         "SWARMWRIGHT_USERNAME": account.user,
         "SWARMWRIGHT_PASSWORD_FILE": str(folder / f"{account.user}.password"),
-        # Also where there is none: a shell may have read the variables of another account before.
+        # Set it even if empty, as a shell may have the variables of another account.
         PREFIX_VARIABLE: account.prefix,
     }
     return "".join(f"export {name}={shlex.quote(value)}\n" for name, value in values.items())
 
 
 def _write(path: Path, text: str, mode: int) -> None:
-    """Create a file with restrictive permissions from the start; an existing file is an error."""
+    """Create a file with its permissions from the start; fail if it exists."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
     with os.fdopen(descriptor, "w", encoding="utf-8") as file:
         os.fchmod(descriptor, mode)
@@ -314,9 +319,9 @@ def _write(path: Path, text: str, mode: int) -> None:
 
 
 def _give_to_mosquitto(files: Sequence[Path], new_folder: Path | None) -> None:
-    """Let Mosquitto read its files: started as root, it becomes the user `mosquitto` before it reads them.
+    """Let the user `mosquitto`, under which Mosquitto runs if started as root, read the files.
 
-    new_folder: the files' folder where it was created for them; the mode of another is its owner's.
+    new_folder: the files' folder if it was created for them; other folders keep their mode.
     """
     if os.getuid() != 0:
         return
@@ -331,12 +336,14 @@ def _give_to_mosquitto(files: Sequence[Path], new_folder: Path | None) -> None:
     for folder in reversed(files[0].parents):
         if not _can_enter(folder, user):
             _LOGGER.warning(
-                "%s: the user mosquitto cannot enter it; chmod o+x %s", folder, shlex.quote(str(folder))
+                "%s: the user mosquitto cannot enter this folder; run chmod o+x %s",
+                folder,
+                shlex.quote(str(folder)),
             )
 
 
 def _can_enter(folder: Path, user: pwd.struct_passwd) -> bool:
-    """Whether the mode of a folder lets a user reach files in it."""
+    """Whether the mode of a folder lets a user enter it."""
     status = folder.stat()
     if status.st_uid == user.pw_uid:
         return bool(status.st_mode & stat.S_IXUSR)

@@ -1,4 +1,4 @@
-"""Password files of the embedded broker: a line `user:hash` for each user, argon2id."""
+"""Password files of the embedded broker: one line `user:hash` per user, argon2id."""
 
 import contextlib
 import os
@@ -11,7 +11,7 @@ from swarmwright.common.files import read_bytes
 
 
 def check_user(name: str) -> str:
-    """The name, if password files and access files can contain it; else InputError."""
+    """Return the name if it is valid in password and access files; else raise InputError."""
     if (
         not name
         or name.startswith("#")
@@ -20,7 +20,7 @@ def check_user(name: str) -> str:
         or any(map(str.isspace, name))
     ):
         raise InputError(
-            f"{name!r} cannot be a user name: no space and no ':' in it, no '#' at its beginning"
+            f"{name!r} is not a valid user name; it must not contain spaces or ':', nor begin with '#'"
         )
     return name
 
@@ -29,35 +29,35 @@ _LARGEST_FILE_BYTES = 1 << 26  # bytes
 
 
 def set_password(path: Path, user: str, password: str) -> bool:
-    """Give a user a new password, making the file (mode 0600) or the user where there is none.
+    """Set a user's password; create the file (mode 0600) and the user if necessary.
 
-    Other lines, comments too, stay as they are; the file is exchanged at once, never half written.
+    Other lines, including comments, stay unchanged; the file is replaced atomically.
 
     Returns:
         Whether the user is new.
 
     Raises:
-        InputError: A name that cannot be, an empty password, a file that cannot be read or written.
+        InputError: The name is invalid, the password is empty, or the file cannot be read or written.
     """
     check_user(user)
     if not password:
         raise InputError("an empty password would admit every client; give one with at least one character")
     line = f"{user}:{_engine.hash_password(password)}\n"
     try:
-        held = read_bytes(path, _LARGEST_FILE_BYTES).decode() if path.exists() else ""
-        lines = held.splitlines(keepends=True)
+        content = read_bytes(path, _LARGEST_FILE_BYTES).decode() if path.exists() else ""
+        lines = content.splitlines(keepends=True)
         if lines and not lines[-1].endswith("\n"):
             lines[-1] += "\n"
-        found = [index for index, text in enumerate(lines) if text.lstrip().startswith(f"{user}:")]
-        if found:
-            lines[found[0]] = line
+        matches = [index for index, text in enumerate(lines) if text.lstrip().startswith(f"{user}:")]
+        if matches:
+            lines[matches[0]] = line
         else:
             lines.append(line)
         _replace(path, "".join(lines))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
         raise InputError(f"{path}: cannot be changed: {reason}") from error
-    return not found
+    return not matches
 
 
 def _replace(path: Path, text: str) -> None:

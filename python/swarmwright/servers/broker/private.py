@@ -1,4 +1,4 @@
-"""The embedded broker as this user alone can use it: with an account that is made when it starts."""
+"""The embedded broker for this user alone, with an account created at its start."""
 
 import secrets
 from contextlib import ExitStack
@@ -14,13 +14,12 @@ _PASSWORD_BYTES = 32
 
 @dataclass(frozen=True)
 class Account:
-    """A user of one broker, for as long as that runs.
+    """An account of a broker for the duration of its run.
 
     Attributes:
-        username: random, too.
-        password: never put it into arguments of programs, which all users can list.
-        is_published: whether other programs of the user find it by themselves.
-
+        username: random.
+        password: must not appear in arguments of programs, which all users can list.
+        is_published: whether other programs of this user find the account by themselves.
     """
 
     username: str
@@ -29,10 +28,10 @@ class Account:
 
     @property
     def variables(self) -> dict[str, str]:
-        """Environment variables with which this user's programs are admitted.
+        """Environment variables for this user's programs.
 
-        None where they find the account: the environment's credentials are for other brokers, which
-        simulations may use. Otherwise those are unset.
+        Empty for a published account, so that the environment's credentials stay for other brokers; otherwise
+        those are unset.
         """
         if self.is_published:
             return {}
@@ -43,13 +42,13 @@ class Account:
         }
 
 
-def new_account() -> Account:
-    """Return an account with a random name and a random password."""
+def create_account() -> Account:
+    """Create an account with a random name and password."""
     return Account(f"user-{secrets.token_hex(8)}", secrets.token_urlsafe(_PASSWORD_BYTES))
 
 
 def start_private(stack: ExitStack, port: int = 0) -> tuple[str, Account]:
-    """Start a broker on loopback that ends with the stack; only programs of this user are admitted.
+    """Start a broker on loopback that ends with the stack and admits only programs of this user.
 
     This process and other programs of the user find the account by themselves, see `_engine.Broker.publish`;
     programs in other languages need name and password in their environment.
@@ -64,7 +63,7 @@ def start_private(stack: ExitStack, port: int = 0) -> tuple[str, Account]:
     Raises:
         RunError: the port is taken.
     """
-    account = new_account()
+    account = create_account()
     allow_more_open_files()
     with engine_errors():
         broker = _engine.Broker(port=port, accounts=[(account.username, account.password)])

@@ -1,4 +1,4 @@
-"""Waiting for a broker that does not answer yet: for example one that is started at the same time."""
+"""Connection to a broker that may not be up yet."""
 
 import time
 from collections.abc import Callable
@@ -10,42 +10,42 @@ Result = TypeVar("Result")
 
 FIRST_PAUSE_S = 0.1
 LONGEST_PAUSE_S = 2.0
-"""Seconds between two attempts; they double."""
+"""Seconds between two attempts, doubling up to this."""
 
 
 def connect_with_retries(
-    connect: Callable[[], Result], seconds: float, tell: Callable[[str], None]
+    connect: Callable[[], Result], seconds: float, report: Callable[[str], None]
 ) -> Result:
-    """Return what `connect` returns, called again as long as no broker answers.
+    """Call `connect` until a broker answers, and return its result.
 
-    Other errors, such as wrong credentials or certificates, are raised at once: waiting does not fix them.
+    Other errors, such as wrong credentials or certificates, are raised at once.
 
     Args:
         connect: connects to the broker.
-        seconds: for how long at most; 0 for a single attempt.
-        tell: gets a line when the wait begins, when its reason changes, and when it is over.
+        seconds: time limit; 0 for a single attempt.
+        report: called with a line when the wait begins, its reason changes, and it ends.
 
     Raises:
-        _engine.NoBrokerError: no broker answered in that time.
+        _engine.NoBrokerError: no broker answered in this time.
     """
     began, since = time.monotonic(), time.strftime("%H:%M:%S")
-    pause, told = FIRST_PAUSE_S, ""
+    pause, reported = FIRST_PAUSE_S, ""
     while True:
         try:
             result = connect()
         except _engine.NoBrokerError as error:
-            left = began + seconds - time.monotonic()
-            if left <= 0:
-                if not told:
+            remaining = began + seconds - time.monotonic()
+            if remaining <= 0:
+                if not reported:
                     raise
                 raise _engine.NoBrokerError(f"{error}; waited since {since}, for {seconds:g} s") from error
             reason = str(error).partition(";")[0]
-            if reason != told:
-                tell(f"{reason}; waiting for it since {since}, for {seconds:g} s at most")
-                told = reason
-            time.sleep(min(pause, left))
+            if reason != reported:
+                report(f"{reason}; waiting since {since}, for at most {seconds:g} s")
+                reported = reason
+            time.sleep(min(pause, remaining))
             pause = min(2 * pause, LONGEST_PAUSE_S)
         else:
-            if told:
-                tell(f"the broker answers after {time.monotonic() - began:.1f} s")
+            if reported:
+                report(f"the broker answers after {time.monotonic() - began:.1f} s")
             return result

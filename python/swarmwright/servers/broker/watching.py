@@ -1,4 +1,4 @@
-"""The state of a broker's peers: servers, tools and blocking servers, collected from their messages."""
+"""The state of a broker's servers and tools, collected from their messages."""
 
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -8,12 +8,12 @@ from typing import Any
 from swarmwright import _engine
 from swarmwright.servers.broker.credentials import prepare
 
-SILENCE = 1.0
-"""Seconds after which a server with work that sends nothing counts as blocking."""
+SILENCE_S = 1.0
+"""Seconds of silence after which a server with work counts as blocking."""
 STALE_S = 2.5
-"""Seconds after which a tool's status is out of date: tools send it every second while they evaluate."""
-FORGET = 30.0
-"""Seconds after which a silent tool is dropped: it was killed."""
+"""Seconds after which a tool's status is stale; tools send it every second while they evaluate."""
+FORGET_S = 30.0
+"""Seconds of silence after which a tool is considered killed and dropped."""
 
 Json = dict[str, Any]
 
@@ -37,17 +37,17 @@ class ServerRow:
     presence: Json | None = None
     """Its presence message."""
     doing: Sequence[Json] = ()
-    """Its work, as in the status message, each with the `tool` that waits for it; silent longest first."""
+    """Its work as in status messages, each with the waiting `tool`; longest silence first."""
     use: Json = field(default_factory=dict)
-    """What the tool that uses it measured: mode, speed, failures, reason, benched."""
+    """Measurements of the tool that uses it: mode, speed, failures, reason, benched."""
 
     @property
     def silent(self) -> float:
-        """Seconds since its last useful message while a tool waits for it; 0 when no tool waits."""
+        """Seconds since its last useful message while a tool waits for it; otherwise 0."""
         return max((float(work["silent"]) for work in self.doing), default=0.0)
 
     def record(self) -> Json:
-        """Everything as plain values."""
+        """Return all fields as plain values."""
         return {
             "server": self.server,
             "state": self.state,
@@ -63,20 +63,20 @@ class ToolRow:
     """One active optimization tool."""
 
     status: Json
-    """Its last status message, with a description of what it waits for."""
+    """Its last status message, which describes what it waits for."""
     heard: float
     """Seconds since the status message arrived."""
 
     @property
     def waits_for(self) -> str | None:
-        """What it waits for, in words; None while nothing blocks."""
+        """What the tool waits for, as text; None while nothing blocks."""
         if self.heard > STALE_S:
             return f"no message for {self.heard:.0f} s: it is computing, stopped or killed"
         alone = self.status.get("no_server")
         if alone:
             return f"waiting for a server for {alone['seconds']:.1f} s ({alone['found']})"
         first = next(iter(self.status["waiting_for"]), None)
-        return str(first["words"]) if first and first["silent"] >= SILENCE else None
+        return str(first["words"]) if first and first["silent"] >= SILENCE_S else None
 
 
 @dataclass(frozen=True)
@@ -89,18 +89,18 @@ class View:
     """Why there is no connection to the broker; None while there is one."""
 
     abandoned: Sequence[ServerRow] = ()
-    """Servers that are reserved for a tool that has ended, or that has never sent its status."""
+    """Servers reserved for a tool that has ended or has never sent its status."""
     gone: Collection[str] = ()
     """Names of tools that have ended."""
 
     @property
     def blocking(self) -> ServerRow | None:
         """The blocking server that has been silent for the longest time; None if there is none."""
-        silent = [server for server in self.servers if server.silent >= SILENCE]
+        silent = [server for server in self.servers if server.silent >= SILENCE_S]
         return max(silent, key=lambda server: server.silent, default=None)
 
     def record(self) -> Json:
-        """Everything as plain values."""
+        """Return all fields as plain values."""
         blocking = self.blocking
         return {
             "servers": [server.record() for server in self.servers],
@@ -109,19 +109,23 @@ class View:
             ],
             "blocking": None
             if blocking is None
-            else {"server": blocking.server, "silent": blocking.silent, "words": words(blocking)},
+            else {
+                "server": blocking.server,
+                "silent": blocking.silent,
+                "words": describe_owed_message(blocking),
+            },
             "abandoned": [server.server for server in self.abandoned],
             "broker_lost": self.broker_lost,
         }
 
 
-def words(server: ServerRow) -> str:
-    """Return which message a server with work owes, in words."""
+def describe_owed_message(server: ServerRow) -> str:
+    """Describe the message that a server with work owes."""
     return str(max(server.doing, key=lambda work: float(work["silent"]))["words"])
 
 
 class Watch:
-    """Collects what peers announce; independent of the connection.
+    """Collector of peers' announcements, independent of the connection.
 
     clock: returns seconds, from any origin.
     """
@@ -149,20 +153,20 @@ class Watch:
         elif "broker" in news:
             self._broker_lost = news["reason"] if news["broker"] == "lost" else None
             if self._broker_lost is None:
-                # Peers may have left unnoticed meanwhile; those present are retained and announced again.
+                # Peers may have left unnoticed; present ones have retained announcements.
                 self._presences.clear()
                 self._since = self._clock()
 
     def view(self) -> View:
         """Return the current state."""
         now = self._clock()
-        for token in [token for token, tool in self._tools.items() if now - tool.heard > FORGET]:
+        for token in [token for token, tool in self._tools.items() if now - tool.heard > FORGET_S]:
             del self._tools[token]
         tools = sorted(
             (ToolRow(tool.status, now - tool.heard) for tool in self._tools.values()),
             key=lambda tool: str(tool.status["tool"]),
         )
-        doing, use = _by_server([tool for tool in tools if tool.heard <= STALE_S])
+        doing, use = _group_by_server([tool for tool in tools if tool.heard <= STALE_S])
         rows = []
         for server in sorted({*self._presences, *doing, *use}):
             presence = self._presences.get(server)
@@ -180,16 +184,18 @@ class Watch:
                 )
             )
         self._gone &= {row.tool for row in rows if row.tool is not None}
-        return View(rows, tools, self._broker_lost, self._abandoned(rows), frozenset(self._gone))
+        return View(rows, tools, self._broker_lost, self._find_abandoned(rows), frozenset(self._gone))
 
-    def _abandoned(self, rows: Sequence[ServerRow]) -> list[ServerRow]:
+    def _find_abandoned(self, rows: Sequence[ServerRow]) -> list[ServerRow]:
         listened = self._clock() - self._since > STALE_S
-        known = {tool.status["tool"] for tool in self._tools.values()}
-        held = (row for row in rows if row.state == "busy" and row.tool is not None and row.tool not in known)
-        return [row for row in held if row.tool in self._gone or listened]
+        active = {tool.status["tool"] for tool in self._tools.values()}
+        orphaned = (
+            row for row in rows if row.state == "busy" and row.tool is not None and row.tool not in active
+        )
+        return [row for row in orphaned if row.tool in self._gone or listened]
 
 
-def _by_server(tools: Sequence[ToolRow]) -> tuple[dict[int, list[Json]], dict[int, Json]]:
+def _group_by_server(tools: Sequence[ToolRow]) -> tuple[dict[int, list[Json]], dict[int, Json]]:
     """Return the work and the use of each server; the tool that gave it work takes precedence."""
     doing: dict[int, list[Json]] = {}
     use: dict[int, Json] = {}
@@ -198,16 +204,16 @@ def _by_server(tools: Sequence[ToolRow]) -> tuple[dict[int, list[Json]], dict[in
         for work in status["waiting_for"]:
             doing.setdefault(work["server"], []).append({**work, "tool": status["tool"]})
         working = {work["server"] for work in status["waiting_for"]}
-        for used in status["servers"]:
-            if used["server"] in working or used["server"] not in use:
-                use[used["server"]] = used
+        for entry in status["servers"]:
+            if entry["server"] in working or entry["server"] not in use:
+                use[entry["server"]] = entry
     return doing, use
 
 
-def views(broker: str, *, prefix: str = "", every: float = 1.0) -> Iterator[View]:
-    """Connect to a broker and yield its state every `every` seconds, without end.
+def watch_broker(broker: str, *, prefix: str = "", every: float = 1.0) -> Iterator[View]:
+    """Connect to a broker and yield its state every `every` seconds, forever.
 
-    Raises the engine's errors: no broker, refused, a prefix that cannot be.
+    Raises the engine's errors: no broker, refused, an invalid prefix.
     """
     prepare(broker)
     watcher = _engine.Watcher(broker, prefix=prefix)
@@ -218,8 +224,8 @@ def views(broker: str, *, prefix: str = "", every: float = 1.0) -> Iterator[View
             # The first view is early: retained messages arrive at once.
             until = time.monotonic() + (min(every, 0.5) if first else every)
             first = False
-            while (left := until - time.monotonic()) > 0:
-                for news in watcher.poll(left):
+            while (remaining := until - time.monotonic()) > 0:
+                for news in watcher.poll(remaining):
                     watch.update(news)
             yield watch.view()
     finally:

@@ -1,4 +1,4 @@
-"""What evaluates controllers, whether it does so in this process or on simulation servers."""
+"""The interface of evaluation backends, in this process or on simulation servers."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
@@ -24,35 +24,35 @@ from swarmwright.servers.server_use import ServerUses
 from swarmwright.simulations.fitness import FitnessExpression
 
 Servers = int | str | Mapping[str, Any] | Sequence[Any]
-"""What a caller asks for, as in an experiment file: 4, "auto", "slurm:4", {"launcher": "slurm", ..}."""
-Chosen = int | Literal["auto", "local", "in-process"] | Entries
-"""The same, checked, see `chosen`."""
+"""The key `servers` as a caller writes it: 4, "auto", "slurm:4", {"launcher": "slurm", ..}."""
+ServerChoice = int | Literal["auto", "local", "in-process"] | Entries
+"""The checked value of `servers`, see `resolve_servers`."""
 OUTPUT = "servers.log"
-"""File in a run's folder with what started servers printed."""
+"""File in a run's folder with the output of the servers that the run started."""
 
-HERE = ("local", "in-process")
+BROKERLESS = ("local", "in-process")
 """Values of `servers` that use no broker visible to others."""
 
 Progress = Callable[[int, int, str], None]
-"""Called about ten times a second with (episodes done, episodes in all, what is waited for)."""
+"""Called about ten times a second with (finished episodes, all episodes, reason for waiting)."""
 
 
 @dataclass(frozen=True)
 class Controllers:
-    """Controllers of one architecture; each steers all agents of its episodes."""
+    """Controllers of one architecture; each controls all agents of its episodes."""
 
     architecture: dict[str, Any]
-    """A specification; its weights do not count."""
+    """A specification; its weights are ignored."""
     weights: NDArray[np.float32]
     """(candidates, weights)"""
     sample: _engine.Sample | None = None
-    """What all weights were made from; servers that can make them get it instead."""
+    """Source of all weights; servers that can expand it receive it in place of the weights."""
 
     @classmethod
-    def of(
+    def from_genomes(
         cls, representation: Representation, genomes: Genomes, sample: _engine.Sample | None = None
     ) -> Self:
-        """Return the controllers that genomes stand for, which are those of the sample if there is one."""
+        """Build the controllers of genomes; `sample` is the source of the genomes, if there is one."""
         architecture, weights = architecture_of(representation), weights_of(representation, genomes)
         if weights is not genomes:  # computed from the genes
             sample = None
@@ -60,18 +60,18 @@ class Controllers:
 
 
 def architecture_of(representation: Representation) -> dict[str, Any]:
-    """Return a representation's architecture. Raises PlugInError when a plug-in returns something else."""
-    found: Any = representation.architecture()
-    if not isinstance(found, Mapping):
+    """Return a representation's architecture. Raises PlugInError if a plug-in returns another type."""
+    architecture: Any = representation.architecture()
+    if not isinstance(architecture, Mapping):
         raise PlugInError(
-            f"{place(representation, 'architecture')}: returned a {type(found).__name__}; expected a dict, a "
-            "specification of a controller without its weights"
+            f"{place(representation, 'architecture')}: returned a {type(architecture).__name__}; expected "
+            "a dict, a specification of a controller without its weights"
         )
-    return dict(found)
+    return dict(architecture)
 
 
 def weights_of(representation: Representation, genomes: Genomes) -> NDArray[np.float32]:
-    """Return the weights of controllers. Raises PlugInError when a plug-in returns something else."""
+    """Return the weights of genomes. Raises PlugInError if a plug-in returns another type or shape."""
     weights = representation.weights(genomes)
     if is_plug_in(type(representation)):
         shape = len(genomes), None
@@ -83,10 +83,10 @@ def weights_of(representation: Representation, genomes: Genomes) -> NDArray[np.f
 
 @dataclass(frozen=True)
 class Results:
-    """What came out of a batch of evaluations, in the order of candidates and episodes.
+    """Results of a batch of evaluations, in the order of candidates and episodes.
 
-    A batch need not be a generation: it may be the first candidates of one, a round of a race, or what
-    `evaluate`, a validation or an audit asks for. What a run has of a generation is `rows.GenerationResult`.
+    A batch is any set of evaluations: part of a generation, a round of a race, a validation or an audit.
+    The record of a generation is `rows.GenerationResult`.
     """
 
     fitness: NDArray[np.float64]
@@ -99,24 +99,24 @@ class Results:
 
 @dataclass(frozen=True)
 class AuditedEpisode:
-    """One episode of one candidate, which is repeated to compare the results."""
+    """One episode of one candidate that an audit repeats to compare the results."""
 
     candidate: int
     """Index of its controller."""
     seed: int
     """Of its episode."""
     before: int | None = None
-    """Server that evaluated it before; None where none did."""
+    """Server of the first evaluation, or None."""
 
 
 Feed = Callable[[Sequence[int], Results], NDArray[np.float32] | None]
-"""Takes the numbers of candidates, from 0, that have been evaluated, and what came out; returns the weights
-of further ones, (candidates, weights), maybe none, or None to stop."""
+"""Takes the numbers of evaluated candidates, from 0, and their results; returns the weights of further
+candidates, (candidates, weights), possibly empty, or None to stop."""
 OnResults = Callable[[Sequence[int], Results], None]
-"""Takes the numbers of candidates that have been evaluated in all episodes, and what came out, as it comes;
-what it raises ends the evaluation."""
-FIRST = 10
-"""Evaluations of a run after which it ends where all of them have failed in the same way."""
+"""Takes the numbers of fully evaluated candidates and their results, as they arrive; an exception ends the
+evaluation."""
+FIRST_EVALUATIONS = 10
+"""A run stops if its first evaluations, this many, all fail for the same reason."""
 
 
 class Backend(Protocol):
@@ -125,16 +125,16 @@ class Backend(Protocol):
     sensors: int
     actuators: int
     metrics: tuple[str, ...]
-    """Names of the metrics that the experiment's fitness needs, and of others that are asked for."""
+    """Names of the metrics that the fitness needs, then of the others that were requested."""
     description: str
-    """Where the work is done, for people and the journal."""
+    """Where evaluations run, for messages and the journal."""
     may_fail: bool
     """Whether an episode may fail."""
     is_foreign: bool
-    """Whether servers evaluate that the run did not start."""
+    """Whether servers take part that the run did not start."""
     hash_seed: str | None
-    """Python's hash seed where episodes are evaluated, `random` where each process has its own; None if not
-    known."""
+    """Python's hash seed in the evaluating processes, `random` if it differs between them; None if
+    unknown."""
 
     def evaluate(
         self,
@@ -149,79 +149,79 @@ class Backend(Protocol):
         Args:
             controllers: of the candidates.
             seeds: of the episodes.
-            on_progress: told how far it is.
-            meanwhile: work of the caller's, done once, where possible while the evaluation is under way.
-            on_results: gets the results of candidates as they come, at least those of the first `FIRST`
-                before all others are waited for; candidates are counted from 0.
+            on_progress: called with the progress.
+            meanwhile: work of the caller, done once, if possible during the evaluation.
+            on_results: called with the results of candidates as they arrive, at the latest with those of
+                the first `FIRST` before the others; candidates are counted from 0.
         """
 
     def repeat(
         self, controllers: Controllers, evaluations: Sequence[AuditedEpisode], on_progress: Progress
     ) -> tuple[Results, list[int | None]]:
-        """Repeat single evaluations, in their order, each on another server than before where there is one.
+        """Repeat single evaluations, in order, each on another server than before if there is one.
 
-        Returns their results, as of one episode of each, without a journal; and the server of each, None
-        where none evaluated it or it failed.
+        Returns the results, with one episode each and without a journal, and the server of each; None
+        without a server or after a failure.
         """
 
     def tolerance(self, servers: AbstractSet[int | None]) -> float | None:
-        """Return how far results of these servers may differ, as a part of the larger; None: at will.
+        """Return the allowed relative difference between results of these servers; None for any.
 
-        A server that declares nothing, or is not there any more, is expected to find the same.
+        A server that declares nothing, or has left, must reproduce results exactly.
         """
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
-        """Return what the engine evaluates such controllers with; None where Python or a server does it."""
+        """Return the engine's evaluator of an architecture; None if Python or a server evaluates."""
 
-    def ahead(self, architecture: dict[str, Any]) -> _engine.Evaluator | _engine.Pool | None:
-        """Return what a thread of the engine evaluates with by itself; None where Python has a part in it."""
+    def background_evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | _engine.Pool | None:
+        """Return the evaluator for a thread of the engine; None if evaluations involve Python."""
 
-    def end_ahead(self) -> None:
-        """Take back what `ahead` has lent to a thread that nobody has closed."""
+    def release_background_evaluator(self) -> None:
+        """Take back an evaluator from a thread that was not closed."""
 
     def check(self) -> None:
-        """Raise RunError when what evaluates has ended for good."""
+        """Raise RunError if the servers have ended for good."""
 
     def count_failed(self, results: Results) -> None:
-        """Count failed episodes of what the engine has evaluated by itself."""
+        """Count failed episodes among results of an engine thread."""
 
-    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
-        """Return the journal of what the engine has evaluated by itself."""
+    def build_journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
+        """Build the journal of evaluations by an engine thread."""
 
     def failure_of(self, reason: str, /) -> SimulationError | None:
-        """Return what the simulation's code failed with, for a reason of a journal; None for others."""
+        """Return the error of the simulation's code for a reason in a journal; None for other reasons."""
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
     ) -> None:
-        """Run controllers as they come: first `controllers`, then those that `feed` returns."""
+        """Evaluate `controllers`, then those that `feed` returns, without generations."""
 
-    def about(
+    def announce(
         self,
         run: str,
         generation: int | None,
         generations: int,
         evaluations: tuple[int, int] | None = None,
     ) -> None:
-        """Publish what the following evaluations are for.
+        """Publish the purpose of the next evaluations.
 
-        evaluations: where several generations are under way, episodes done before and of the whole run.
+        evaluations: if several generations overlap, finished episodes and episodes of the whole run.
         """
 
     def incidents(self) -> dict[str, int]:
-        """Counts of faults and countermeasures so far, by name; without zeros."""
+        """Return the counts of faults and countermeasures so far, by name, without zeros."""
 
     def usage(self) -> str:
-        """Return what was used of servers elsewhere, in words; empty where that is not counted."""
+        """Return the resource use of remote servers as text; empty if it is not counted."""
 
     def server_use(self) -> ServerUses:
         """Return the use of the servers of each launcher in this session so far."""
 
     def log_to(self, folder: Path) -> None:
-        """Write what started servers print to a file in a run's folder."""
+        """Write the output of started servers to a file in a run's folder."""
 
-    def post_evaluates(self) -> None:
-        """Publish that what follows belongs to no generation: the best, on held-out seeds."""
+    def announce_post_evaluation(self) -> None:
+        """Publish that post-evaluation on held-out seeds begins, outside any generation."""
 
 
 class BudgetSpent(KeyboardInterrupt):
@@ -233,92 +233,92 @@ class StartedServers(Protocol):
 
     @property
     def restarts(self) -> int:
-        """How often one was started again, or replaced."""
+        """How many servers were restarted or replaced."""
 
     @property
     def count(self) -> int:
-        """How many there are to be."""
+        """The intended number of servers."""
 
     def attach(self, pool: _engine.Pool) -> None:
         """Report their state to a pool, until `detach`."""
 
     def detach(self) -> None:
-        """Stop reporting: the pool is closed."""
+        """Stop reporting, because the pool is closed."""
 
     def log_to(self, file: Path) -> None:
-        """Write what they print to a file."""
+        """Write their output to a file."""
 
     @property
     def usage(self) -> str:
-        """What was used of servers elsewhere, in words; empty where that is not counted."""
+        """Resource use of remote servers as text; empty if it is not counted."""
 
     @property
     def use(self) -> ServerUses:
-        """Use of the servers of each launcher so far; empty where that is not counted."""
+        """Use of the servers of each launcher so far; empty if it is not counted."""
 
     @property
     def on_status(self) -> Callable[[Mapping[str, Any]], None] | None:
-        """Takes the pool's status, see protocol/schemas/status.schema.json; None where it is not needed."""
+        """Callback for the pool's status, see protocol/schemas/status.schema.json; None if not needed."""
 
     def check(self) -> None:
-        """Log servers that have been given up; raise RunError when none is left."""
+        """Log servers that were given up; raise RunError if none remains."""
 
 
-def chosen(experiment: Experiment, servers: Servers | None) -> Chosen:
-    """Return the servers that a caller asks for, or else the experiment's.
+def resolve_servers(experiment: Experiment, servers: Servers | None) -> ServerChoice:
+    """Return the checked `servers` of a caller, or else of the experiment.
 
-    servers: as in an experiment file; `slurm:4` takes the other options from the experiment's entry for that
-    launcher; every launcher copies the files that the experiment's entries name. Raises InputError for
-    something else.
+    servers: as in an experiment file; `slurm:4` takes its other options from the experiment's entry for that
+    launcher; every launcher copies the files that the experiment's entries name. Raises InputError for other
+    values.
     """
     if servers is None:
         return experiment.servers
     if isinstance(servers, int) and servers > MOST_SERVERS:
         raise InputError(f"servers: must be at least 1 and at most {MOST_SERVERS}, not {servers}")
-    given = experiment.servers if isinstance(experiment.servers, tuple) else ()
+    experiment_entries = experiment.servers if isinstance(experiment.servers, tuple) else ()
     if isinstance(servers, str) and servers.isdecimal():
-        raise InputError(f"servers: is the text {servers!r}; write {int(servers)}, a number")
+        raise InputError(f"servers: {servers!r} is a text; write the number {int(servers)}")
     if isinstance(servers, str) and servers not in WORDS:
         try:
-            return with_files(of_text(servers, given), given)
+            return with_files(of_text(servers, experiment_entries), experiment_entries)
         except InputError as error:
             raise InputError(f"servers: {error}") from error
     if isinstance(servers, Mapping | Sequence) and not isinstance(servers, str):
         problems: list[str] = []
-        found = entries_of(
+        entries = entries_of(
             servers, Path(), lambda path, text: problems.append(f"{dotted_path(('servers', *path))}: {text}")
         )
-        if found is None:
+        if entries is None:
             raise InputError("\n".join(problems))
-        return with_files(found, given)
-    return cast("Chosen", servers)
+        return with_files(entries, experiment_entries)
+    return cast("ServerChoice", servers)
 
 
 def apply_expression(
     expression: FitnessExpression | None, results: Results, numbers: Sequence[int]
 ) -> Results:
-    """Put the experiment's fitness in the place of the simulation's own.
+    """Replace the simulation's fitness by the experiment's expression.
 
-    An episode for which it has no value has failed. numbers: of the candidates, for what is said of them.
+    Episodes without a value count as failed. numbers: of the candidates, for messages.
     """
     if expression is None:
         return results
     measured = np.isfinite(results.fitness)
-    needed = results.metrics[measured][:, : len(expression.metrics)]  # others follow these
+    needed = results.metrics[measured][:, : len(expression.metrics)]  # requested ones follow
     values, faults = expression(results.fitness[measured], needed)
     fitness = np.full_like(results.fitness, np.nan)
     fitness[measured] = values
-    places = np.argwhere(measured)
+    positions = np.argwhere(measured)
     failures = []
     for fault in faults:
-        candidate, episode = places[fault.index]
+        candidate, episode = positions[fault.index]
         error = f"fitness: {fault.reason}"
-        failures.append(WarningEntry.of_episode(int(episode), f": {error}", int(numbers[candidate]), error))
+        failures.append(WarningEntry.from_episode(int(episode), f": {error}", int(numbers[candidate]), error))
     return Results(fitness, results.metrics, results.journal.with_warnings(failures))
 
 
 def tolerance_of(declared: Iterable[tuple[str | None, float | None]]) -> float | None:
-    """Return how far results may differ of what declares this determinism and tolerance; None: at will."""
+    """Return the largest tolerance among declared (determinism, tolerance) pairs; None for any difference."""
     kinds = list(declared)
     if any(kind == "none" for kind, _ in kinds):
         return None
@@ -326,6 +326,6 @@ def tolerance_of(declared: Iterable[tuple[str | None, float | None]]) -> float |
 
 
 def metrics_of(expression: FitnessExpression | None, more: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the names of the metrics that an experiment's fitness needs, and then of others."""
+    """Return the names of the metrics that the fitness needs, followed by `more`."""
     needed = () if expression is None else expression.metrics
     return (*needed, *(name for name in dict.fromkeys(more) if name not in needed))

@@ -1,4 +1,4 @@
-"""Failures of a simulation's code: which reasons of a journal are such, and what was raised."""
+"""Failures in a simulation's code, with their tracebacks."""
 
 from collections.abc import Callable
 
@@ -7,32 +7,32 @@ from swarmwright.common.untrusted import lines, one_line
 from swarmwright.servers.rows import Journal
 
 FailureOf = Callable[[str], SimulationError | None]
-"""Returns what the code of the simulation failed with, for a reason that a journal has; None for others."""
+"""Returns the error of the simulation's code for a reason in a journal; None for other reasons."""
 
-_MOST_REASONS = 200
-"""Different reasons that are remembered, the last ones."""
+_MAX_REASONS = 200
+"""Number of distinct reasons to remember; the oldest are dropped."""
 
 
 class CodeFailures:
-    """The reasons for which a simulation's code failed, with their tracebacks.
+    """Reasons of failures in a simulation's code, with their tracebacks.
 
-    A journal has the traceback of a reason once in a run, so they are remembered.
+    A run's journal contains the traceback of a reason only once, so it is remembered here.
     """
 
     def __init__(self) -> None:
         self._stacks: dict[str, str | None] = {}
 
     def note(self, journal: Journal) -> None:
-        """Note the reasons in a journal: those of this process, and those that servers gave."""
+        """Note the reasons in a journal, from this process and from servers."""
         for attempt in journal.attempts:
-            known = attempt.error in self._stacks or attempt.outcome == "failed"
-            if attempt.error and (attempt.stack is not None or known):
+            is_known = attempt.error in self._stacks or attempt.outcome == "failed"
+            if attempt.error and (attempt.stack is not None or is_known):
                 self._remember(attempt.error, attempt.stack)
 
-    def of(self, reason: str) -> SimulationError | None:
-        """Return the error for a reason; None where it is not known as one of a simulation's code.
+    def find_error(self, reason: str) -> SimulationError | None:
+        """Return the error for a reason; None if it did not come from a simulation's code.
 
-        The traceback of another process is a note of the error, which Python shows with its own.
+        A traceback from another process is attached as a note.
         """
         if reason not in self._stacks:
             return None
@@ -43,20 +43,20 @@ class CodeFailures:
         return error
 
     def _remember(self, reason: str, stack: str | None) -> None:
-        before = self._stacks.pop(reason, None)  # so that it becomes the newest
+        before = self._stacks.pop(reason, None)  # becomes the newest
         self._stacks[reason] = before if stack is None else stack
-        if len(self._stacks) > _MOST_REASONS:
+        if len(self._stacks) > _MAX_REASONS:
             del self._stacks[next(iter(self._stacks))]
 
 
-def failed(message: str, reasons: list[str], failure_of: FailureOf, *, unknown: str = "") -> RunError:
-    """Return the error of evaluations that failed: SimulationError where the last reason was such a failure.
+def build_error(message: str, reasons: list[str], failure_of: FailureOf, *, unknown: str = "") -> RunError:
+    """Build the error for failed evaluations: SimulationError if the last reason came from its code.
 
     Args:
-        message: what failed, to be followed by the last reason.
-        reasons: for which episodes failed, in order.
+        message: beginning of the message, followed by the last reason.
+        reasons: of the failed episodes, in order.
         failure_of: of the backend.
-        unknown: what is said where there are none.
+        unknown: end of the message if there are no reasons.
     """
     if not reasons:
         return RunError(f"{message}{unknown}")

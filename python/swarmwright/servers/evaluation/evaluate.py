@@ -1,4 +1,4 @@
-"""Evaluating genomes and controllers without optimization."""
+"""Evaluation of genomes and controllers without optimization."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -23,14 +23,14 @@ from swarmwright.experiment.derived import has_python_modules, place_of, steers_
 from swarmwright.experiment.evolved import unknown
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.methods.rankings.slow_simulation import SlowOptions
-from swarmwright.servers.evaluation.base import HERE, Backend, Controllers, Progress, Results, Servers
-from swarmwright.servers.evaluation.code_failures import failed
+from swarmwright.servers.evaluation.base import BROKERLESS, Backend, Controllers, Progress, Results, Servers
+from swarmwright.servers.evaluation.code_failures import build_error
 from swarmwright.servers.evaluation.here import is_here
 from swarmwright.servers.evaluation.in_process import PythonBackend
-from swarmwright.servers.evaluation.metrics import asked_for
+from swarmwright.servers.evaluation.metrics import select_metrics
 from swarmwright.servers.evaluation.module_code import is_in_python
 from swarmwright.servers.evaluation.opening import open_backend
-from swarmwright.servers.evaluation.prepared import check_finite, check_size, prepared
+from swarmwright.servers.evaluation.prepared import check_finite, check_size, prepare_evaluation
 from swarmwright.servers.evaluation.seeds import seeds_of
 from swarmwright.servers.rows import Journal
 from swarmwright.simulations import catalogue
@@ -38,8 +38,8 @@ from swarmwright.simulations.user_code.in_process import warn_of_edits
 from swarmwright.simulations.user_code.parts import read_simulation
 
 _log = logging.getLogger("swarmwright")
-_MOST_TOLD = 10
-"""Reasons why episodes failed that are told, at most."""
+_MAX_LOGGED_REASONS = 10
+"""Upper limit of logged failure reasons."""
 
 
 @checked
@@ -52,37 +52,33 @@ def evaluate(
     servers: Servers | None = None,
     on_progress: Progress | None = None,
 ) -> NDArray[np.float64]:
-    """Return the fitness of genomes, as the experiment's ranking makes it of their episodes.
+    """Return the fitness of genomes, aggregated over episodes by the experiment's ranking.
 
-    For optimizers of other libraries, which ask for genomes and are told their fitness:
+    For optimizers of other libraries with an ask/tell interface:
 
         for generation in range(200):
             genomes = optimizer.ask()
             optimizer.tell(genomes, evaluate(experiment, genomes, generation=generation))
 
-    `ranking.reevaluate` has no effect: which genomes are evaluated again is up to the caller, since it is the
-    method of a run that knows the members that stay.
+    `ranking.reevaluate` has no effect: the caller decides which genomes to evaluate again.
 
     Args:
-        experiment: or its file, or a mapping with the keys of one; simulation, controller and ranking count,
-            the method does not.
+        experiment: or its file, or a mapping with its keys; its method is ignored.
         genomes: float32, (candidates, experiment.genome_size), finite.
-        generation: whose seeds the episodes have, from 0 on. With `ranking.seeds: new` each generation has
-            others, `parameters.seed + generation * episodes` and the following ones; with `same` all have
-            those of generation 0.
+        generation: selects the episodes' seeds, from 0. With `ranking.seeds: new` they start at
+            `parameters.seed + generation * episodes`; with `same` all generations use those of generation 0.
         broker: as in `optimize`.
         servers: as in `optimize`.
         on_progress: as in `optimize`.
 
     Returns:
-        float64, (candidates,), more is better, NaN where the evaluation failed; the logger `swarmwright`
-        warns of the reason. It does not depend on where it was computed.
+        float64, (candidates,), higher is better, NaN where the evaluation failed; the logger `swarmwright`
+        warns of the reason. The values do not depend on where they were computed.
 
     Raises:
-        InputError: the genomes have another shape or are not finite, there is no such generation, the ranking
-            needs a second simulation (multi_fidelity, transferability), or the experiment cannot be run as
-            it is.
-        RunError: no broker or no fitting server.
+        InputError: the genomes have a wrong shape or are not finite, the generation is negative, the ranking
+            needs a second simulation (multi_fidelity, transferability), or the experiment cannot be run.
+        RunError: no broker or no matching server.
 
     Examples:
         >>> experiment = swarmwright.Experiment.load("experiments/minisim.yaml")
@@ -95,21 +91,21 @@ def evaluate(
     """
     experiment = experiment_of(experiment)
     _check_ranking(experiment, generation)
-    rows = _rows(genomes)
+    rows = _check_genomes(genomes)
     if is_here(experiment, broker, servers):
-        alone = prepared(experiment)
-        if alone is not None:
-            return alone.scores(rows, on_progress, generation)
-    found = _evaluated(experiment, rows, generation, (), broker, servers, on_progress)
-    return found.fitness
+        prepared_evaluation = prepare_evaluation(experiment)
+        if prepared_evaluation is not None:
+            return prepared_evaluation.scores(rows, on_progress, generation)
+    evaluated = _evaluate(experiment, rows, generation, (), broker, servers, on_progress)
+    return evaluated.fitness
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EpisodeResults(ComparedByValue):
-    """What came out of the episodes of some genomes.
+    """Results of genomes in each episode.
 
     Candidates are in the order of the genomes, episodes in that of `seeds`. Fitness and metrics are in the
-    units of the simulation; more fitness is better.
+    units of the simulation; higher fitness is better.
     """
 
     fitness: NDArray[np.float64]
@@ -119,8 +115,8 @@ class EpisodeResults(ComparedByValue):
     metrics: NDArray[np.float64]
     """(candidates, episodes, metrics), in the order of `names`; NaN where the episode failed."""
     names: tuple[str, ...]
-    """Names of the metrics: those that the experiment's fitness needs, then the others that were asked
-    for."""
+    """Names of the metrics: those that the experiment's fitness needs, then the others that were
+    requested."""
     seeds: tuple[int, ...]
     """Simulation seed of each episode."""
 
@@ -138,13 +134,13 @@ def evaluate_episodes(
 ) -> EpisodeResults:
     """Return fitness and metrics of genomes in each episode, for optimizers that need more than `evaluate`.
 
-    Methods of quality diversity take descriptors from the metrics, those with several objectives the
-    objectives; `found.metrics.mean(axis=1)` has a row for each genome.
+    Quality-diversity methods take descriptors from the metrics, multi-objective methods the objectives:
+    `evaluated.metrics.mean(axis=1)` has one row per genome.
 
     Args:
         experiment: as in `evaluate`.
         genomes: as in `evaluate`.
-        metrics: names of metrics to be measured beside those that the fitness needs; "all": those that the
+        metrics: names of further metrics beside those that the fitness needs; "all" for every metric that the
             simulation announces.
         generation: as in `evaluate`.
         broker: as in `optimize`.
@@ -152,8 +148,8 @@ def evaluate_episodes(
         on_progress: as in `optimize`.
 
     Raises:
-        InputError: as in `evaluate`; or there is no such metric.
-        RunError: no broker or no fitting server.
+        InputError: as in `evaluate`, or a metric is unknown.
+        RunError: no broker or no matching server.
 
     Examples:
         >>> experiment = swarmwright.Experiment.from_mapping(
@@ -173,24 +169,24 @@ def evaluate_episodes(
     """
     experiment = experiment_of(experiment)
     _check_ranking(experiment, generation)
-    asked = asked_for(experiment, metrics)
-    return _evaluated(experiment, _rows(genomes), generation, asked, broker, servers, on_progress)
+    names = select_metrics(experiment, metrics)
+    return _evaluate(experiment, _check_genomes(genomes), generation, names, broker, servers, on_progress)
 
 
 def _check_ranking(experiment: Experiment, generation: int) -> None:
-    """Raise InputError where fitness is not made of episodes in one simulation, or for no generation."""
+    """Raise InputError for rankings with a second simulation and for negative generations."""
     if generation < 0:
         raise InputError(f"generation: must be at least 0, not {generation}")
     if isinstance(experiment.ranking, SlowOptions):
         kind: str = experiment.ranking.kind
         raise InputError(
-            f"{place_of(experiment, 'ranking')}{kind} needs a second simulation, and earlier generations, "
-            "which only optimize() has; take another ranking: "
+            f"{place_of(experiment, 'ranking')}{kind} needs a second simulation and earlier generations, "
+            "which only optimize() has; use another ranking: "
             "experiment.replace(ranking={'kind': 'absolute'})"
         )
 
 
-def _evaluated(
+def _evaluate(
     experiment: Experiment,
     rows: NDArray[np.float32],
     generation: int,
@@ -209,11 +205,11 @@ def _evaluated(
             representation = experiment.representation(backend.sensors, backend.actuators)
             check_size(rows, representation.genome_size)
             if len(rows):
-                controllers = Controllers.of(representation, rows)
-                results = backend.evaluate(controllers, seeds, on_progress or _silent)
+                controllers = Controllers.from_genomes(representation, rows)
+                results = backend.evaluate(controllers, seeds, on_progress or _ignore_progress)
             else:
                 results = _empty_results(len(seeds), len(backend.metrics))
-        tell_failures(backend, results)
+        log_failures(backend, results)
         return EpisodeResults(
             fitness=ranking.score(results.fitness) if len(rows) else np.empty(0),
             episodes=results.fitness + 0.0,
@@ -223,12 +219,12 @@ def _evaluated(
         )
 
 
-def tell_failures(backend: Backend, results: Results) -> None:
+def log_failures(backend: Backend, results: Results) -> None:
     """Log why episodes failed, each reason once."""
-    if isinstance(backend, PythonBackend):  # which tells by itself
-        backend.tell_held()
+    if isinstance(backend, PythonBackend):  # logs by itself
+        backend.log_held()
         return
-    for reason in list(dict.fromkeys(results.journal.errors))[:_MOST_TOLD]:
+    for reason in list(dict.fromkeys(results.journal.errors))[:_MAX_LOGGED_REASONS]:
         _log.warning("an episode failed: %s", one_line(reason))
 
 
@@ -251,21 +247,20 @@ def simulate(
     """Run one episode and return its fitness.
 
     Args:
-        experiment: or its file, or a mapping with the keys of one; simulation and parameters count, the
-            episode's seed is `parameters.seed` (default 0).
-        controller: for all agents; default: a random one of the experiment's representation and seed, the
-            same as candidate 0 of an optimization.
+        experiment: or its file, or a mapping with its keys; simulation and parameters are used, the episode's
+            seed is `parameters.seed` (default 0).
+        controller: for all agents; by default a random one, the same as candidate 0 of an optimization.
         broker: as in `optimize`.
         servers: as in `optimize`, except that one server is enough.
-        visual: ask the server to draw, through the protocol's `visual` flag. A server started here draws on
-            this process's standard output.
+        visual: ask the server to draw, through the protocol's `visual` flag. A server started by this call
+            draws on standard output.
         seed: of the simulation, instead of `parameters.seed`.
         on_progress: as in `optimize`.
 
     Raises:
-        InputError: the controller does not fit the simulation, or the experiment cannot be run as it is.
+        InputError: the controller does not match the simulation, or the experiment cannot be run.
         SimulationError: the episode failed in the code of the simulation.
-        RunError: no broker, no fitting server, or the episode failed for another reason.
+        RunError: no broker, no matching server, or the episode failed for another reason.
 
     Examples:
         >>> swarmwright.simulate("experiments/minisim.yaml", run.best.controller, servers="in-process")
@@ -277,7 +272,7 @@ def simulate(
     if controller is not None:
         instance("controller", controller, Controller, "Controller.load(path)")
     with reported():
-        return episode(
+        return run_episode(
             experiment,
             controller,
             broker=broker,
@@ -290,18 +285,18 @@ def simulate(
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode that was run."""
+    """Results of one episode."""
 
     fitness: float
     metrics: dict[str, float]
-    """Those that the experiment's fitness needs, by name."""
+    """The metrics that the experiment's fitness needs, by name."""
     parameters: dict[str, float | int | str]
-    """Values of a parameter set, by name; {} for what steers agents."""
+    """Values of a parameter set, by name; {} for controllers of agents."""
     seed: int
-    """Of the simulation."""
+    """The simulation seed."""
 
 
-def episode(
+def run_episode(
     experiment: Experiment,
     controller: Controller | None,
     *,
@@ -311,33 +306,40 @@ def episode(
     seed: int | None = None,
     on_progress: Progress | None = None,
 ) -> Episode:
-    """Run one episode; all as in `simulate`."""
+    """Run one episode; arguments as in `simulate`."""
     seed = experiment.first_seed if seed is None else seed
     simulation_seed("seed", seed)
     _warn_of_edits(experiment)
     specification = None if controller is None else controller.specification
-    if servers is None and broker is None and experiment.broker is None and experiment.servers not in HERE:
-        here = has_python_modules(experiment) or (specification is not None and is_in_python(specification))
-        servers = "in-process" if here else 1
+    if (
+        servers is None
+        and broker is None
+        and experiment.broker is None
+        and experiment.servers not in BROKERLESS
+    ):
+        in_process = has_python_modules(experiment) or (
+            specification is not None and is_in_python(specification)
+        )
+        servers = "in-process" if in_process else 1
     with open_backend(
         experiment, broker=broker, servers=servers, visual=visual, most=1, controller=specification
     ) as backend:
         if isinstance(backend, PythonBackend):
-            backend.tell = lambda *_: None  # the error below says why the episode failed
+            backend.log_failure = lambda *_: None  # the error below says why the episode failed
         if controller is None:
             representation = experiment.representation(backend.sensors, backend.actuators)
             genome = representation.initial(Stream(experiment.seed, "initial"))
-            controllers = Controllers.of(representation, genome[np.newaxis])
+            controllers = Controllers.from_genomes(representation, genome[np.newaxis])
             if not steers_agents(experiment):
                 controller = Controller(representation.specification(genome))
         else:
             check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
             weights = np.array([controller.specification["weights"]], dtype=np.float32)
             controllers = Controllers(controller.specification, weights)
-        results = backend.evaluate(controllers, [seed], on_progress or _silent)
+        results = backend.evaluate(controllers, [seed], on_progress or _ignore_progress)
     fitness = float(results.fitness[0, 0])
     if not np.isfinite(fitness):
-        raise failed(
+        raise build_error(
             "the episode failed: ",
             results.journal.errors,
             backend.failure_of,
@@ -348,13 +350,13 @@ def episode(
 
 
 def _warn_of_edits(experiment: Experiment) -> None:
-    """Warn where this process would execute other code than a server that is started now."""
+    """Warn if the code loaded in this process differs from that of a newly started server."""
     if is_python(experiment.simulation):
         part = read_simulation(experiment.simulation)
         warn_of_edits([] if part is None else [part])
 
 
-def _rows(genomes: ArrayLike) -> NDArray[np.float32]:
+def _check_genomes(genomes: ArrayLike) -> NDArray[np.float32]:
     rows = float32_of("genomes", genomes)
     if rows.ndim != 2:
         raise InputError(f"genomes: have the shape {rows.shape}; expected (candidates, genome_size)")
@@ -362,23 +364,23 @@ def _rows(genomes: ArrayLike) -> NDArray[np.float32]:
 
 
 def check_fit(
-    controller: Controller, sensors: int, actuators: int, simulation: str, place: str = "controller"
+    controller: Controller, sensors: int, actuators: int, simulation: str, label: str = "controller"
 ) -> None:
-    """Raise InputError unless a controller fits a simulation, whose agents have these sizes.
+    """Raise InputError unless a controller matches a simulation, whose agents have these sizes.
 
-    place: what the message calls the controller.
+    label: name of the controller in messages.
     """
     if controller.parameters:
         if catalogue.has_description(simulation):
             for name, message in unknown(simulation, controller.parameters):
-                raise InputError(f"{place}: {name}: {message}")
+                raise InputError(f"{label}: {name}: {message}")
         return
     if (controller.sensors, controller.actuators) != (sensors, actuators):
         raise InputError(
-            f"{place}: has {controller.sensors} sensors and {controller.actuators} actuators; "
+            f"{label}: has {controller.sensors} sensors and {controller.actuators} actuators; "
             f"{simulation} has {sensors} and {actuators}"
         )
 
 
-def _silent(done: int, total: int, waiting_for: str) -> None:
-    """Show nothing."""
+def _ignore_progress(done: int, total: int, waiting_for: str) -> None:
+    """Ignore progress."""

@@ -1,4 +1,4 @@
-"""Whether an experiment is evaluated in this process, and whether its simulation can run here."""
+"""Checks whether an experiment is evaluated in this process, and whether its simulation can run in it."""
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.html import in_notebook
@@ -7,65 +7,65 @@ from swarmwright.common.warn_once import warn_once
 from swarmwright.experiment.derived import has_python_modules, place_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.servers.evaluation.base import (
-    HERE,
+    BROKERLESS,
     Servers,
-    chosen,
+    resolve_servers,
 )
 from swarmwright.simulations import catalogue
 
 
 def is_here(experiment: Experiment, broker: str | None, servers: Servers | None) -> bool:
-    """Whether `open_backend` with these arguments uses no broker that is visible to others."""
-    wanted = chosen(experiment, servers)
-    if broker is not None or wanted in HERE:
+    """Whether `open_backend` with these arguments uses no broker that others can see."""
+    choice = resolve_servers(experiment, servers)
+    if broker is not None or choice in BROKERLESS:
         return broker is None
-    if wanted != "auto" or experiment.broker is not None:
+    if choice != "auto" or experiment.broker is not None:
         return False
-    return has_python_modules(experiment) or in_process_is_better(experiment)
+    return has_python_modules(experiment) or prefers_local(experiment)
 
 
 def has_workers(simulation: str) -> bool:
-    """Whether `servers: local` means processes of their own: for code in Python that others find, too."""
+    """Whether `servers: local` starts worker processes, as for Python code that they can import."""
     return is_python(simulation) and not simulation.startswith("__main__:")
 
 
-def in_process_is_better(experiment: Experiment) -> bool:
+def prefers_local(experiment: Experiment) -> bool:
     """Whether `servers: auto` means `local`: in a notebook, unless the experiment asks for servers.
 
     A notebook has no terminal for servers' output, and its cells are run repeatedly.
     """
-    asked = experiment.mode != "auto" or not catalogue.is_local(experiment.simulation)
+    needs_servers = experiment.mode != "auto" or not catalogue.is_local(experiment.simulation)
     alone = in_notebook() or experiment.simulation.startswith("__main__:")
-    return alone and not asked
+    return alone and not needs_servers
 
 
 def needs_no_servers(experiment: Experiment) -> bool:
-    """Whether nothing is gained by servers for a few episodes: `servers: auto`, and the engine computes them.
+    """Whether a few episodes are best evaluated in this process: `servers: auto` and a built-in simulation.
 
-    Servers take longer to start than such episodes take, which use all processors in this process as well.
+    Servers take longer to start than the engine needs for such episodes on all processors.
     """
     named = experiment.broker is not None or experiment.servers != "auto" or experiment.mode != "auto"
     return not named and catalogue.is_local(experiment.simulation) and not is_python(experiment.simulation)
 
 
 def require_here(experiment: Experiment) -> None:
-    """Raise InputError unless the simulation can run in this process, with the requirements."""
+    """Raise InputError unless the simulation can run in this process and meets the requirements."""
     simulation = experiment.simulation
     if not catalogue.is_local(simulation):
-        where = place_of(experiment, "simulation")
+        field = place_of(experiment, "simulation")
         folder = None if experiment.path is None else experiment.path.parent
         if simulation.endswith(".py"):
             from swarmwright.simulations.near_names import describe_missing_class  # noqa: PLC0415 - only for this message
 
-            raise InputError(f"{where}{describe_missing_class(simulation, folder)}")
+            raise InputError(f"{field}{describe_missing_class(simulation, folder)}")
         from swarmwright.simulations.near_names import describe_unknown_simulation  # noqa: PLC0415 - as above
 
         if simulator_file(simulation) is not None:
-            raise InputError(f"{where}{describe_unknown_simulation(simulation, folder)}")
-        hint = f"any other needs a broker on which a server offers it, as {', '.join(SIMULATORS)}"
+            raise InputError(f"{field}{describe_unknown_simulation(simulation, folder)}")
+        hint = f"simulations such as {', '.join(SIMULATORS)} need a broker with a server that offers them"
         if simulation in SIMULATORS:
-            hint = "name the broker on which one does"
-        raise InputError(f"{where}{describe_unknown_simulation(simulation, folder)}; {hint}")
+            hint = "set `broker` to a broker with a server that offers it"
+        raise InputError(f"{field}{describe_unknown_simulation(simulation, folder)}; {hint}")
     if is_command(simulation):
         from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
 
@@ -78,15 +78,15 @@ def require_here(experiment: Experiment) -> None:
     notice = catalogue.get_notice(simulation, experiment.parameters)
     if notice is not None:
         warn_once(f"{place_of(experiment, 'parameters')}{notice}")
-    announced, wanted = catalogue.description(simulation), experiment.requirements
+    announced, requirements = catalogue.description(simulation), experiment.requirements
     title, most = announced["title"], announced.get("max_agents")
-    if wanted.dimensions != announced["dimensions"]:
+    if requirements.dimensions != announced["dimensions"]:
         raise InputError(
             f"{place_of(experiment, 'requirements')}{title} has {announced['dimensions']} dimensions, not "
-            f"{wanted.dimensions}; leave the key out"
+            f"{requirements.dimensions}; leave the key out"
         )
-    if most is not None and (wanted.max_agents or 0) > most:
+    if most is not None and (requirements.max_agents or 0) > most:
         raise InputError(
             f"{place_of(experiment, 'requirements')}{title} has at most {most} agents, not "
-            f"{wanted.max_agents}"
+            f"{requirements.max_agents}"
         )

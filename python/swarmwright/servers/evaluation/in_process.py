@@ -1,4 +1,4 @@
-"""Evaluation in this process: of built-in simulations by the engine, and of those in Python."""
+"""Evaluation of built-in and Python simulations in this process."""
 
 import logging
 import time
@@ -19,7 +19,7 @@ from swarmwright.common.untrusted import one_line
 from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.servers.evaluation.base import (
-    FIRST,
+    FIRST_EVALUATIONS,
     AuditedEpisode,
     Controllers,
     Feed,
@@ -31,7 +31,7 @@ from swarmwright.servers.evaluation.base import (
     tolerance_of,
 )
 from swarmwright.servers.evaluation.code_failures import CodeFailures
-from swarmwright.servers.evaluation.repetition import Failed, Repetition, Value
+from swarmwright.servers.evaluation.repetition import Failure, Repetition, Value
 from swarmwright.servers.rows import Journal
 from swarmwright.servers.server_use import ServerUses
 from swarmwright.simulations import catalogue
@@ -41,13 +41,13 @@ from swarmwright.simulations.physics import make_host
 _log = logging.getLogger("swarmwright")
 
 _HOLD_S = 2.0
-"""Seconds from the beginning of an evaluation for which failures are held back, see `tell_held`."""
+"""Seconds after the start of an evaluation during which failures are held back, see `tell_held`."""
 
 
 class InProcessBackend:
-    """Evaluates built-in simulations in this process, without broker and servers.
+    """Backend for built-in simulations in this process, without broker and servers.
 
-    metrics: asked for beside those that the fitness needs.
+    metrics: requested beside those that the fitness needs.
     """
 
     def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
@@ -73,7 +73,7 @@ class InProcessBackend:
         meanwhile: Callable[[], None] | None = None,
         on_results: OnResults | None = None,
     ) -> Results:
-        """Return the results; an episode fails where the fitness expression or the simulation's code does."""
+        """Return the results; an episode fails if the fitness expression or the simulation's code fails."""
         results = self._evaluate(controllers, seeds, on_progress, meanwhile=meanwhile)
         if on_results is not None:
             on_results(range(len(results.fitness)), results)
@@ -87,12 +87,12 @@ class InProcessBackend:
         first: int = 0,
         meanwhile: Callable[[], None] | None = None,
     ) -> Results:
-        """Return the results; candidates are counted from `first` on in what is said of them."""
+        """Return the results; messages count candidates from `first`."""
         with engine_errors():
             results = self.compute(controllers, seeds, on_progress, meanwhile)
         numbers = range(first, first + len(controllers.weights))
         if first:
-            results = Results(results.fitness, results.metrics, results.journal.placed(numbers))
+            results = Results(results.fitness, results.metrics, results.journal.renumber(numbers))
         results = apply_expression(self._expression, results, numbers)
         self.count_failed(results)
         return results
@@ -101,18 +101,18 @@ class InProcessBackend:
         """Count failed episodes."""
         self._failed += int(np.count_nonzero(np.isnan(results.fitness)))
 
-    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
-        """Return the journal of what the engine has evaluated by itself."""
-        return Journal.of(attempts, warnings)
+    def build_journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
+        """Build the journal of evaluations by an engine thread."""
+        return Journal.from_fields(attempts, warnings)
 
     def failure_of(self, _reason: str, /) -> SimulationError | None:
-        """Return None: built-in simulations have no such failures."""
+        """Return None, as built-in simulations have no such failures."""
         return None
 
     def repeat(
         self, controllers: Controllers, evaluations: Sequence[AuditedEpisode], on_progress: Progress
     ) -> tuple[Results, list[int | None]]:
-        """Repeat single evaluations, one after the other; no server has a part in it."""
+        """Repeat single evaluations, one after the other."""
         parts = []
         for index, evaluation in enumerate(evaluations):
             on_progress(index, len(evaluations), "")
@@ -129,19 +129,19 @@ class InProcessBackend:
         return results, [None] * len(evaluations)
 
     def tolerance(self, _servers: AbstractSet[int | None], /) -> float | None:
-        """Return how far results may differ: built-in simulations find the same, to the bit."""
+        """Return 0.0, as built-in simulations are deterministic to the bit."""
         return 0.0
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
-        """Return what the engine evaluates with; None where the experiment has its own fitness."""
+        """Return the engine's evaluator; None if the experiment has a fitness expression."""
         return self._evaluator_of(architecture) if self._expression is None else None
 
-    def ahead(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
-        """Return what the engine evaluates with; None where Python has a part in it."""
+    def background_evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
+        """Return the evaluator for a thread of the engine; None if evaluations involve Python."""
         return self.evaluator(architecture)
 
-    def end_ahead(self) -> None:
-        """Do nothing: the thread shares an evaluator, and ends with the object that stands for it."""
+    def release_background_evaluator(self) -> None:
+        """Do nothing, as the thread shares the evaluator."""
 
     def _evaluator_of(self, architecture: dict[str, Any]) -> _engine.Evaluator:
         use_threads()
@@ -159,22 +159,22 @@ class InProcessBackend:
         on_progress: Progress,
         meanwhile: Callable[[], None] | None,
     ) -> Results:
-        """Return the results with the simulation's own fitness. Raises the engine's errors."""
+        """Return the results with the simulation's fitness. Raises the engine's errors."""
         evaluator = self._evaluator_of(controllers.architecture)
         fitness, metrics = evaluator.evaluate(controllers.weights, list(seeds), on_progress, meanwhile)
         return Results(fitness, metrics, Journal())
 
     def check(self) -> None:
-        """Do nothing: there is no other process."""
+        """Do nothing, as there is no other process."""
 
-    def about(
+    def announce(
         self,
         run: str,
         generation: int | None,
         generations: int,
         evaluations: tuple[int, int] | None = None,
     ) -> None:
-        """Do nothing: without a broker there are no watchers."""
+        """Do nothing, as there are no watchers without a broker."""
 
     def usage(self) -> str:
         """Return nothing: there are no servers."""
@@ -185,19 +185,19 @@ class InProcessBackend:
         return {}
 
     def incidents(self) -> dict[str, int]:
-        """Return how many evaluations failed; other faults are errors here."""
+        """Return the number of failed evaluations; other faults raise errors."""
         return {"failed": self._failed} if self._failed else {}
 
     def log_to(self, folder: Path) -> None:
-        """Do nothing: output goes to this process's own streams."""
+        """Do nothing, as output goes to this process's streams."""
 
-    def post_evaluates(self) -> None:
-        """Do nothing: without a broker there are no watchers."""
+    def announce_post_evaluation(self) -> None:
+        """Do nothing, as there are no watchers without a broker."""
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
     ) -> None:
-        """Evaluate all candidates in flight as one batch, repeatedly: in one process none is slower."""
+        """Evaluate all candidates in flight as one batch, repeatedly."""
         first, weights = 0, controllers.weights
         while len(weights):
             numbers = range(first, first + len(weights))
@@ -212,28 +212,28 @@ class InProcessBackend:
 
 
 class PythonBackend(InProcessBackend):
-    """Evaluates simulations in Python in this process, one episode after the other; failed ones again."""
+    """Backend for Python simulations in this process, one episode at a time, with retries."""
 
     def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
         super().__init__(experiment, metrics)
         self.may_fail = True
-        self.tell: Callable[[str, str], None] = _tell
-        """Gets (reason, traceback) of a failure, once for each reason."""
+        self.log_failure: Callable[[str, str], None] = _log_failure
+        """Called with (reason, traceback) of a failure, once per reason."""
         self._held: list[tuple[str, str]] = []
-        self._begun = 0.0
+        self._started = 0.0
         self._host = make_host(load(experiment.simulation), self._report)
         self._code_failures = CodeFailures()
         self._repetition = Repetition(experiment.faults.attempts, bitwise=self._host.determinism == "bitwise")
 
     def _report(self, reason: str, stack: str) -> None:
         self._held.append((reason, stack))
-        if time.monotonic() - self._begun > _HOLD_S:
-            self.tell_held()
+        if time.monotonic() - self._started > _HOLD_S:
+            self.log_held()
 
-    def tell_held(self) -> None:
-        """Tell failures that were held back: where all episodes fail, an error that ends the run has them."""
+    def log_held(self) -> None:
+        """Log the failures held back; if all episodes fail, the run's error reports them instead."""
         for reason, stack in self._held:
-            self.tell(reason, stack)
+            self.log_failure(reason, stack)
         self._held.clear()
 
     def evaluate(
@@ -244,12 +244,12 @@ class PythonBackend(InProcessBackend):
         meanwhile: Callable[[], None] | None = None,
         on_results: OnResults | None = None,
     ) -> Results:
-        """Return the results; where they are wanted as they come, those of the first candidates first."""
+        """Return the results; `on_results` gets those of the first candidates before the others."""
         count = len(controllers.weights)
-        if on_results is None or count <= FIRST:
+        if on_results is None or count <= FIRST_EVALUATIONS:
             return super().evaluate(controllers, seeds, on_progress, meanwhile, on_results)
         parts: list[Results] = []
-        for first, end in ((0, FIRST), (FIRST, count)):
+        for first, end in ((0, FIRST_EVALUATIONS), (FIRST_EVALUATIONS, count)):
 
             def progress(done: int, _: int, waiting_for: str, before: int = first * len(seeds)) -> None:
                 on_progress(before + done, count * len(seeds), waiting_for)
@@ -265,11 +265,11 @@ class PythonBackend(InProcessBackend):
         return Results(np.concatenate(fitness), np.concatenate(metrics), journal)
 
     def tolerance(self, _servers: AbstractSet[int | None], /) -> float | None:
-        """Return how far results may differ, as the class declares it."""
+        """Return the tolerance that the class declares."""
         return tolerance_of([(self._host.determinism, self._host.tolerance)])
 
     def evaluator(self, architecture: dict[str, Any]) -> None:
-        """Return None: code in Python is evaluated by Python."""
+        """Return None, as Python evaluates its code itself."""
 
     def compute(
         self,
@@ -278,17 +278,17 @@ class PythonBackend(InProcessBackend):
         on_progress: Progress,
         meanwhile: Callable[[], None] | None,
     ) -> Results:
-        """Return the results, NaN where the code failed in all attempts. Raises the engine's errors."""
-        self.tell_held()  # the run has gone on
+        """Return the results, NaN if the code failed in all attempts. Raises the engine's errors."""
+        self.log_held()  # the run continued
         self._host.forget_failure()
-        self._begun = time.monotonic()
+        self._started = time.monotonic()
         if meanwhile is not None:
             meanwhile()
         started = time.time()
         fitness, metrics, failures = self._once(controllers, seeds, on_progress)
         total = fitness.size
 
-        def again(candidate: int, episode: int) -> Value | Failed:
+        def retry(candidate: int, episode: int) -> Value | Failure:
             candidate_controllers = Controllers(
                 controllers.architecture, controllers.weights[candidate : candidate + 1]
             )
@@ -297,15 +297,15 @@ class PythonBackend(InProcessBackend):
             )
             return failed[0] if failed else Value(float(value[0, 0]), measured[0, 0])
 
-        journal = self._repetition(failures, fitness, metrics, again, started)
+        journal = self._repetition(failures, fitness, metrics, retry, started)
         self._code_failures.note(journal)
         if np.isfinite(fitness).any() or len(self._held) > 1:  # the error that ends the run has one reason
-            self.tell_held()
+            self.log_held()
         return Results(fitness, metrics, journal)
 
     def _once(
         self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Failed]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Failure]]:
         """Return fitness, metrics and failures of one attempt at every evaluation."""
         fitness, metrics, failures = _engine.evaluate_host(
             self._host,
@@ -316,19 +316,19 @@ class PythonBackend(InProcessBackend):
             on_progress,
             metrics=self.metrics,
         )
-        return fitness, metrics, [Failed(*failure) for failure in failures]
+        return fitness, metrics, [Failure(*failure) for failure in failures]
 
     def failure_of(self, reason: str, /) -> SimulationError | None:
-        """Return what the code failed with, for a reason of a journal: the last one with what it raised."""
+        """Return the error for a reason in a journal; the latest failure includes its exception."""
         last = self._host.failure
-        return last if last is not None and str(last) == reason else self._code_failures.of(reason)
+        return last if last is not None and str(last) == reason else self._code_failures.find_error(reason)
 
     def incidents(self) -> dict[str, int]:
-        """Return how often failed evaluations were repeated, and how many failed in all attempts."""
+        """Return the numbers of retries and of evaluations that failed in all attempts."""
         retries = {"retries": self._repetition.retries} if self._repetition.retries else {}
         return retries | super().incidents()
 
 
-def _tell(reason: str, _stack: str) -> None:
-    """Tell why an episode failed, once for each reason; the stack is in the journal of a run."""
+def _log_failure(reason: str, _stack: str) -> None:
+    """Log why an episode failed; the traceback is in the run's journal."""
     _log.warning("an episode failed: %s", one_line(reason))

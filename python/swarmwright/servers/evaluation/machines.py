@@ -1,4 +1,4 @@
-"""Machines with modules in Python in many episodes: the engine steps the simulation, Python the machines."""
+"""Evaluation of machines with Python modules: the engine steps the simulation, Python the machines."""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -13,11 +13,11 @@ from swarmwright.common.processes import use_threads
 from swarmwright.controllers.modules.played import Robots
 
 LANES = 256
-"""Episodes that are stepped side by side; of a simulation in Python one."""
+"""Episodes stepped side by side; a Python simulation has one."""
 
 
 class MachineEvaluations:
-    """Every candidate in an episode of every seed, a step of as many as fit side by side at a time.
+    """Evaluations of every candidate with every seed, stepped in groups side by side.
 
     Args:
         simulation: its title, or a host.
@@ -25,9 +25,9 @@ class MachineEvaluations:
         architecture: of the controllers, of the kind `python_modules`.
         weights: (candidates, weights).
         seeds: of the episodes.
-        metrics: names of those that are wanted.
+        metrics: names of the metrics to return.
         together: episodes side by side.
-        isolate: divide episodes of which one fails until it is alone, rather than raise.
+        isolate: split a failing group until only the failing episode is lost, rather than raise.
     """
 
     def __init__(
@@ -48,45 +48,44 @@ class MachineEvaluations:
         count = len(weights)
         self.total = count * len(self._seeds)
         self.done = 0
-        """Evaluations that have ended."""
+        """Finished evaluations."""
         self.part: NDArray[np.int64] = np.zeros((0, 2), dtype=np.int64)
-        """Candidate and episode of those under way, or of those that have ended last."""
+        """Candidate and episode of the current group, or of the last one."""
         self._fitness = np.full(self.total, np.nan)
         self._values = np.full((self.total, len(self._metrics)), np.nan)
-        # All candidates with the first seed, then all with the next one: episodes beside each other are as
-        # different as can be, and the last part is not made of one candidate.
+        # Seed by seed, so that a group mixes candidates and the last group does not hold only one of them.
         work = np.array([(c, e) for e in range(len(self._seeds)) for c in range(count)], dtype=np.int64)
-        self._open = deque(work[first : first + together] for first in range(0, self.total, together))
+        self._queue = deque(work[first : first + together] for first in range(0, self.total, together))
         self._episodes: _engine.Episodes | None = None
         self._robots: Robots | None = None
 
     def step(self) -> bool:
-        """Advance by one step; return whether there is more to do.
+        """Advance by one step; return whether work remains.
 
-        Raises RunError where the code of a module or of the simulation fails: what is under way is left out
-        then, and the next call goes on with the rest. With `isolate` nothing is raised. Raises InputError for
-        wrong parameters, and for modules that are not here.
+        Raises RunError if the code of a module or of the simulation fails (never with `isolate`): the current
+        group is dropped, and the next call continues with the others. Raises InputError for wrong parameters
+        and for missing modules.
         """
         if self._robots is None:
-            if not self._open:
+            if not self._queue:
                 return False
-            self.part = self._open.popleft()
+            self.part = self._queue.popleft()
         try:
             with engine_errors(failure=lambda: getattr(self._simulation, "failure", None)):
-                self._go()
+                self._advance()
         except RunError:
             self._robots = self._episodes = None
             middle = len(self.part) // 2
             if self._isolate and middle:
-                self._open.extendleft([self.part[middle:], self.part[:middle]])
+                self._queue.extendleft([self.part[middle:], self.part[:middle]])
                 return True
             self.done += len(self.part)
             if not self._isolate:
                 raise
-        return self._robots is not None or bool(self._open)
+        return self._robots is not None or bool(self._queue)
 
-    def _go(self) -> None:
-        """Begin with a part, go on with it, or end it."""
+    def _advance(self) -> None:
+        """Begin, continue or end the current group."""
         if self._robots is None:
             seeds = [self._seeds[episode] for episode in self.part[:, 1].tolist()]
             use_threads()
@@ -96,18 +95,18 @@ class MachineEvaluations:
         if not self._episodes.done:
             self._robots.step()
         if self._episodes.done:
-            places = self.part[:, 0] * len(self._seeds) + self.part[:, 1]
-            self._fitness[places] = self._episodes.fitness()
-            self._values[places] = self._episodes.metrics(self._metrics)
+            rows = self.part[:, 0] * len(self._seeds) + self.part[:, 1]
+            self._fitness[rows] = self._episodes.fitness()
+            self._values[rows] = self._episodes.metrics(self._metrics)
             self.done += len(self.part)
             self._robots = self._episodes = None
 
     def fitness(self) -> NDArray[np.float64]:
-        """Return (candidates, episodes), NaN where an episode failed."""
+        """Return the fitness, (candidates, episodes), NaN where an episode failed."""
         return self._fitness.reshape(len(self._weights), len(self._seeds))
 
     def metrics(self) -> NDArray[np.float64]:
-        """Return (candidates, episodes, metrics), NaN where an episode failed."""
+        """Return the metrics, (candidates, episodes, metrics), NaN where an episode failed."""
         return self._values.reshape(len(self._weights), len(self._seeds), -1)
 
     def results(self) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Which metrics an evaluation is asked for."""
+"""Selection of the metrics that an evaluation measures."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -10,10 +10,10 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 
 
-def asked_for(experiment: Experiment, metrics: Sequence[str] | Literal["all"]) -> list[str]:
-    """Return the names of the metrics that are asked for; "all": those that the simulation announces.
+def select_metrics(experiment: Experiment, metrics: Sequence[str] | Literal["all"]) -> list[str]:
+    """Return the names of the requested metrics; "all" selects every metric that the simulation announces.
 
-    Raises InputError for one that is not there, and for "all" where only servers know the simulation.
+    Raises InputError for an unknown metric, and for "all" if only servers know the simulation.
     """
     if metrics != "all":
         listed("metrics", metrics, "names of metrics")
@@ -21,13 +21,13 @@ def asked_for(experiment: Experiment, metrics: Sequence[str] | Literal["all"]) -
     if not catalogue.has_description(experiment.simulation):
         if metrics == "all":
             raise InputError(
-                f"metrics: those of {experiment.label}, which is not here, are not known; give their names"
+                f"metrics: {experiment.label} is not available in this process; list the metrics by name"
             )
         return list(metrics)
-    there = list(catalogue.description(experiment.simulation, experiment.parameters)["metrics"])
+    announced = list(catalogue.description(experiment.simulation, experiment.parameters)["metrics"])
     if metrics == "all":
-        return there
+        return announced
     for name in metrics:
-        if name not in there:
-            raise InputError(f"metrics: {unknown('metric', name, there)}")
+        if name not in announced:
+            raise InputError(f"metrics: {unknown('metric', name, announced)}")
     return list(metrics)

@@ -1,18 +1,17 @@
-"""Audits that an experiment asks for, and that cannot be made, as there is one server only."""
+"""Detection of audits that cannot take place because there is only one server."""
 
 import time
 
 from swarmwright.servers.rows import Journal, WarningEntry
 
-EXPECTED = 10
-"""Audits that would have been made by now if there were other servers: that none was drawn by chance has a
-probability of e^-10, less than 1 in 20,000."""
+EXPECTED_AUDITS = 10
+"""Expected audits before the warning; the probability that none was drawn by chance is then e^-10."""
 
 
 class MissingAudits:
-    """Notices, once, that one server has done everything, so that nothing was audited.
+    """Warns once if a single server does all evaluations, so that no audit takes place.
 
-    share: of the evaluations that are to be audited, 0 to 1.
+    share: fraction of evaluations to audit, 0 to 1.
     """
 
     def __init__(self, share: float) -> None:
@@ -21,24 +20,24 @@ class MissingAudits:
         self._servers: set[int] = set()
 
     def note(self, journal: Journal) -> str | None:
-        """Note what was done, and add a warning when it is time for it; return its text."""
+        """Count evaluations; add a warning when it is due, and return its text."""
         if not self._share:
             return None
         for attempt in journal.attempts:
             self._servers.add(attempt.server)
             self._evaluations += attempt.candidates * attempt.episodes
-        told = any(warning.unaudited for warning in journal.warnings)  # the pool knows more
-        if told or len(self._servers) > 1:
+        is_reported = any(warning.unaudited for warning in journal.warnings)  # the pool knows more
+        if is_reported or len(self._servers) > 1:
             self._share = 0.0
-        if self._evaluations * self._share < EXPECTED:
+        if self._evaluations * self._share < EXPECTED_AUDITS:
             return None
         share, self._share = self._share, 0.0
         (server,) = self._servers
         text = (
-            f"nothing is audited during the run, although the experiment has faults.audit: {share:g}; only "
-            f"server {server} is used, which is audited at the end. Audits during the run need two servers "
-            "that declare their determinism: start another one, or look why it is not found (swarmwright "
-            "servers)"
+            f"no audits take place during the run despite faults.audit: {share:g}, because only server "
+            f"{server} "
+            "is used; it is audited at the end. Start a second server that declares its determinism, and "
+            "check with `swarmwright servers` that it is found"
         )
         journal.warnings.append(WarningEntry(text, time=time.time()))
         return text

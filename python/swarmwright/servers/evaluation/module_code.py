@@ -1,4 +1,4 @@
-"""The code of behaviours and conditions in Python, by which servers that have it are found."""
+"""Code of behaviours and conditions in Python, by whose digest servers are matched."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
@@ -14,7 +14,7 @@ from swarmwright.simulations.user_code import trust
 from swarmwright.simulations.user_code.parts import format_part_name, read_plug_in
 
 ROLES = {"behaviour": "behaviours", "condition": "conditions"}
-"""What a module is -> the key of specifications that lists such modules."""
+"""Role of a module -> the key of specifications that lists the modules of this role."""
 
 
 def is_in_python(architecture: Mapping[str, Any]) -> bool:
@@ -22,9 +22,9 @@ def is_in_python(architecture: Mapping[str, Any]) -> bool:
     return architecture.get("kind") == PYTHON_KIND
 
 
-def sha256_of(role: str, known: Module) -> str | None:
-    """Return the SHA-256 of a module's code; None where an installed one has no source to look at."""
-    return known.sha256 if known.file else _sha256_of_installed(role, known.name)
+def sha256_of(role: str, definition: Module) -> str | None:
+    """Return the SHA-256 of a module's code; None for an installed module without source."""
+    return definition.sha256 if definition.file else _sha256_of_installed(role, definition.name)
 
 
 @cache
@@ -34,70 +34,69 @@ def _sha256_of_installed(role: str, name: str) -> str | None:
 
 
 def with_digests(architecture: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a specification with the SHA-256 of the code of installed modules as well.
+    """Add the SHA-256 of installed modules to a specification, which has only those of modules in files.
 
-    Controllers know it of modules in files only; servers must have the code that is here. Raises InputError
-    for modules that are not installed.
+    Servers must have the same code. Raises InputError for modules that are not installed.
     """
     if not is_in_python(architecture):
         return dict(architecture)
-    found = dict(architecture)
+    specification = dict(architecture)
     for role, key in ROLES.items():
         entries = []
         for entry in architecture[key]:
-            known = grammar.module_of(entry)
-            sha256 = None if known.built_in else sha256_of(role, known)
+            definition = grammar.module_of(entry)
+            sha256 = None if definition.built_in else sha256_of(role, definition)
             entries.append(dict(entry) if sha256 is None else {**entry, "sha256": sha256})
-        found[key] = entries
-    return found
+        specification[key] = entries
+    return specification
 
 
-def in_python(architecture: Mapping[str, Any]) -> Iterator[tuple[str, Module]]:
-    """Yield the modules in Python of a specification: behaviour or condition, and module."""
+def iter_python_modules(architecture: Mapping[str, Any]) -> Iterator[tuple[str, Module]]:
+    """Yield the role and definition of each Python module of a specification."""
     catalogue = Catalogue.of(architecture)
     for role, parts in (("behaviour", catalogue.behaviours), ("condition", catalogue.conditions)):
         yield from ((role, part) for part in parts if not part.built_in)
 
 
 def names_of(architectures: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Return how servers are told which modules machines need: file:Class, or the name of an installed one.
+    """Return the names of the modules that machines need: file:Class, or the name of an installed module.
 
-    Raises InputError for modules that are not here.
+    Raises InputError for modules that are not available.
     """
-    names = [name_of(*key) for architecture in architectures for key in in_python(architecture)]
+    names = [name_of(*key) for architecture in architectures for key in iter_python_modules(architecture)]
     return list(dict.fromkeys(names))
 
 
-def offered(names: Sequence[str]) -> dict[tuple[str, str], list[Module]]:
+def import_modules(names: Sequence[str]) -> dict[tuple[str, str], list[Module]]:
     """Import modules by their names.
 
-    names: file:Class, or that of an installed module, or of both a behaviour and a condition.
+    names: file:Class, or the name of an installed behaviour, condition or both.
 
     Returns:
-        What there is by role and name; of a name in two files two.
+        The modules by role and name; several if files share a name.
 
-    Raises InputError for names of nothing, and for modules that are not right.
+    Raises InputError for unknown names and invalid modules.
     """
-    found: dict[tuple[str, str], list[Module]] = {}
+    modules: dict[tuple[str, str], list[Module]] = {}
     for name in names:
         if is_in_file(name):
             roles = [_role_in_file(name)]
         else:
             roles = [role for role in ROLES if name in REGISTRIES[role].names()]
             if not roles:
-                known = sorted(
+                installed = sorted(
                     {kind for role in ROLES for kind in REGISTRIES[role].names() if not _is_built_in(kind)}
                 )
-                there = f"installed are {', '.join(known)}" if known else "none is installed"
+                hint = f"installed: {', '.join(installed)}" if installed else "no module is installed"
                 raise InputError(
-                    f"modules: {name!r} is unknown; {there}; one in a file is named like file.py:Class"
+                    f"modules: {name!r} is unknown ({hint}); for a module in a file, write file.py:Class"
                 )
         for role in roles:
             module_of_role = module(role, name)
             if module_of_role.built_in:
-                raise InputError(f"modules: {name!r} is one of the engine's, which every server has")
-            found.setdefault((role, module_of_role.name), []).append(module_of_role)
-    return found
+                raise InputError(f"modules: {name!r} is built in; every server has it")
+            modules.setdefault((role, module_of_role.name), []).append(module_of_role)
+    return modules
 
 
 def _is_built_in(name: str) -> bool:
@@ -105,7 +104,7 @@ def _is_built_in(name: str) -> bool:
 
 
 def _role_in_file(name: str) -> str:
-    """Return what the class in a file is; behaviour for what is neither, for the message of that."""
+    """Return the role of a class in a file; behaviour for other classes, whose check then fails."""
     parsed = SimulationName.parse(name)
     assert parsed.file is not None
     kind = getattr(import_with_digest(parsed.file)[0], parsed.member, None)

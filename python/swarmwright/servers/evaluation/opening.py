@@ -1,4 +1,4 @@
-"""Starting what an experiment is evaluated with: nothing, worker processes, or servers and a broker."""
+"""Opening of an experiment's backend: in process, with workers, or with servers and a broker."""
 
 import logging
 import secrets
@@ -21,15 +21,15 @@ from swarmwright.servers.broker.credentials import check_environment, prepare
 from swarmwright.servers.broker.private import start_private
 from swarmwright.servers.broker.waiting import connect_with_retries
 from swarmwright.servers.evaluation.base import (
-    HERE,
+    BROKERLESS,
     Backend,
-    Chosen,
+    ServerChoice,
     Servers,
     StartedServers,
-    chosen,
     metrics_of,
+    resolve_servers,
 )
-from swarmwright.servers.evaluation.here import has_workers, in_process_is_better, require_here
+from swarmwright.servers.evaluation.here import has_workers, prefers_local, require_here
 from swarmwright.servers.evaluation.launched import LaunchedServers, start
 from swarmwright.servers.evaluation.module_code import is_in_python, names_of, with_digests
 from swarmwright.servers.evaluation.through_broker import BrokerBackend
@@ -37,16 +37,16 @@ from swarmwright.servers.server_use import ServerUses
 from swarmwright.servers.supervision.local_servers import (
     LocalServers,
     automatic_count,
-    processors,
-    running_on,
+    count_processors,
+    find_running,
 )
-from swarmwright.servers.supervision.place import Limits
+from swarmwright.servers.supervision.supervised_server import Limits
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.user_code.changes import list_files
 
 _SESSION = (
-    "simulation: {} is defined in this session alone, where no server finds it; write the class to a file, "
-    "or evaluate with servers: in-process"
+    "simulation: {} is defined only in this session, where servers cannot import it; move the class to a "
+    "file or set servers: in-process"
 )
 
 
@@ -63,49 +63,49 @@ def open_backend(
     controller: Mapping[str, Any] | None = None,
     earlier: ServerUses = MappingProxyType({}),
 ) -> Iterator[Backend]:
-    """Start what an experiment needs and yield the backend; end all of it afterwards.
+    """Start an experiment's servers and yield its backend; stop them afterwards.
 
     Args:
         experiment: names simulation, parameters, broker, servers.
-        broker: use the servers on this broker, whatever the experiment says.
-        servers: as the experiment's key. A number given here together with a broker is started on that
-            broker. "auto" in a notebook means "local".
+        broker: use the servers on this broker, instead of the experiment's.
+        servers: as the experiment's key. With a number and a broker, servers are started on that broker.
+            "auto" in a notebook means "local".
         visual: ask the server to draw.
         wait: seconds to wait for a broker that does not answer, instead of the experiment's.
-        most: evaluations that there are, if that is known: no more worker processes are started for `local`.
-        metrics: asked for beside those that the fitness needs.
-        controller: specification of the controllers, where they are not the experiment's.
+        most: number of evaluations, if known; limits the worker processes of `local`.
+        metrics: requested beside those that the fitness needs.
+        controller: specification of the controllers, if they are not the experiment's.
         earlier: use of launchers' servers in earlier sessions of the run, which counts for their budgets.
 
     Raises:
-        InputError: the simulation is unknown, or broker and local servers are both asked for.
-        RunError: no broker, no fitting server, a server that does not start.
+        InputError: the simulation is unknown, or both a broker and local servers are requested.
+        RunError: no broker, no matching server, or a server that does not start.
     """
     _check(broker, servers)
-    wanted = chosen(experiment, servers)
-    if broker is None and servers not in HERE and wanted not in HERE:
+    choice = resolve_servers(experiment, servers)
+    if broker is None and servers not in BROKERLESS and choice not in BROKERLESS:
         broker = experiment.broker
     machines = _machines(experiment, controller)
     if machines is not None:
         _require_offloaded(experiment, visual=visual)
-        if broker is None and wanted in ("auto", *HERE):
+        if broker is None and choice in ("auto", *BROKERLESS):
             require_here(experiment)
-            yield _in_process(experiment, metrics, in_python=True)
+            yield _make_in_process_backend(experiment, metrics, in_python=True)
             return
-    if broker is None and wanted == "auto" and not visual and in_process_is_better(experiment):
-        wanted = "local"
-    if broker is None and wanted in HERE and not visual:
+    if broker is None and choice == "auto" and not visual and prefers_local(experiment):
+        choice = "local"
+    if broker is None and choice in BROKERLESS and not visual:
         require_here(experiment)
-        if wanted == "in-process" or not has_workers(experiment.simulation):
-            yield _in_process(experiment, metrics)
+        if choice == "in-process" or not has_workers(experiment.simulation):
+            yield _make_in_process_backend(experiment, metrics)
             return
     experiment = with_environment(experiment)
     with ExitStack() as stack:
         local: StartedServers | None
         account: tuple[str, str, str] | None = None
-        if isinstance(wanted, tuple):
+        if isinstance(choice, tuple):
             local = launched = open_launched(
-                stack, experiment, broker, wanted, visual=visual, earlier=earlier, machines=machines
+                stack, experiment, broker, choice, visual=visual, earlier=earlier, machines=machines
             )
             address, account = launched.access.address, launched.access.account
         else:
@@ -113,7 +113,7 @@ def open_backend(
                 stack,
                 experiment,
                 broker,
-                wanted,
+                choice,
                 started=servers,
                 visual=visual,
                 most=most,
@@ -122,7 +122,7 @@ def open_backend(
         patience = experiment.timeouts.connect if wait is None else wait
         with engine_errors():
             pool = connect_with_retries(
-                # A command shows itself, in one piece: no step of it crosses the broker.
+                # A command draws by itself, without steps through the broker.
                 lambda: _pool(
                     experiment,
                     address,
@@ -136,25 +136,25 @@ def open_backend(
                 logging.getLogger("swarmwright").warning,
             )
         stack.callback(pool.close)
-        local = local or running_on(address)
+        local = local or find_running(address)
         if local is not None:
             local.attach(pool)
             stack.callback(local.detach)
-        many = "servers" if local is None else f"{local.count} server{'s' if local.count > 1 else ''}"
-        where = f"{many} on {address}"
+        servers_text = "servers" if local is None else f"{local.count} server{'s' if local.count > 1 else ''}"
+        description = f"{servers_text} on {address}"
         if isinstance(local, LaunchedServers):
-            where = f"servers on {address}: {local.where}"
-        if wanted == "local" and local is not None:
-            where = f"{local.count} worker process{'es' if local.count > 1 else ''}"
-        yield BrokerBackend(experiment, pool, local, where, metrics)
+            description = f"servers on {address}: {local.description}"
+        if choice == "local" and local is not None:
+            description = f"{local.count} worker process{'es' if local.count > 1 else ''}"
+        yield BrokerBackend(experiment, pool, local, description, metrics)
 
 
 def _check(broker: str | None, servers: Servers | None) -> None:
-    """Raise where nothing can be opened, whatever the experiment."""
+    """Raise InputError or RunError for arguments that no experiment can use."""
     loading = sys.modules.get("swarmwright.simulations.loading")
     if loading is not None and loading.serving:
         raise RunError(
-            "this is a simulation server, which imports the file only for its class; put what starts a run "
+            "the file starts a run while a simulation server imports its class; move the start of the run "
             'under `if __name__ == "__main__":`'
         )
     if broker is not None:
@@ -162,38 +162,37 @@ def _check(broker: str | None, servers: Servers | None) -> None:
         if problem is not None:
             raise InputError(f"broker: {problem}")
     if isinstance(servers, int) and servers < 1:
-        raise InputError(f"servers: must be auto, local, in-process or a number from 1 on, not {servers}")
-    if servers in HERE and broker is not None:
-        raise InputError(f"broker: servers are '{servers}', so no broker is used; leave one of the two out")
+        raise InputError(f"servers: must be auto, local, in-process or a number of at least 1, not {servers}")
+    if servers in BROKERLESS and broker is not None:
+        raise InputError(f"broker: cannot be combined with servers: {servers}; leave one of them out")
 
 
 @contextmanager
 def open_once(
     experiment: Experiment, broker: str | None, servers: Servers | None, *, most: int
 ) -> Iterator[tuple[str | None, Servers | None]]:
-    """Start the servers for experiments that differ in parameters alone and are evaluated one after another.
+    """Start servers once for experiments that differ only in parameters and run one after another.
 
     Args:
         experiment: one of them.
         broker: as in `open_backend`.
         servers: likewise.
-        most: evaluations that each of them has.
+        most: evaluations of each experiment.
 
     Yields:
-        Broker and servers to call `open_backend` with; those that were given where nothing was started:
-        none are needed, or they are those of another broker or of a launcher.
+        Broker and servers to pass to `open_backend`; unchanged if nothing was started.
     """
-    wanted = chosen(experiment, servers)
-    here = wanted in HERE and (wanted == "in-process" or not has_workers(experiment.simulation))
-    outside = broker is not None or (experiment.broker is not None and wanted not in HERE)
-    if here or outside or isinstance(wanted, tuple) or has_python_modules(experiment):
+    choice = resolve_servers(experiment, servers)
+    in_process = choice in BROKERLESS and (choice == "in-process" or not has_workers(experiment.simulation))
+    outside = broker is not None or (experiment.broker is not None and choice not in BROKERLESS)
+    if in_process or outside or isinstance(choice, tuple) or has_python_modules(experiment):
         yield broker, servers
         return
-    if wanted == "auto" and in_process_is_better(experiment):
+    if choice == "auto" and prefers_local(experiment):
         yield broker, "local"
         return
     with ExitStack() as stack:
-        address, _ = open_servers(stack, experiment, None, wanted, started=servers, most=most)
+        address, _ = open_servers(stack, experiment, None, choice, started=servers, most=most)
         yield address, None
 
 
@@ -201,7 +200,7 @@ def open_servers(
     stack: ExitStack,
     experiment: Experiment,
     broker: str | None,
-    wanted: Chosen,
+    choice: ServerChoice,
     *,
     started: Servers | None,
     visual: bool = False,
@@ -211,17 +210,17 @@ def open_servers(
     """Start the embedded broker and servers as far as they are needed; they end with the stack.
 
     Args:
-        stack: ends what is started.
-        experiment: whose simulation the servers offer.
-        broker: an external one; servers are started on it when `started` is a number.
-        wanted: how many servers.
-        started: what the caller asked for, instead of the experiment.
+        stack: ends the broker and servers.
+        experiment: names the simulation.
+        broker: address of an external broker; servers are started on it if `started` is a number.
+        choice: the resolved number of servers.
+        started: `servers` as the caller passed it.
         visual: let the servers draw.
         most: as in `open_backend`.
-        modules: names of the behaviours and conditions in Python that the servers have.
+        modules: names of the Python behaviours and conditions that the servers offer.
 
     Returns:
-        The broker's address, and the servers; None when none were started.
+        The broker's address, and the servers or None.
     """
     experiment = with_environment(experiment)
     if broker is None:
@@ -233,16 +232,16 @@ def open_servers(
     require_here(experiment)
     if experiment.simulation.startswith("__main__:"):
         raise InputError(_SESSION.format(experiment.label))
-    count = wanted if isinstance(wanted, int) else 1 if visual else automatic_count()
-    if wanted == "local" and not visual:
-        count = min(processors(), most or processors())
+    count = choice if isinstance(choice, int) else 1 if visual else automatic_count()
+    if choice == "local" and not visual:
+        count = min(count_processors(), most or count_processors())
     variables = experiment.timeouts.variables()
     if broker is None:
         address, account = start_private(stack)
         variables.update(account.variables)
         first = 1
     else:
-        # Others may have servers on this broker; ids must differ.
+        # Random ids, as other servers may be on this broker.
         address, first = broker, 1 + secrets.randbelow(2**31 - 1 - count)
     files = list_files(experiment.simulation) if is_python(experiment.simulation) else {}
     settings = [
@@ -262,7 +261,7 @@ def open_servers(
     servers = LocalServers(
         settings,
         visual=visual,
-        limits=Limits.of(experiment.timeouts),
+        limits=Limits.from_timeouts(experiment.timeouts),
         environment=variables,
     )
     return address, stack.enter_context(servers)
@@ -278,13 +277,13 @@ def open_launched(
     earlier: ServerUses = MappingProxyType({}),
     machines: Mapping[str, Any] | None = None,
 ) -> LaunchedServers:
-    """Start the servers of launchers, and the embedded broker if there is no other; they end with the stack.
+    """Start the servers of launchers, and the embedded broker without another; they end with the stack.
 
     Raises InputError and RunError, see `launched.start`.
     """
     require_here(experiment)
     if visual:
-        raise InputError("visual: servers of launchers draw nowhere; leave it out, or take servers: 1")
+        raise InputError("visual: servers of launchers cannot draw; leave it out or set servers: 1")
     if experiment.simulation.startswith("__main__:"):
         raise InputError(_SESSION.format(experiment.label))
     return start(stack, experiment, entries, broker, earlier, machines)
@@ -308,7 +307,7 @@ def _pool(
         sensors=experiment.sensors,
         actuators=experiment.actuators,
         prefix=experiment.prefix,
-        tool="swarmwright",  # host and process are added
+        tool="swarmwright",  # the engine adds host and process
         mode=experiment.mode,
         metrics=metrics,
         visual=visual,
@@ -321,7 +320,7 @@ def _pool(
 
 
 def _machines(experiment: Experiment, controller: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """Return the specification of machines with modules in Python; None for other controllers."""
+    """Return the specification of machines with Python modules; None for other controllers."""
     if controller is not None and is_in_python(controller):
         return controller
     if not has_python_modules(experiment):
@@ -330,26 +329,26 @@ def _machines(experiment: Experiment, controller: Mapping[str, Any] | None) -> M
 
 
 def modules_of(experiments: Iterable[Experiment]) -> list[str]:
-    """Return the names of all behaviours and conditions in Python that servers need for experiments."""
+    """Return the names of all Python behaviours and conditions that experiments use."""
     machines = (_machines(experiment, None) for experiment in experiments)
     return names_of(machine for machine in machines if machine is not None)
 
 
 def _require_offloaded(experiment: Experiment, *, visual: bool) -> None:
-    """Raise InputError where machines with modules in Python would have to be stepped through the broker."""
-    reason = (
-        "behaviours and conditions in Python are evaluated where their code is, in this process or on a "
-        "server that has it"
-    )
+    """Raise InputError if machines with Python modules would be stepped through the broker."""
+    reason = "behaviours and conditions in Python run in this process or on a server that has their code"
     if visual:
-        raise InputError(f"visual: {reason}, and not shown there; `swarmwright replay` shows a run's")
+        raise InputError(f"visual: {reason}, without drawing; watch a run with `swarmwright replay`")
     if experiment.mode not in {"auto", "offloaded"}:
         raise InputError(
-            f"{place_of(experiment, 'mode')}{experiment.mode}: {reason}: leave it out, or take offloaded"
+            f"{place_of(experiment, 'mode')}{experiment.mode} is not possible: {reason}; use auto or "
+            "offloaded"
         )
 
 
-def _in_process(experiment: Experiment, metrics: Sequence[str], *, in_python: bool = False) -> Backend:
+def _make_in_process_backend(
+    experiment: Experiment, metrics: Sequence[str], *, in_python: bool = False
+) -> Backend:
     from swarmwright.servers.evaluation.in_process import InProcessBackend, PythonBackend  # noqa: PLC0415 - NumPy and hosts, not for servers
 
     if in_python:

@@ -1,4 +1,4 @@
-"""Evaluation of genomes by the engine alone, prepared once for all experiments that are alike."""
+"""Evaluation of genomes by the engine alone, prepared once for equal experiments."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -20,12 +20,12 @@ from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.servers.evaluation.seeds import seeds_of
 from swarmwright.simulations import catalogue
 
-_MOST_EXPERIMENTS = 16
-"""Experiments that are kept."""
+_MAX_CACHED = 16
+"""Size of the cache."""
 
 
-class Prepared(NamedTuple):
-    """What makes the fitness of genomes."""
+class PreparedEvaluation(NamedTuple):
+    """Everything needed to compute the fitness of genomes."""
 
     evaluator: _engine.Evaluator
     genome_size: int
@@ -40,8 +40,8 @@ class Prepared(NamedTuple):
     ) -> Fitness:
         """Return the fitness of genomes, (candidates, genome_size), on the seeds of a generation.
 
-        Raises InputError for genomes of another shape or that are not finite, and for an experiment that
-        cannot be run; RunError in a process that was forked from one that used the engine.
+        Raises InputError for genomes of a wrong shape or that are not finite, and for an experiment that
+        cannot be run; RunError in a process that was forked after the engine had started its threads.
         """
         check_size(genomes, self.genome_size)
         seeds = seeds_of(self.ranking, self.first_seed, generation) if generation else self.seeds
@@ -55,29 +55,28 @@ class Prepared(NamedTuple):
             raise
 
 
-_kept: dict[tuple[bytes, type, type, type, type], Prepared | None] = {}
+_cache: dict[tuple[bytes, type, type, type, type], PreparedEvaluation | None] = {}
 
 
-def prepared(experiment: Experiment) -> Prepared | None:
-    """Return what evaluates an experiment's genomes in this process; None where Python has a part in it.
+def prepare_evaluation(experiment: Experiment) -> PreparedEvaluation | None:
+    """Prepare the evaluation of an experiment's genomes in this process; None if it involves Python.
 
-    Everything that counts is compared with what was prepared before: equal experiments share it. Raises
-    InputError when the experiment cannot be run as it is.
+    Equal experiments share the result. Raises InputError if the experiment cannot be run.
     """
     if experiment.simulation not in catalogue.titles() or experiment.fitness is not None:
         return None
     key = _key(experiment)
     if key is None:
         return _prepare(experiment)
-    if key not in _kept:
-        if len(_kept) >= _MOST_EXPERIMENTS:
-            _kept.clear()
-        _kept[key] = _prepare(experiment)
-    return _kept[key]
+    if key not in _cache:
+        if len(_cache) >= _MAX_CACHED:
+            _cache.clear()
+        _cache[key] = _prepare(experiment)
+    return _cache[key]
 
 
 def _key(experiment: Experiment) -> tuple[bytes, type, type, type, type] | None:
-    """Return everything that counts; None if that cannot be compared."""
+    """Return the cache key of an experiment; None if it cannot be compared."""
     content = evaluation_key(experiment)
     if content is None:
         return None
@@ -86,7 +85,7 @@ def _key(experiment: Experiment) -> tuple[bytes, type, type, type, type] | None:
     return content, type(experiment.controller), representation, type(experiment.ranking), ranking
 
 
-def _prepare(experiment: Experiment) -> Prepared | None:
+def _prepare(experiment: Experiment) -> PreparedEvaluation | None:
     ranking = experiment.new_ranking()
     seeds = ranking.seeds(experiment.first_seed)
     with open_backend(experiment, servers="in-process") as backend:
@@ -95,11 +94,11 @@ def _prepare(experiment: Experiment) -> Prepared | None:
     genes_are_weights = type(representation).weights is Representation.weights
     if evaluator is None or type(ranking) is not Absolute or not genes_are_weights:
         return None
-    return Prepared(evaluator, representation.genome_size, ranking, experiment.first_seed, seeds)
+    return PreparedEvaluation(evaluator, representation.genome_size, ranking, experiment.first_seed, seeds)
 
 
 def check_size(genomes: NDArray[np.float32], genome_size: int) -> None:
-    """Raise InputError for genomes of another size than (candidates, genome_size)."""
+    """Raise InputError unless genomes have the shape (candidates, genome_size)."""
     if genomes.shape[1] != genome_size:
         raise InputError(
             f"genomes: have {genomes.shape[1]} genes; this experiment's controllers have {genome_size}"
@@ -109,7 +108,7 @@ def check_size(genomes: NDArray[np.float32], genome_size: int) -> None:
 def check_finite(genomes: NDArray[np.float32]) -> None:
     """Raise InputError for genes that are NaN or infinite."""
     with np.errstate(over="ignore", invalid="ignore"):
-        total = genomes.sum()  # one pass without another array; finite only where all of them are
+        total = genomes.sum()  # cheap first test: finite only if all genes are
     if not (np.isfinite(total) or np.isfinite(genomes).all()):
         bad = int(np.flatnonzero(~np.isfinite(genomes).all(axis=1))[0])
-        raise InputError(f"genomes: number {bad} holds a gene that is not finite")
+        raise InputError(f"genomes: row {bad} has a gene that is not finite")

@@ -1,4 +1,4 @@
-"""Evaluation of machines with modules in Python in this process."""
+"""Evaluation of machines with Python modules in this process."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -13,31 +13,31 @@ from swarmwright.servers.evaluation.base import Controllers, Progress, Results
 from swarmwright.servers.evaluation.code_failures import CodeFailures
 from swarmwright.servers.evaluation.in_process import InProcessBackend, PythonBackend
 from swarmwright.servers.evaluation.machines import LANES, MachineEvaluations
-from swarmwright.servers.evaluation.repetition import Failed, Repetition, Value
+from swarmwright.servers.evaluation.repetition import Failure, Repetition, Value
 from swarmwright.simulations import catalogue
 
 _REPORT_S = 0.1
 
 
 class ModulesBackend(InProcessBackend):
-    """Evaluates machines with modules in Python in this process, many episodes side by side.
+    """Backend for machines with Python modules in this process, many episodes side by side.
 
-    Controllers that the engine computes are evaluated as usual.
+    Other controllers are evaluated by the backend of the simulation.
     """
 
     def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
         super().__init__(experiment, metrics)
         python = is_python(experiment.simulation)
-        self._others = (PythonBackend if python else InProcessBackend)(experiment, metrics)
+        self._fallback = (PythonBackend if python else InProcessBackend)(experiment, metrics)
         self._together = 1 if python else LANES
-        # What a simulation declares of its determinism says nothing about modules.
+        # The simulation's declared determinism does not cover modules.
         self._repetition = Repetition(experiment.faults.attempts, bitwise=False)
         self._code_failures = CodeFailures()
         self.description = "in this process (behaviours in Python)"
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
-        """Return None for machines with modules in Python."""
-        return None if architecture.get("kind") == PYTHON_KIND else self._others.evaluator(architecture)
+        """Return None for machines with Python modules."""
+        return None if architecture.get("kind") == PYTHON_KIND else self._fallback.evaluator(architecture)
 
     def compute(
         self,
@@ -46,17 +46,17 @@ class ModulesBackend(InProcessBackend):
         on_progress: Progress,
         meanwhile: Callable[[], None] | None,
     ) -> Results:
-        """Return the results; NaN where a simulation in Python failed in all attempts.
+        """Return the results; NaN if a Python simulation failed in all attempts.
 
-        Raises the engine's errors, InputError for modules that are not installed, RunError where their code
+        Raises the engine's errors, InputError for modules that are not installed, RunError if their code
         fails.
         """
         if controllers.architecture.get("kind") != PYTHON_KIND:
-            return self._others.compute(controllers, seeds, on_progress, meanwhile)
+            return self._fallback.compute(controllers, seeds, on_progress, meanwhile)
         if meanwhile is not None:
             meanwhile()
         work = self._work(controllers, seeds)
-        failures: list[Failed] = []
+        failures: list[Failure] = []
         report = _Report(on_progress, work.total)
         started = time.time()
         more = True
@@ -68,7 +68,7 @@ class ModulesBackend(InProcessBackend):
             report(work.done)
         fitness, metrics = work.fitness(), work.metrics()
 
-        def again(candidate: int, episode: int) -> Value | Failed:
+        def retry(candidate: int, episode: int) -> Value | Failure:
             report(work.done)
             part = self._work(
                 Controllers(controllers.architecture, controllers.weights[candidate : candidate + 1]),
@@ -81,7 +81,7 @@ class ModulesBackend(InProcessBackend):
                 return self._failure_of(part, error)
             return Value(float(part.fitness()[0, 0]), part.metrics()[0, 0])
 
-        journal = self._repetition(failures, fitness, metrics, again, started)
+        journal = self._repetition(failures, fitness, metrics, retry, started)
         self._code_failures.note(journal)
         report(work.total, last=True)
         return Results(fitness, metrics, journal)
@@ -97,27 +97,27 @@ class ModulesBackend(InProcessBackend):
             together=self._together,
         )
 
-    def _failure_of(self, work: MachineEvaluations, error: RunError) -> Failed:
-        """Return which evaluation failed; raise the error where a module's code did, not the simulation's."""
+    def _failure_of(self, work: MachineEvaluations, error: RunError) -> Failure:
+        """Return the failed evaluation; raise the error if a module failed rather than the simulation."""
         stack = error.stack if isinstance(error, SimulationError) else None
         of_simulation = isinstance(error, SimulationError) or isinstance(error.__cause__, _engine.EngineError)
         if self._together > 1 or not of_simulation:
             raise error
         candidate, episode = work.part[0].tolist()
-        return Failed(candidate, episode, str(error), stack)
+        return Failure(candidate, episode, str(error), stack)
 
     def failure_of(self, reason: str, /) -> SimulationError | None:
-        """Return what a simulation's code failed with, for a reason of a journal; None for others."""
-        return self._code_failures.of(reason) or self._others.failure_of(reason)
+        """Return the error of the simulation's code for a reason in a journal; None for other reasons."""
+        return self._code_failures.find_error(reason) or self._fallback.failure_of(reason)
 
     def incidents(self) -> dict[str, int]:
-        """Return how often failed evaluations were repeated, and how many failed in all attempts."""
-        retries = self._repetition.retries + self._others.incidents().get("retries", 0)
+        """Return the numbers of retries and of evaluations that failed in all attempts."""
+        retries = self._repetition.retries + self._fallback.incidents().get("retries", 0)
         return ({"retries": retries} if retries else {}) | super().incidents()
 
 
 class _Report:
-    """Reports progress some ten times a second."""
+    """Reports progress about ten times a second."""
 
     def __init__(self, on_progress: Progress, total: int) -> None:
         self._on_progress = on_progress

@@ -1,4 +1,4 @@
-"""Episodes that a simulation server computes and that are shown here."""
+"""Episodes that a simulation server computes and this process shows."""
 
 import logging
 from collections.abc import Callable
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 
 ATTEMPTS = 3
-"""How often an episode is begun whose messages are lost."""
+"""Attempts at an episode whose messages get lost."""
 
 _LOGGER = logging.getLogger("swarmwright")
 
@@ -37,7 +37,7 @@ def begin(
         controller: its specification with weights, as JSON.
 
     Raises:
-        RunError: no broker, no free server that has scenes, or the episode did not begin.
+        RunError: no broker, no free server with scenes, or the episode did not begin.
         InputError: the address or the requirements cannot be used.
     """
     prepare(broker)
@@ -57,13 +57,13 @@ def begin(
         )
 
     with engine_errors():
-        return repeated(lambda: connect_with_retries(attempt, experiment.timeouts.connect, _LOGGER.warning))
+        return retry_lost(lambda: connect_with_retries(attempt, experiment.timeouts.connect, _LOGGER.warning))
 
 
-def recorded(make: Callable[[], tuple[_engine.RemoteEpisode, Playable]]) -> Recording:
-    """Play an episode to its end, from its beginning again where messages are lost.
+def record_episode(make: Callable[[], tuple[_engine.RemoteEpisode, Playable]]) -> Recording:
+    """Record an episode to its end; restart it if messages get lost.
 
-    make: begins the episode; what it returns second is played. Raises RunError when all attempts fail.
+    make: begins the episode and returns it with its playable view. Raises RunError if all attempts fail.
     """
 
     def attempt() -> Recording:
@@ -78,13 +78,13 @@ def recorded(make: Callable[[], tuple[_engine.RemoteEpisode, Playable]]) -> Reco
             episode.close()
 
     with engine_errors():
-        return repeated(attempt)
+        return retry_lost(attempt)
 
 
-def repeated(attempt: Callable[[], Result]) -> Result:
-    """Return what `attempt` returns, which is tried again where messages were lost.
+def retry_lost(attempt: Callable[[], Result]) -> Result:
+    """Call `attempt` again while messages get lost, and return its result.
 
-    Raises RunError with the last reason when all attempts fail.
+    Raises RunError with the last reason if all attempts fail.
     """
     for number in range(1, ATTEMPTS + 1):
         try:
@@ -93,5 +93,5 @@ def repeated(attempt: Callable[[], Result]) -> Result:
             reason = one_line(str(error))
             if number == ATTEMPTS:
                 raise RunError(f"{reason}; tried {ATTEMPTS} times") from error
-            _LOGGER.warning("%s; the episode is begun again", reason)
+            _LOGGER.warning("%s; restarting the episode", reason)
     raise AssertionError  # the last attempt returns or raises

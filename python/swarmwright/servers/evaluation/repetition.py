@@ -1,4 +1,4 @@
-"""Repeats evaluations that failed in this process, as servers repeat them."""
+"""Retries of evaluations that failed in this process."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from swarmwright.servers.rows import IN_PROCESS, AttemptEntry, Journal, WarningEntry
 
-_REMEMBERED = 100
-"""Different reasons that are told and stored with their stack, each once."""
+_MAX_REASONS = 100
+"""Upper limit of distinct reasons to report and to store with their traceback."""
 
 
-class Failed(NamedTuple):
+class Failure(NamedTuple):
     """An attempt at an evaluation that failed."""
 
     candidate: int
@@ -24,7 +24,7 @@ class Failed(NamedTuple):
 
 
 class Value(NamedTuple):
-    """What came out of an attempt that succeeded."""
+    """Results of a successful attempt."""
 
     fitness: float
     metrics: NDArray[np.float64]
@@ -32,95 +32,94 @@ class Value(NamedTuple):
 
 
 @dataclass
-class _Open:
+class _FailedEvaluation:
     """An evaluation that has failed in all attempts so far."""
 
-    last: Failed
+    last: Failure
     same: int = 1
     """Attempts in a row that failed for the last reason."""
 
 
 class Repetition:
-    """Repeats failed evaluations up to `faults.attempts` times in all; the rules are those of servers.
+    """Retries failed evaluations, up to `faults.attempts` attempts in all, by the same rules as servers.
 
-    An evaluation is repeated after all others, so that something else has been evaluated in between. Where
-    nothing fails, nothing is done and nothing is stored.
+    Retries come after all other evaluations, so that other evaluations lie in between.
 
     Args:
-        attempts: at an evaluation before it has failed.
-        bitwise: whether the simulation declares that it repeats itself to the bit: then it is enough that an
-            evaluation fails twice for the same reason, if others succeed.
+        attempts: at an evaluation before it counts as failed.
+        bitwise: whether the simulation declares bitwise determinism: then two failures for the same reason
+            are final, if other evaluations succeed.
     """
 
     def __init__(self, attempts: int, *, bitwise: bool) -> None:
         self._attempts = attempts
         self._bitwise = bitwise
-        self._known: set[str] = set()
+        self._reported: set[str] = set()
         self.retries = 0
         """Attempts so far that were not the first."""
 
     def __call__(
         self,
-        failures: Iterable[Failed],
+        failures: Iterable[Failure],
         fitness: NDArray[np.float64],
         metrics: NDArray[np.float64],
-        evaluate: Callable[[int, int], Value | Failed],
+        evaluate: Callable[[int, int], Value | Failure],
         started: float,
     ) -> Journal:
-        """Put the values of repeated evaluations in their places; return the journal of all failures.
+        """Retry failures, write the values of successful retries into the arrays, and return the journal.
 
         Args:
             failures: the first attempts that failed.
             fitness: (candidates, episodes), NaN where they failed.
             metrics: (candidates, episodes, metrics), likewise.
             evaluate: evaluates a candidate in an episode once.
-            started: when the first attempts were begun, seconds since 1970.
+            started: beginning of the first attempts, seconds since 1970.
         """
         journal = Journal()
-        left = [_Open(failure) for failure in failures]
-        if not left:
+        pending = [_FailedEvaluation(failure) for failure in failures]
+        if not pending:
             return journal
         seconds = time.time() - started
-        for opened in left:
-            self._note(journal, opened.last, 1, started, seconds)
+        for evaluation in pending:
+            self._note(journal, evaluation.last, 1, started, seconds)
         for attempt in range(2, self._attempts + 1):
             certain = self._bitwise and bool(np.isfinite(fitness).any())
-            left = [opened for opened in left if not (certain and opened.same > 1)]
-            left = [
-                opened
-                for opened in left
-                if not self._succeeds(journal, opened, attempt, fitness, metrics, evaluate)
+            pending = [evaluation for evaluation in pending if not (certain and evaluation.same > 1)]
+            pending = [
+                evaluation
+                for evaluation in pending
+                if not self._succeeds(journal, evaluation, attempt, fitness, metrics, evaluate)
             ]
         return journal
 
     def _succeeds(
         self,
         journal: Journal,
-        attempt_open: _Open,
+        evaluation: _FailedEvaluation,
         attempt: int,
         fitness: NDArray[np.float64],
         metrics: NDArray[np.float64],
-        evaluate: Callable[[int, int], Value | Failed],
+        evaluate: Callable[[int, int], Value | Failure],
     ) -> bool:
-        candidate, episode = attempt_open.last.candidate, attempt_open.last.episode
+        candidate, episode = evaluation.last.candidate, evaluation.last.episode
         self.retries += 1
         started = time.time()
-        found = evaluate(candidate, episode)
+        result = evaluate(candidate, episode)
         seconds = time.time() - started
-        if isinstance(found, Value):
-            fitness[candidate, episode] = found.fitness
-            metrics[candidate, episode] = found.metrics
+        if isinstance(result, Value):
+            fitness[candidate, episode] = result.fitness
+            metrics[candidate, episode] = result.metrics
             journal.attempts.append(_entry(candidate, episode, attempt, started, seconds))
             return True
-        attempt_open.same = attempt_open.same + 1 if found.reason == attempt_open.last.reason else 1
-        attempt_open.last = found._replace(candidate=candidate, episode=episode)
-        self._note(journal, attempt_open.last, attempt, started, seconds)
+        evaluation.same = evaluation.same + 1 if result.reason == evaluation.last.reason else 1
+        evaluation.last = result._replace(candidate=candidate, episode=episode)
+        self._note(journal, evaluation.last, attempt, started, seconds)
         return False
 
-    def _note(self, journal: Journal, failed: Failed, attempt: int, started: float, seconds: float) -> None:
-        new = failed.reason not in self._known and len(self._known) < _REMEMBERED
+    def _note(self, journal: Journal, failed: Failure, attempt: int, started: float, seconds: float) -> None:
+        new = failed.reason not in self._reported and len(self._reported) < _MAX_REASONS
         if new:
-            self._known.add(failed.reason)
+            self._reported.add(failed.reason)
             journal.warnings.append(
                 WarningEntry(f"an episode failed: {failed.reason}", time=started + seconds)
             )

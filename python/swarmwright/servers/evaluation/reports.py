@@ -17,9 +17,9 @@ _listeners: list[tuple[Listener, bool]] = []
 
 @contextmanager
 def listening(listener: Listener, *, warnings_only: bool = False) -> Iterator[None]:
-    """Within the block, `listener` gets every report; it must not take long, for a run waits for it.
+    """Call `listener` with every report within the block; the run waits for it, so it must be quick.
 
-    warnings_only: it gets those of `WARNINGS` alone, and the others are not even made for it.
+    warnings_only: report only events in `WARNINGS`; others are not even created.
     """
     entry = (listener, warnings_only)
     _listeners.append(entry)
@@ -29,13 +29,13 @@ def listening(listener: Listener, *, warnings_only: bool = False) -> Iterator[No
         _listeners.remove(entry)
 
 
-def wanted() -> bool:
+def has_listeners() -> bool:
     """Whether there is a listener."""
     return bool(_listeners)
 
 
-def only_warnings() -> bool:
-    """Whether all listeners want warnings only."""
+def needs_only_warnings() -> bool:
+    """Whether all listeners want only warnings."""
     return all(warnings_only for _, warnings_only in _listeners)
 
 

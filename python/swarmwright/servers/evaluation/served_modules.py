@@ -1,4 +1,4 @@
-"""Behaviours and conditions in Python on a simulation server, as the engine calls them."""
+"""Python behaviours and conditions on a simulation server; the engine calls this interface."""
 
 import json
 import traceback
@@ -16,29 +16,29 @@ from swarmwright.controllers.modules import grammar
 from swarmwright.controllers.modules.grammar import Module
 from swarmwright.controllers.modules.played import PlayedEpisode
 from swarmwright.servers.evaluation.machines import LANES, MachineEvaluations
-from swarmwright.servers.evaluation.module_code import ROLES, offered, sha256_of
+from swarmwright.servers.evaluation.module_code import ROLES, import_modules, sha256_of
 
 _STACK = 8000
-"""Characters of a traceback that are kept, of its end."""
-_REMEMBERED = 100
-"""Different failures that are reported, so that each is reported once."""
+"""Characters of a traceback to keep, from its end."""
+_MAX_REPORTED = 100
+"""Upper limit of distinct failures to report."""
 
 Report = Callable[[str, str], None]
-"""Gets reason and traceback of a failure."""
+"""Called with the reason and traceback of a failure."""
 
 
 class ServedModules:
     """The modules that a simulation server offers.
 
-    Machines that came through the broker are made of these alone: they name modules, by their code's SHA-256,
-    and nothing else is imported for them.
+    Machines received through the broker name modules and the SHA-256 of their code; only the modules offered
+    here are used, and no other code is imported.
 
     Args:
         names: of the modules, see `module_code.offered`.
         simulation: its title, or a host.
-        report: gets failures of their code, once for each reason.
+        report: called with failures of their code, once per reason.
 
-    Raises InputError for modules that are not there, or not right.
+    Raises InputError for missing or invalid modules.
     """
 
     def __init__(self, names: Sequence[str], simulation: Any, report: Report) -> None:  # noqa: ANN401 - as the engine takes it
@@ -47,20 +47,20 @@ class ServedModules:
         self._reported: set[str] = set()
         self._offered = {
             (role, module.name, sha256_of(role, module)): module
-            for (role, _), many in offered(names).items()
+            for (role, _), many in import_modules(names).items()
             for module in many
         }
         self.together = LANES if isinstance(simulation, str) else 1
-        """Episodes that are computed in about the time of one."""
+        """Episodes that take about as long as a single one."""
 
     @property
     def announced(self) -> list[dict[str, str]]:
-        """What the server says of each module, see docs/reference/protocol.md."""
-        found = []
+        """Announcement of each module, see docs/reference/protocol.md."""
+        entries = []
         for (role, name, sha256), module in self._offered.items():
             values = {"role": role, "name": name, "file": module.file or None, "sha256": sha256}
-            found.append({key: value for key, value in values.items() if value is not None})
-        return found
+            entries.append({key: value for key, value in values.items() if value is not None})
+        return entries
 
     def begin(
         self,
@@ -70,12 +70,12 @@ class ServedModules:
         parameters: dict[str, Any],
         metrics: Sequence[str],
     ) -> MachineEvaluations:
-        """Begin to evaluate candidates. Raises the engine's InputError for machines of other modules."""
+        """Begin to evaluate candidates. Raises the engine's InputError for machines with other modules."""
         with _refusals():
             return MachineEvaluations(
                 self._simulation,
                 parameters,
-                self._made_of_these(architecture),
+                self._resolve_modules(architecture),
                 weights,
                 seeds,
                 metrics,
@@ -87,45 +87,47 @@ class ServedModules:
         """Begin one episode. Raises as `begin`."""
         values = json.loads(specification)
         with _refusals():
-            machine = {**values, **self._made_of_these(values)}
+            machine = {**values, **self._resolve_modules(values)}
             seed = int(parameters.get("seed", 0))
             return ServedEpisode(PlayedEpisode(self._simulation, parameters, seed, machine), self._tell)
 
-    def _made_of_these(self, architecture: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a specification of the modules that are here: parameters are in the order of their class."""
-        found = dict(architecture)
+    def _resolve_modules(self, architecture: Mapping[str, Any]) -> dict[str, Any]:
+        """Replace the modules of a specification by those offered, with parameters in their class's order."""
+        specification = dict(architecture)
         for role, key in ROLES.items():
-            found[key] = [
-                self._module(role, grammar.module_of(module_name)).as_mapping()
+            specification[key] = [
+                self._find_module(role, grammar.module_of(module_name)).as_mapping()
                 for module_name in architecture[key]
             ]
-        return found
+        return specification
 
-    def _module(self, role: str, wanted: Module) -> Module:
-        if wanted.built_in:
-            return wanted
+    def _find_module(self, role: str, definition: Module) -> Module:
+        if definition.built_in:
+            return definition
         same = (
             module
-            for (other, name, sha256), module in self._offered.items()
-            if (other, name) == (role, wanted.name) and wanted.sha256 in ("", sha256)
+            for (offered_role, name, sha256), module in self._offered.items()
+            if (offered_role, name) == (role, definition.name) and definition.sha256 in ("", sha256)
         )
-        found = next(same, None)
-        if found is None:
+        offered_module = next(same, None)
+        if offered_module is None:
             raise InputError(
-                f"controller: this server does not have {role} {wanted.name!r}, or other code of it"
+                f"controller: this server lacks {role} {definition.name!r}, or has different code for it"
             )
-        if dict(found.parameters) != dict(wanted.parameters):
-            raise InputError(f"controller: {role} {wanted.name!r} has other parameters on this server")
-        return found
+        if dict(offered_module.parameters) != dict(definition.parameters):
+            raise InputError(
+                f"controller: {role} {definition.name!r} has different parameters on this server"
+            )
+        return offered_module
 
     def _tell(self, reason: str, stack: str) -> None:
-        if reason not in self._reported and len(self._reported) < _REMEMBERED:
+        if reason not in self._reported and len(self._reported) < _MAX_REPORTED:
             self._reported.add(reason)
             self._report(reason, stack)
 
 
 class ServedEpisode:
-    """An episode of which a failure is reported with its traceback."""
+    """An episode that reports failures with their traceback."""
 
     def __init__(self, episode: PlayedEpisode, tell: Report) -> None:
         self._episode = episode
@@ -133,7 +135,7 @@ class ServedEpisode:
 
     @property
     def done(self) -> bool:
-        """Whether it has ended."""
+        """Whether the episode has ended."""
         return self._episode.done
 
     @property
@@ -162,17 +164,17 @@ class ServedEpisode:
 
 @contextmanager
 def _refusals() -> Iterator[None]:
-    """Raise what is wrong with a request as the engine takes it."""
+    """Convert errors in a request to the engine's InputError."""
     try:
         yield
     except InputError as error:
         raise _engine.InputError(str(error)) from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        raise _engine.InputError(f"controller: is not a machine of modules: {error!r}") from None
+        raise _engine.InputError(f"controller: is not a valid machine of modules: {error!r}") from None
 
 
 def _stack(error: BaseException | None) -> str:
-    """Return the traceback of what a module's code raised, from that code on; empty where nothing was."""
+    """Return the traceback from the module's code on; empty without an exception."""
     if error is None:
         return ""
     first = trace = error.__traceback__

@@ -1,21 +1,24 @@
 """One simulation server in a process of its own, for a run's own servers and for `swarmwright serve`.
 
-Arguments: a file descriptor, to which events go as JSON lines, then the arguments of `_engine.serve` as a
-JSON object, where a simulation in Python is named by its class, `wait`, seconds for a broker that does not
-answer, `files`, path -> SHA-256, which the source of the class must have: all servers of a run compute the
-same, `modules`, names of the behaviours and conditions in Python that it has, `visual`, whether a command is
-to show its episodes, `progress`, the descriptor of a file in which it says what it computes, `grace`, seconds
-for which it may go on with a request when SIGTERM arrives, and `marked`, whether what it prints is to say for
-which candidate.
+Arguments: a file descriptor for events as JSON lines, then a JSON object with the arguments of
+`_engine.serve`, where a Python simulation is named by its class, and further keys:
 
-Events are what `_engine.serve` reports, {"event": "waiting", "server", "message"} while no broker answers,
-{"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails,
-{"event": "warning", "server", "message"} for what the library warns of, and {"event": "error", "message"}
-when the server fails. Standard input is a pipe from the parent: when it closes
-the parent is done or gone, however it ended, and so is this process; for simulations it is empty. On
-SIGTERM, which schedulers send to all processes of a job that they preempt, the request under way, or the
-episode that is stepped, is finished; then the process leaves the broker and ends by this signal. A second
-SIGTERM ends it at once.
+- `wait`: seconds to wait for a broker that does not answer
+- `files`: path -> required SHA-256 of the source, so that all servers of a run compute the same
+- `modules`: names of the Python behaviours and conditions to offer
+- `visual`: whether a command shows its episodes
+- `progress`: descriptor of a file for the current work
+- `grace`: seconds to finish a request after SIGTERM
+- `marked`: whether output lines name their candidate
+
+Events are those of `_engine.serve`; {"event": "waiting", "server", "message"} while no broker answers;
+{"event": "failure", "server", "message", "traceback"} if the code of a Python simulation fails; {"event":
+"warning", "server", "message"} for warnings of the library; {"event": "error", "message"} if the server
+fails.
+
+Standard input is a pipe from the parent; when it closes, this process ends. On SIGTERM, which schedulers send
+to preempted jobs, the process finishes the current request or stepped episode, leaves the broker and ends by
+this signal; a second SIGTERM ends it at once.
 """
 
 import faulthandler
@@ -41,15 +44,15 @@ from swarmwright.simulations import catalogue
 DISCONNECT_S = 2.0
 """Seconds for disconnecting from the broker."""
 PREEMPTION_GRACE_S = 3.0
-"""Seconds for finishing a request or an episode on SIGTERM, unless `grace` says otherwise."""
+"""Default of `grace`: seconds to finish a request or an episode after SIGTERM."""
 _POLL_S = 0.01
-"""Seconds between two checks whether what was computed has ended."""
+"""Seconds between checks for the end of the current work."""
 
 
 def _take_standard_input() -> int:
-    """Return a descriptor of the pipe from the parent; standard input becomes empty.
+    """Return a descriptor of the pipe from the parent, and make standard input empty.
 
-    A simulation that reads standard input, or starts a program that does, would wait for the parent's end.
+    Otherwise a simulation that reads standard input would wait until the parent ends.
     """
     pipe = os.dup(0)  # not inherited by programs
     empty = os.open(os.devnull, os.O_RDONLY)
@@ -72,10 +75,10 @@ def _end_with_parent(pipe: int, preemption: Callable[[], "_Preemption | None"]) 
 
 
 class _Preemption:
-    """Ends this process in an orderly way on SIGTERM."""
+    """Handler that ends this process cleanly on SIGTERM."""
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
-        self.has_come = False
+        self.has_begun = False
         self._server, self._broker = int(settings["id"]), str(settings["broker"])
         self._prefix = str(settings.get("prefix", ""))
         self._progress: int | None = settings.get("progress")
@@ -83,15 +86,15 @@ class _Preemption:
         signal.signal(signal.SIGTERM, self._begin)
 
     def _begin(self, _number: int, _frame: object) -> None:
-        self.has_come = True
+        self.has_begun = True
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         threading.Thread(target=self._end, daemon=True).start()
 
     def _end(self) -> None:
-        """Wait for the end of what is computed, then interrupt the main thread, which disconnects."""
+        """Wait for the end of the current work, then interrupt the main thread, which disconnects."""
         deadline = time.monotonic() + self._grace
         before = self._sample()
-        while self._sample().goes_on_with(before) and time.monotonic() <= deadline:
+        while self._sample().continues(before) and time.monotonic() <= deadline:
             time.sleep(_POLL_S)
         if before.is_stepped or self._sample().is_stepped:
             self._leave()  # the next episode has begun already
@@ -101,7 +104,7 @@ class _Preemption:
         self.finish()
 
     def leave_stepped_episodes(self) -> None:
-        """Leave the broker where episodes are stepped, before an interrupt; a broker may be gone."""
+        """Leave the broker before an interrupt if episodes are being stepped."""
         if self._sample().is_stepped:
             leaving = threading.Thread(target=self._leave, daemon=True)
             leaving.start()
@@ -110,9 +113,8 @@ class _Preemption:
     def _leave(self) -> None:
         """Remove the server's presence.
 
-        An interrupt is raised in the simulation's code and counts as a failure of the episode that is
-        stepped, and a server that is lost counts against it, too. The episodes of one that has left are given
-        to others.
+        An interrupt in the simulation's code, or a lost server, would count as a failure of the stepped
+        episode. Episodes of a server that has left go to other servers.
         """
         with suppress(SwarmwrightError), engine_errors():
             _engine.forget(self._broker, [self._server], prefix=self._prefix)
@@ -122,12 +124,14 @@ class _Preemption:
 
     @staticmethod
     def finish() -> None:
-        """End by the signal: a process that waits for this one sees why it has ended."""
+        """End by the signal, so that a waiting parent sees the cause."""
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], None], *, visual: bool) -> Any:  # noqa: ANN401 - as the engine takes it
-    """Return what `_engine.serve` takes: the title of a built-in simulation, or a host of a user's class."""
+def _load_simulation(
+    name: str, files: dict[str, str], on_failure: Callable[[str, str], None], *, visual: bool
+) -> Any:  # noqa: ANN401 - as the engine takes it
+    """Return the title of a built-in simulation or a host of a user's class, for `_engine.serve`."""
     if name in catalogue.titles():
         return name
     from swarmwright.simulations import loading  # noqa: PLC0415 - only for simulations in Python
@@ -139,20 +143,20 @@ def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], N
     check_unchanged(files)
     if visual and hasattr(kind, "runVisual"):  # of a command
         kind.visual = True  # type: ignore[union-attr] # a CommandSimulation, which is above this
-    return make_host(kind, failed)
+    return make_host(kind, on_failure)
 
 
-def _modules(names: list[str], simulation: Any, failed: Callable[[str, str], None]) -> Any:  # noqa: ANN401 - as the engine takes it
-    """Return the behaviours and conditions in Python that this server has."""
+def _load_modules(names: list[str], simulation: Any, on_failure: Callable[[str, str], None]) -> Any:  # noqa: ANN401 - as the engine takes it
+    """Load the Python behaviours and conditions of this server."""
     from swarmwright.servers.evaluation.served_modules import ServedModules  # noqa: PLC0415 - NumPy, only for such servers
     from swarmwright.simulations import loading  # noqa: PLC0415 - as above
 
     loading.serving = True
-    return ServedModules(names, simulation, failed)
+    return ServedModules(names, simulation, on_failure)
 
 
 def _prepare(settings: dict[str, Any]) -> None:
-    """Have crashes and hangs leave a stack, and what is printed marks."""
+    """Set up stack traces for crashes and hangs, and the marking of output."""
     faulthandler.enable(2)
     faulthandler.register(STACK_SIGNAL, 2)
     progress = settings.pop("progress", None)
@@ -163,12 +167,12 @@ def _prepare(settings: dict[str, Any]) -> None:
 
 
 def main() -> int:
-    """Serve until the parent ends; return 0, or the exit status of what went wrong."""
+    """Serve until the parent ends; return 0 or the exit status of an error."""
     # The parent may have been started with SIGINT ignored, as shells do in the background.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     preemption: _Preemption | None = None
     try:
-        # It may end at any time, also before this process serves.
+        # The parent may end at any time, also before this process serves.
         arguments = (_take_standard_input(), lambda: preemption)
         threading.Thread(target=_end_with_parent, args=arguments, daemon=True).start()
         settings = json.loads(sys.argv[2])
@@ -176,13 +180,13 @@ def main() -> int:
         settings.pop("grace", None)
         return _serve(int(sys.argv[1]), settings)
     except KeyboardInterrupt:
-        if preemption is not None and preemption.has_come:
+        if preemption is not None and preemption.has_begun:
             preemption.finish()
         return 0
 
 
 class _Warnings(logging.Handler):
-    """Reports what the library warns of, beside printing it."""
+    """Logging handler that reports and prints warnings."""
 
     def __init__(self, server: int, report: Callable[[Mapping[str, Any]], None]) -> None:
         super().__init__(logging.WARNING)
@@ -195,33 +199,33 @@ class _Warnings(logging.Handler):
 
 
 def _serve(events: int, settings: dict[str, Any]) -> int:
-    """Serve; events go to the file descriptor `events`; return the exit status of what went wrong."""
+    """Serve, write events to the file descriptor `events`, and return the exit status."""
 
     def report(event: Mapping[str, Any]) -> None:
-        # The pipe is closed: the parent is ending, or gone, which `_end_with_parent` notices.
+        # A closed pipe means that the parent ends, which `_end_with_parent` handles.
         with suppress(OSError):
             os.write(events, f"{json.dumps(event)}\n".encode())
 
     logging.getLogger("swarmwright").addHandler(_Warnings(settings["id"], report))
     _prepare(settings)
 
-    def failed(reason: str, traceback: str) -> None:
+    def report_failure(reason: str, traceback: str) -> None:
         report({"event": "failure", "server": settings["id"], "message": reason, "traceback": traceback})
         sys.stderr.write(f"{traceback or reason}\n")
 
-    def waiting(line: str) -> None:
+    def report_waiting(line: str) -> None:
         report({"event": "waiting", "server": settings["id"], "message": line})
 
     try:
         with engine_errors():
             name, files = settings.pop("simulation"), settings.pop("files", {})
-            simulation = _simulation(name, files, failed, visual=settings.pop("visual", False))
+            simulation = _load_simulation(name, files, report_failure, visual=settings.pop("visual", False))
             names = settings.pop("modules", [])
             if names:
-                settings["modules"] = _modules(names, simulation, failed)
+                settings["modules"] = _load_modules(names, simulation, report_failure)
             wait = settings.pop("wait", 0.0)
             connect_with_retries(
-                lambda: _engine.serve(simulation, **settings, on_event=report), wait, waiting
+                lambda: _engine.serve(simulation, **settings, on_event=report), wait, report_waiting
             )
     except SwarmwrightError as error:
         report({"event": "error", "message": str(error)})
@@ -234,6 +238,5 @@ if __name__ == "__main__":
     status = main()
     sys.stdout.flush()
     sys.stderr.flush()
-    # Not `sys.exit`: another thread may be within the code of a simulation, which an interpreter that is
-    # being taken down would end in the middle, and the process with it.
+    # Not `sys.exit`: finalizing the interpreter could crash a thread that still runs a simulation's code.
     os._exit(status)

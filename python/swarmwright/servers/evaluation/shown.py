@@ -1,4 +1,4 @@
-"""Episodes of experiments that are played to be shown."""
+"""Episodes of experiments, played for display."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -41,12 +41,12 @@ class ShownEpisode:
     seed: int
     """Seed of the simulation."""
     source: Path | None = None
-    """Where the controller comes from, if it was loaded."""
+    """Path from which the controller was loaded, if any."""
     broker: str | None = None
-    """Where a server computes it; None in this process."""
+    """Broker of the server that computes the episode; None for this process."""
 
     @classmethod
-    def of_experiment(
+    def from_experiment(
         cls,
         experiment: "Experiment",
         controller: Path | None = None,
@@ -54,19 +54,19 @@ class ShownEpisode:
         seed: int | None = None,
         broker: str | None = None,
     ) -> Self:
-        """Choose what is played before there is a run.
+        """Prepare an episode of an experiment that has no run yet.
 
         Args:
-            experiment: whose simulation and parameters.
-            controller: file or run folder. Default: the random one that `simulate` takes.
+            experiment: gives the simulation and parameters.
+            controller: file or run folder; by default a random controller, as in `simulate`.
             seed: of the simulation, instead of `parameters.seed`.
-            broker: a server on it computes the episode and sends its scenes. Default: this process does, or,
-                where the simulation is not here, servers on the experiment's broker.
+            broker: a server on it computes the episode and sends its scenes. By default this process does,
+                or, for simulations that it lacks, a server on the experiment's broker.
 
         Raises:
-            InputError: the simulation is not here and no broker is known, there is no such controller, or it
-                does not fit the simulation.
-            RunError: no server there has the simulation.
+            InputError: the simulation is not available here and no broker is known, or the controller does
+                not exist or does not match the simulation.
+            RunError: no server offers the simulation.
         """
         seed = experiment.first_seed if seed is None else seed
         simulation_seed("seed", seed)
@@ -74,11 +74,10 @@ class ShownEpisode:
             broker = experiment.broker
             if broker is None:
                 raise InputError(
-                    f"the simulation '{experiment.simulation}' is not built in; name the broker of a server "
-                    "that offers it and has scenes (--broker URL), or have a server draw it itself: "
-                    "--visual --broker URL"
+                    f"the simulation '{experiment.simulation}' is not built in; give a broker whose server "
+                    "sends scenes (--broker URL) or draws by itself (--visual --broker URL)"
                 )
-        sensors, actuators = _sizes(experiment, broker)
+        sensors, actuators = _find_sizes(experiment, broker)
         if controller is None:
             representation = experiment.representation(sensors, actuators)
             genome = representation.initial(Stream(experiment.seed, "initial"))
@@ -86,91 +85,92 @@ class ShownEpisode:
         else:
             played = Controller.load(controller)
             check_fit(played, sensors, actuators, experiment.simulation)
-        check_shown_on(broker, played)
+        check_showable(broker, played)
         return cls(experiment=experiment, controller=played, seed=seed, source=controller, broker=broker)
 
     @property
-    def pictured(self) -> bool:
-        """Whether the simulation draws pictures itself, in the place of scenes.
+    def is_pictured(self) -> bool:
+        """Whether the simulation draws pictures instead of scenes.
 
         Raises InputError for a simulation that has neither.
         """
         return self.broker is None and catalogue.choose_display(self.experiment.simulation) == "picture"
 
     def episode(self) -> Playable:
-        """Return the episode, before its first step.
+        """Begin the episode and return it.
 
-        One on a server is to be ended with `close` where it is not played to its end. Raises RunError when no
-        server there has scenes.
+        Close an episode on a server that is not played to its end. Raises RunError if no server has scenes.
         """
         if self.broker is not None:
-            return self._judged(self._remote())
-        if not self.pictured:
+            return self._apply_fitness(self._remote())
+        if not self.is_pictured:
             return self._episode(catalogue.make_playable(self.experiment.simulation))
         host = catalogue.make_drawing_host(self.experiment.simulation)
         return Pictured(self._episode(host), host.picture)
 
     def recording(self) -> Recording:
-        """Play the episode and return its scenes.
+        """Play the episode and record its scenes.
 
-        Raises RunError when a server cannot compute or show it.
+        Raises RunError if a server cannot compute or show it.
         """
         if self.broker is None:
             return record(self.episode())
 
         def make() -> tuple[_engine.RemoteEpisode, Playable]:
             episode = self._remote()
-            return episode, self._judged(episode)
+            return episode, self._apply_fitness(episode)
 
-        return remote.recorded(make)
+        return remote.record_episode(make)
 
     def _remote(self) -> _engine.RemoteEpisode:
         parameters = {**self.experiment.parameters, "seed": self.seed}
         return remote.begin(self.experiment, self.broker or "", parameters, self.controller.json)
 
-    def _judged(self, episode: Any) -> Playable:  # noqa: ANN401 - one of the engine's
+    def _apply_fitness(self, episode: Any) -> Playable:  # noqa: ANN401 - one of the engine's
         expression = fitness_expression(self.experiment)
         played: Playable = episode if expression is None else JudgedEpisode(episode, expression)
         return played
 
     def pictures(self) -> PictureRecording:
-        """Play the episode of a simulation that draws pictures, and return them."""
+        """Play the episode and record the pictures of its simulation."""
         host = catalogue.make_drawing_host(self.experiment.simulation)
         return record_pictures(self._episode(host), host.picture)
 
     def engine_episode(self) -> _engine.Episode | PlayedEpisode:
-        """Return the episode as the engine steps it, before its first step, with the simulation's fitness."""
+        """Begin the episode in the engine, with the simulation's fitness."""
         return self._engine_episode(catalogue.make_playable(self.experiment.simulation))
 
     def _episode(self, simulation: Any) -> Playable:  # noqa: ANN401 - as the engine takes it
-        return self._judged(self._engine_episode(simulation))
+        return self._apply_fitness(self._engine_episode(simulation))
 
     def _engine_episode(self, simulation: Any) -> _engine.Episode | PlayedEpisode:  # noqa: ANN401 - as the engine takes it
         values = self.controller.specification
         if is_in_python(values):
             with engine_errors():
                 return PlayedEpisode(simulation, dict(self.experiment.parameters), self.seed, values)
-        evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
+        evolved = self.controller.parameters  # of a parameter set; {} for controllers of agents
         parameters = {**self.experiment.parameters, **evolved, "seed": self.seed}
         with engine_errors():
             return _engine.Episode(simulation, parameters, self.controller.json)
 
     def part(self, recording: Recording, name: str = "") -> Part:
-        """Return a recording of the episode with what is known of its controller."""
+        """Combine a recording of the episode with details of its controller."""
         try:
             described = catalogue.description(self.experiment.simulation, self.experiment.parameters)
-        except InputError:  # sensors and actuators are numbered
+        except InputError:  # falls back to numbers for sensors and actuators
             described = None
         sensors, actuators = (
             (described["sensor_names"], described["actuator_names"]) if described is not None else ((), ())
         )
-        of = kinds(self.experiment.simulation, self.experiment.parameters) if described is not None else ()
+        robot_kinds = (
+            kinds(self.experiment.simulation, self.experiment.parameters) if described is not None else ()
+        )
         try:
             seconds = catalogue.step_seconds(self.experiment.simulation)
         except InputError:
             seconds = None
         machines = machines_of(self.controller.specification)
-        return Part(recording, name, machines, sensors, actuators, of, seconds)
+        return Part(recording, name, machines, sensors, actuators, robot_kinds, seconds)
 
     def save(
         self,
@@ -178,33 +178,33 @@ class ShownEpisode:
         *,
         speed: float = 1.0,
         shown: "Shown | None" = None,
-        others: "Sequence[ShownEpisode]" = (),
+        companions: "Sequence[ShownEpisode]" = (),
         names: Sequence[str] = ("",),
     ) -> Recording | PictureRecording:
-        """Play the episode and write it as a picture, an animation, a video or a page, by the file's ending.
+        """Play the episode and write a picture, an animation, a video or a page, by the file's suffix.
 
         Args:
-            file: is written over; its ending is one of `swarmwright.display.files.FORMATS`.
-            speed: how many times faster than the simulation's step size.
-            shown: what is drawn beside bodies.
-            others: shown beside it on a page.
-            names: of all that are shown on a page, this one's first.
+            file: replaced if it exists; its suffix is one of `swarmwright.display.files.FORMATS`.
+            speed: playback speed relative to simulated time.
+            shown: layers to draw beside bodies.
+            companions: episodes to show beside this one on a page.
+            names: of all episodes on a page, this one's first.
 
         Raises:
             InputError: the simulation has nothing to show, or the file cannot be written.
             RunError: a server cannot compute or show it.
         """
         try:
-            if not self.pictured:
-                recordings = [episode.recording() for episode in (self, *others)]
+            if not self.is_pictured:
+                recordings = [episode.recording() for episode in (self, *companions)]
                 parts = [
                     episode.part(recording, name)
-                    for episode, recording, name in zip((self, *others), recordings, names, strict=True)
+                    for episode, recording, name in zip((self, *companions), recordings, names, strict=True)
                 ]
                 save(parts, file, caption=self.caption(recordings[0]), speed=speed, shown=shown)
                 return recordings[0]
-            if others:
-                raise InputError("--beside: this simulation draws pictures, which are shown alone")
+            if companions:
+                raise InputError("--beside: pictures drawn by a simulation cannot be shown side by side")
             drawn = self.pictures()
             save_pictures(drawn, file, caption=self.caption(drawn), speed=speed)
             return drawn
@@ -214,7 +214,7 @@ class ShownEpisode:
     def metrics(self, recording: Recording | PictureRecording) -> dict[str, float]:
         """Return the metrics that the experiment's fitness needs, at the end of a recording, by name.
 
-        {} where the recording has none: of pictures that a simulation draws.
+        {} for recordings without metrics, such as pictures.
         """
         expression = fitness_expression(self.experiment)
         trace = recording.trace if isinstance(recording, Recording) else None
@@ -224,28 +224,28 @@ class ShownEpisode:
 
     @property
     def title(self) -> str:
-        """What is played, in a line."""
-        return f"{self.experiment.label}: {self.whose}, simulation seed {self.seed}"
+        """The title of the episode, one line."""
+        return f"{self.experiment.label}: {self.controller_text}, simulation seed {self.seed}"
 
     @property
-    def whose(self) -> str:
-        """Which controller it is, in words."""
+    def controller_text(self) -> str:
+        """Short description of the controller."""
         if self.source is not None:
             return f"controller of {self.source}"
         return "random values" if self.controller.parameters else "a random controller"
 
     def caption(self, recording: Recording | PictureRecording | None = None) -> Caption:
-        """Return the title and the facts that are beside a picture.
+        """Return the title and facts to print beside a picture.
 
-        recording: of the episode, which says what was simulated and what came out.
+        recording: of the episode, for its mission and fitness.
         """
-        facts = [*self._simulated(recording), ("controller", words_of(self.controller.specification))]
+        facts = [*self._iter_mission(recording), ("controller", words_of(self.controller.specification))]
         if recording is not None:
             facts.append(("fitness of this episode", f"{recording.fitness + 0.0:.6g}"))
         return Caption(self.title, (*facts, ("simulation seed", str(self.seed))))
 
-    def _simulated(self, recording: Recording | PictureRecording | None) -> Iterator[tuple[str, str]]:
-        """Yield the title of what was simulated: the message that all scenes have."""
+    def _iter_mission(self, recording: Recording | PictureRecording | None) -> Iterator[tuple[str, str]]:
+        """Yield the mission's title, that is, the message shared by all scenes."""
         if not isinstance(recording, Recording):
             return
         first, last = recording.scenes[0].message, recording.scenes[-1].message
@@ -254,17 +254,17 @@ class ShownEpisode:
             yield ("mission" if mission else "scene", first)
 
 
-def check_shown_on(broker: str | None, controller: Controller) -> None:
-    """Raise InputError for a controller that no server on a broker can be sent to show."""
+def check_showable(broker: str | None, controller: Controller) -> None:
+    """Raise InputError for a controller that servers on a broker cannot show."""
     if broker is not None and is_in_python(controller.specification):
         raise InputError(
-            f"broker: {broker}: behaviours and conditions in Python are shown in this process alone; "
-            "leave it out"
+            f"broker: {broker}: behaviours and conditions in Python can be shown only in this process; "
+            "leave the broker out"
         )
 
 
-def _sizes(experiment: "Experiment", broker: str | None) -> tuple[int, int]:
-    """Return how many sensors and actuators agents have; servers are asked where it is not known here."""
+def _find_sizes(experiment: "Experiment", broker: str | None) -> tuple[int, int]:
+    """Return the numbers of sensors and actuators of agents, from servers if they are unknown here."""
     if catalogue.has_description(experiment.simulation):
         described = catalogue.description(experiment.simulation, experiment.parameters)
         return described["sensors"], described["actuators"]

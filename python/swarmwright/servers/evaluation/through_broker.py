@@ -19,7 +19,7 @@ from swarmwright.experiment.derived import fitness_expression, steers_agents
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.servers.evaluation import reports
 from swarmwright.servers.evaluation.base import (
-    FIRST,
+    FIRST_EVALUATIONS,
     OUTPUT,
     AuditedEpisode,
     Controllers,
@@ -41,7 +41,7 @@ from swarmwright.simulations import catalogue, near_names
 
 
 class BrokerBackend:
-    """Evaluates on simulation servers through a broker."""
+    """Backend for simulation servers behind a broker."""
 
     may_fail = True
 
@@ -50,7 +50,7 @@ class BrokerBackend:
         experiment: Experiment,
         pool: _engine.Pool,
         servers: StartedServers | None,
-        where: str,
+        description: str,
         metrics: Sequence[str] = (),
     ) -> None:
         self._pool = pool
@@ -63,7 +63,7 @@ class BrokerBackend:
         self._listen()
         self._expression = fitness_expression(experiment)
         self.metrics = metrics_of(self._expression, metrics)
-        self.description = where
+        self.description = description
         self.is_foreign = servers is None
         self.hash_seed = None if servers is None else processes.of_started()
 
@@ -74,10 +74,10 @@ class BrokerBackend:
             self.check()
             hint = near_names.suggest_title(experiment.simulation)
             if isinstance(error.__cause__, _engine.NoServerError):
-                hint = hint or _advice(experiment)
+                hint = hint or _suggest_server(experiment)
             raise RunError(f"{error}{self._metrics_hint() or hint}") from error
 
-    def about(
+    def announce(
         self,
         run: str,
         generation: int | None,
@@ -89,47 +89,47 @@ class BrokerBackend:
         self._pool.about(run, generation, generations, evaluations)
 
     def evaluator(self, architecture: dict[str, Any]) -> None:
-        """Return None: servers evaluate."""
+        """Return None, as servers evaluate."""
 
-    def ahead(self, architecture: dict[str, Any]) -> _engine.Pool | None:
-        """Return the pool; None where the experiment has its own fitness, or modules in Python."""
+    def background_evaluator(self, architecture: dict[str, Any]) -> _engine.Pool | None:
+        """Return the pool; None if the experiment has a fitness expression or Python modules."""
         return None if self._expression is not None or is_in_python(architecture) else self._pool
 
-    def end_ahead(self) -> None:
+    def release_background_evaluator(self) -> None:
         """Take the pool back."""
         self._pool.take_back()
 
     def count_failed(self, results: Results) -> None:
-        """Do nothing: the pool counts."""
+        """Do nothing, as the pool counts."""
 
     def _listen(self) -> None:
-        """Have the pool's reports go to those who want them; warnings are needed for their times."""
+        """Forward the pool's reports to listeners; warnings always, for their times."""
         on_status = None if self._servers is None else self._servers.on_status
 
-        def tell(report: Report) -> None:
-            told = cast("dict[str, Any]", report)
-            if on_status is not None and told["event"] == "status":
-                on_status(told["status"])
-            if reports.wanted():
+        def forward(report: Report) -> None:
+            event = cast("dict[str, Any]", report)
+            if on_status is not None and event["event"] == "status":
+                on_status(event["status"])
+            if reports.has_listeners():
                 reports.tell(report)
 
-        self._pool.listen(tell, warnings_only=on_status is None and reports.only_warnings())
+        self._pool.listen(forward, warnings_only=on_status is None and reports.needs_only_warnings())
 
-    def journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
-        """Return the journal of what a pool has evaluated, with the times at which it warned."""
-        journal = Journal.of(attempts, warnings)
-        self._code_failures.note(journal)
-        warning = self._missing_audits.note(journal)
+    def build_journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
+        """Build the journal of a pool's evaluations, with the times of its warnings."""
+        build_journal = Journal.from_fields(attempts, warnings)
+        self._code_failures.note(build_journal)
+        warning = self._missing_audits.note(build_journal)
         if warning is not None:
             reports.tell({"event": "warning", "message": warning})
-        return journal
+        return build_journal
 
     def failure_of(self, reason: str, /) -> SimulationError | None:
-        """Return what the simulation's code failed with on servers, for a reason of a journal."""
-        return self._code_failures.of(reason)
+        """Return the error of the simulation's code on servers for a reason in a journal."""
+        return self._code_failures.find_error(reason)
 
     def usage(self) -> str:
-        """Return what was used of servers elsewhere."""
+        """Return the resource use of remote servers as text."""
         return "" if self._servers is None else self._servers.usage
 
     def server_use(self) -> ServerUses:
@@ -137,7 +137,7 @@ class BrokerBackend:
         return {} if self._servers is None else self._servers.use
 
     def incidents(self) -> dict[str, int]:
-        """Return what the pool counted."""
+        """Return the pool's counts of faults and countermeasures."""
         counts: dict[str, int] = {**self._pool.counts()}  # type: ignore[dict-item] # all of them are int
         if self._servers is not None:
             counts["restarts"] = self._servers.restarts - self._restarts
@@ -145,22 +145,22 @@ class BrokerBackend:
         return {name: count for name, count in counts.items() if count}
 
     def log_to(self, folder: Path) -> None:
-        """Write what started servers print to a file in a run's folder."""
+        """Write the output of started servers to a file in a run's folder."""
         if self._servers is not None:
             self._servers.log_to(folder / OUTPUT)
 
-    def post_evaluates(self) -> None:
-        """Say that what follows belongs to no generation, in servers.log and to watchers."""
+    def announce_post_evaluation(self) -> None:
+        """Publish to servers.log and watchers that post-evaluation begins."""
         self._pool.about(self._run, purpose="post-evaluation")
 
-    def _valued(self, results: Results, numbers: Sequence[int]) -> Results:
-        """Apply the experiment's fitness, and count the episodes for which it has no value."""
+    def _apply_fitness(self, results: Results, numbers: Sequence[int]) -> Results:
+        """Apply the experiment's fitness and count episodes without a value."""
         judged = apply_expression(self._expression, results, numbers)
         self._without_value += len(judged.journal.warnings) - len(results.journal.warnings)
         return judged
 
     def _metrics_hint(self) -> str:
-        """A name that servers announce, close to a misspelt one."""
+        """Suggest an announced name for a misspelt metric."""
         announced = self._pool.announced_metrics()
         missing = [name for name in self.metrics if name not in announced]
         return next((hint for name in missing if (hint := did_you_mean(name, announced))), "")
@@ -173,11 +173,11 @@ class BrokerBackend:
         meanwhile: Callable[[], None] | None = None,
         on_results: OnResults | None = None,
     ) -> Results:
-        """Return the results, NaN where it failed, and what the pool did for them."""
+        """Return the results, NaN where evaluations failed, with the pool's journal."""
         if on_results is not None:
             if meanwhile is not None:
                 meanwhile()
-            return self._as_they_come(controllers, seeds, on_progress, on_results)
+            return self._evaluate_incrementally(controllers, seeds, on_progress, on_results)
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self.check()
@@ -193,58 +193,60 @@ class BrokerBackend:
                 controllers.sample,
             )
         self.check()
-        results = Results(fitness, metrics, self.journal(attempts, warnings))
-        return self._valued(results, range(len(fitness)))
+        results = Results(fitness, metrics, self.build_journal(attempts, warnings))
+        return self._apply_fitness(results, range(len(fitness)))
 
-    def _as_they_come(
+    def _evaluate_incrementally(
         self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress, on_results: OnResults
     ) -> Results:
-        """Evaluate as `evaluate`; the results of each candidate are told when it has been evaluated.
+        """Evaluate and report the results of each candidate as soon as it is evaluated.
 
-        All but the first `FIRST` candidates wait until one of these has succeeded, or all have been
-        evaluated: servers that each of them takes down would be started again for every other one as well.
-        Candidates are told again where a server turns out to be wrong.
+        All candidates after the first `FIRST` wait until one of those succeeds or all are evaluated, so that
+        code that crashes servers does not crash them for every candidate. A candidate is reported again if a
+        server turns out to be wrong.
         """
         count, weights = controllers.weights.shape
-        first = Controllers(controllers.architecture, controllers.weights[:FIRST])
-        others = np.ascontiguousarray(controllers.weights[FIRST:])
-        told = set[int]()
+        first = Controllers(controllers.architecture, controllers.weights[:FIRST_EVALUATIONS])
+        remaining = np.ascontiguousarray(controllers.weights[FIRST_EVALUATIONS:])
+        evaluated = set[int]()
         fitness = np.full((count, len(seeds)), np.nan)
         metrics = np.full((count, len(seeds), len(self.metrics)), np.nan)
-        journal = Journal()
-        no_more = np.empty((0, weights), dtype=np.float32)
+        build_journal = Journal()
+        empty = np.empty((0, weights), dtype=np.float32)
 
         def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32]:
-            nonlocal others
+            nonlocal remaining
             rows = list(candidates)
             fitness[rows], metrics[rows] = results.fitness, results.metrics
-            journal.extend(results.journal)
+            build_journal.extend(results.journal)
             on_results(candidates, results)
-            told.update(rows)
-            if len(others) and (len(told) == len(first.weights) or np.isfinite(results.fitness).any()):
-                more, others = others, no_more
+            evaluated.update(rows)
+            if len(remaining) and (
+                len(evaluated) == len(first.weights) or np.isfinite(results.fitness).any()
+            ):
+                more, remaining = remaining, empty
                 return more
-            return no_more
+            return empty
 
         def progress(done: int, _: int, waiting_for: str) -> None:
             on_progress(done, count * len(seeds), waiting_for)
 
         self._stream(first, seeds, feed, progress, revised=True)
-        return Results(fitness, metrics, journal)
+        return Results(fitness, metrics, build_journal)
 
     def repeat(
         self, controllers: Controllers, evaluations: Sequence[AuditedEpisode], on_progress: Progress
     ) -> tuple[Results, list[int | None]]:
-        """Repeat single evaluations, each on another server than before where there is one."""
+        """Repeat single evaluations, each on another server than before if there is one."""
         seeds = list(dict.fromkeys(evaluation.seed for evaluation in evaluations))
         columns = {seed: index for index, seed in enumerate(seeds)}
-        places = [(evaluation.candidate, columns[evaluation.seed]) for evaluation in evaluations]
-        only = [(*place, evaluation.before) for place, evaluation in zip(places, evaluations, strict=True)]
-        others = len(controllers.weights) * len(seeds) - len(set(places))
+        cells = [(evaluation.candidate, columns[evaluation.seed]) for evaluation in evaluations]
+        selected = [(*cell, evaluation.before) for cell, evaluation in zip(cells, evaluations, strict=True)]
+        skipped = len(controllers.weights) * len(seeds) - len(set(cells))
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self.check()
-            on_progress(done - others, total - others, waiting_for)
+            on_progress(done - skipped, total - skipped, waiting_for)
 
         with engine_errors():
             fitness, metrics, attempts, _ = self._pool.evaluate(
@@ -252,7 +254,7 @@ class BrokerBackend:
                 controllers.weights,
                 seeds,
                 progress,
-                only=only,
+                only=selected,
             )
         self.check()
         servers = {
@@ -260,22 +262,22 @@ class BrokerBackend:
             for attempt in attempts
             if attempt["outcome"] == "done"
         }
-        rows, episodes = (list(part) for part in zip(*places, strict=True))
-        found = Results(
+        rows, episodes = (list(part) for part in zip(*cells, strict=True))
+        measured = Results(
             fitness[rows, episodes][:, np.newaxis], metrics[rows, episodes][:, np.newaxis], Journal()
         )
-        results = apply_expression(self._expression, found, range(len(evaluations)))
-        return results, [servers.get(place) for place in places]
+        results = apply_expression(self._expression, measured, range(len(evaluations)))
+        return results, [servers.get(cell) for cell in cells]
 
     def tolerance(self, servers: AbstractSet[int | None]) -> float | None:
-        """Return how far results of these servers may differ, as they declare it."""
+        """Return the largest tolerance that these servers declare."""
         declared = {server: (kind, margin) for server, kind, margin in self._pool.determinism()}
         return tolerance_of(declared[server] for server in servers if server in declared)
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
     ) -> None:
-        """Evaluate on the servers that there are; each gets another candidate as soon as it has done one."""
+        """Evaluate on all servers; each gets a new candidate as soon as it has finished one."""
         self._stream(controllers, seeds, feed, on_progress, revised=False)
 
     def _stream(
@@ -287,7 +289,7 @@ class BrokerBackend:
         *,
         revised: bool,
     ) -> None:
-        """Evaluate as `stream`; revised: candidates are fed again where a server turns out to be wrong."""
+        """Evaluate as `stream`; with `revised`, feed candidates again if a server turns out to be wrong."""
 
         def take(
             candidates: list[int],
@@ -297,8 +299,8 @@ class BrokerBackend:
             warnings: list[WarningFields],
         ) -> NDArray[np.float32] | None:
             self.check()
-            results = Results(fitness, metrics, self.journal(attempts, warnings))
-            return feed(candidates, self._valued(results, candidates))
+            results = Results(fitness, metrics, self.build_journal(attempts, warnings))
+            return feed(candidates, self._apply_fitness(results, candidates))
 
         def progress(done: int, total: int, waiting_for: str) -> None:
             self.check()
@@ -309,20 +311,20 @@ class BrokerBackend:
             self._pool.stream(architecture, controllers.weights, list(seeds), take, progress, revised=revised)
 
     def check(self) -> None:
-        """Log servers that have been given up; raise RunError when none is left."""
+        """Log servers that were given up; raise RunError if none remains."""
         if self._servers is not None:
             self._servers.check()
 
 
-def _advice(experiment: Experiment) -> str:
-    """Return how a server of the experiment's simulation is started, where there is none."""
+def _suggest_server(experiment: Experiment) -> str:
+    """Return advice on starting a server of the experiment's simulation."""
     served = experiment.simulation
     if is_command(served):
         served = "EXPERIMENT.yaml" if experiment.path is None else str(experiment.path)
     elif not catalogue.is_local(served):
         return (
-            f"; start a server that offers {served!r} on this broker, or name a launcher that does under "
-            "`servers:` in the experiment; a server that runs, but does not announce itself, answers only if "
-            "it has the title, the dimensions and the max_agents that are required"
+            f"; start a server that offers {served!r} on this broker, or set a launcher under `servers:` in "
+            "the experiment. A server that does not announce itself answers only if its title, dimensions "
+            "and max_agents match the requirements"
         )
     return f"; start one with: swarmwright serve {shlex.quote(served)}"

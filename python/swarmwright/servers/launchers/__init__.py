@@ -1,7 +1,7 @@
-"""Launchers: they start simulation servers, on this machine or elsewhere.
+"""Launchers, which start simulation servers on this or other machines.
 
-`LAUNCHERS.names()` lists those that an experiment's `servers` may name, those of plug-ins included;
-`LAUNCHERS.get("slurm")` is the class of one. A custom launcher is a class derived from `Launcher`:
+`LAUNCHERS.names()` lists the launchers for an experiment's `servers`, including plug-ins;
+`LAUNCHERS.get("slurm")` returns a class. For custom launchers, derive a class from `Launcher`, see
 docs/how-to/use-clusters.md.
 """
 

@@ -1,4 +1,4 @@
-"""The interface of launchers: what starts simulation servers, says how they are, and ends them."""
+"""The interface of launchers, which start, check and end simulation servers."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -17,42 +17,38 @@ State = Literal["waiting", "running", "ended"]
 
 
 class LauncherError(RunError):
-    """A launcher cannot do what was asked; the message holds the words of the system that it uses."""
+    """A launcher failed; the message quotes the system behind it."""
 
 
 @dataclass(frozen=True)
 class Health:
-    """The state of one server, as far as its launcher knows it.
-
-    state: "waiting" (in a queue, or its start is under way), "running" (its program was started; whether it
-    has reached the broker is seen there) or "ended". reason: the system's own words, why it waits or how it
-    ended; empty where there are none.
-    """
+    """The state of one server, as known to its launcher."""
 
     state: State
+    """"waiting" (queued or starting), "running" (its program was started) or "ended"."""
     reason: str = ""
+    """The system's message, why the server waits or how it ended; may be empty."""
 
 
 class Launcher(ABC):
-    """Starts simulation servers, says how they are, and ends them.
+    """Base class of launchers, which start, check and end simulation servers.
 
-    An object belongs to one entry of an experiment's `servers` for the time of one run. Servers are named by
-    their ids, which are unique on the broker. A server is `swarmwright serve` with the arguments of
-    `Specification.arguments`, the environment of `Specification.variables`, and the files of
-    `Specification.files`. Methods are called by one thread at a time; none but `close` takes longer than
-    `start_timeout`.
+    An object belongs to one entry of an experiment's `servers` for the duration of a run. Servers are
+    identified by ids that are unique on the broker. A server is `swarmwright serve` with
+    `Specification.arguments`, `Specification.variables` as environment, and `Specification.files`. Methods
+    are called by one thread at a time; none except `close` may take longer than `start_timeout`.
 
     Args:
         options: of the entry.
-        specification: what is started.
+        specification: of the servers.
     """
 
     kind: ClassVar[str]
-    """Its name in experiments."""
+    """Name of the launcher in experiments."""
     options_model: ClassVar[type[LauncherOptions]]
-    """Its options; `launcher` is a Literal with the name as default."""
+    """Model of its options; `launcher` is a Literal with the name as default."""
     is_here: ClassVar[bool] = False
-    """Whether servers run on this machine, so that they reach a broker on its loopback address."""
+    """Whether servers run on this machine and can use a broker on its loopback address."""
     interval: ClassVar[float] = 1.0
     """Seconds between two calls of `health`."""
 
@@ -64,12 +60,12 @@ class Launcher(ABC):
         """Prepare and check what is needed: programs, connections, accounts.
 
         Raises:
-            LauncherError: it cannot be used, with the system's own words.
+            LauncherError: the launcher cannot be used; with the system's message.
         """
 
     @abstractmethod
     def start(self, servers: Sequence[int]) -> None:
-        """Begin to start servers with these ids, which were not used before, and return without waiting.
+        """Begin to start servers with these new ids, and return without waiting.
 
         Raises:
             LauncherError: none of them could be started.
@@ -77,33 +73,33 @@ class Launcher(ABC):
 
     @abstractmethod
     def health(self) -> Mapping[int, Health]:
-        """Return the state of each server that was started and not stopped.
+        """Return the state of each started server that was not stopped.
 
         Raises:
-            LauncherError: it is not known now; servers may still be running.
+            LauncherError: the states are unknown at present; servers may still be running.
         """
 
     @abstractmethod
     def stop(self, servers: Sequence[int]) -> None:
-        """End servers, in whatever state they are: running ones get SIGTERM first.
+        """End servers in any state; running ones get SIGTERM first.
 
         Raises:
             LauncherError: some could not be ended.
         """
 
     def logs(self, server: int, lines: int = 20) -> Sequence[str]:  # noqa: ARG002 - for those that have logs
-        """Return the last lines that a server printed, as far as they are known; also after its end."""
+        """Return the last known output lines of a server, also after its end."""
         return ()
 
     def log_to(self, file: Path) -> None:  # noqa: B027 - most have their logs elsewhere
-        """Write what servers print from now on to a file, which is made when there is something."""
+        """Write further output of servers to a file, created with the first line."""
 
     @abstractmethod
     def close(self) -> None:
-        """End all servers and leave nothing behind: no process, no job, no file. May be called repeatedly."""
+        """End all servers and remove all processes, jobs and files. May be called repeatedly."""
 
     def attach(self, pool: "_engine.Pool | None", servers: Sequence[int]) -> None:  # noqa: B027 - see below
-        """Report the ends of processes to a pool, from its thread; None: to none any more.
+        """Report the ends of processes to a pool, on its thread; None to stop.
 
         Only for launchers that watch processes on this machine. servers: all ids that may be used.
         """

@@ -1,4 +1,4 @@
-"""Code of a custom simulation in one piece, to be copied to where servers are."""
+"""Code of a custom simulation as an archive, to be copied to servers."""
 
 import gzip
 import hashlib
@@ -16,24 +16,23 @@ class Code:
     """Files of a simulation.
 
     Attributes:
-        digest: SHA-256 of their names and contents, in hexadecimal: what was copied once need not be again.
-        archive: the files as a tar archive, compressed by gzip.
-
+        digest: SHA-256 of their names and contents, in hexadecimal.
+        archive: the files as a gzip-compressed tar archive.
     """
 
     digest: str
     archive: bytes
 
     @classmethod
-    def of(cls, files: Mapping[str, bytes], executable: Collection[str] = ()) -> Self:
-        """Pack files, by their path relative to a common folder; the same files give the same bytes.
+    def from_files(cls, files: Mapping[str, bytes], executable: Collection[str] = ()) -> Self:
+        """Pack files, keyed by their path relative to a common folder; equal files give equal bytes.
 
-        executable: those of the paths that are programs.
+        executable: paths of programs.
         """
         digest = hashlib.sha256()
-        packed = io.BytesIO()
+        buffer = io.BytesIO()
         with (
-            gzip.GzipFile(fileobj=packed, mode="wb", mtime=0) as compressed,
+            gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0) as compressed,
             tarfile.open(fileobj=compressed, mode="w", format=tarfile.PAX_FORMAT) as archive,
         ):
             for name, data in sorted(files.items()):
@@ -43,18 +42,18 @@ class Code:
                 entry = tarfile.TarInfo(name)
                 entry.size, entry.mode = len(data), mode
                 archive.addfile(entry, io.BytesIO(data))
-        return cls(digest.hexdigest(), packed.getvalue())
+        return cls(digest.hexdigest(), buffer.getvalue())
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the archive, in hexadecimal, by which a copy of it is compared."""
+        """SHA-256 of the archive, in hexadecimal, to verify copies."""
         return hashlib.sha256(self.archive).hexdigest()
 
     def unpack(self, folder: Path) -> None:
-        """Write the files into a folder, which is made. Raises OSError."""
+        """Extract the files into a folder, which is created. Raises OSError."""
         folder.mkdir(parents=True, exist_ok=True)
         with tarfile.open(fileobj=io.BytesIO(self.archive)) as archive:
-            # One by one: Python 3.11.2, which Debian 12 has, lacks the filters of `extractall`.
+            # Python 3.11.2 (Debian 12) lacks the filters of `extractall`.
             for entry in archive:
                 path = folder / entry.name
                 content = archive.extractfile(entry)

@@ -1,4 +1,4 @@
-"""A Dask cluster with a task for each server; in the process of `_driver`."""
+"""A Dask cluster with one task per server, used in the process of `_driver`."""
 
 import os
 import platform
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from swarmwright.servers.launchers.dask import DaskOptions
 
 _CONNECT_S = 15.0
-"""Seconds for reaching the scheduler."""
+"""Time limit for connecting to the scheduler, seconds."""
 _ANSWER_S = 5.0
-"""Seconds for a question to workers."""
+"""Time limit for answers of workers, seconds."""
 _SLOTS: dict[str, Slot] = {}
-"""On a worker: the servers that run in it, by their tasks' names."""
+"""On a worker: its running servers, by the names of their tasks."""
 
 
 def serve(specification: Specification, server: int, code: str | None, key: str, topic: str) -> End:
-    """Run a server on a worker, to its end."""
+    """Run a server on a worker until it ends."""
     worker = get_worker()
     slot = _SLOTS[key] = Slot(specification, server, code, worker.local_directory)
     try:
@@ -45,14 +45,14 @@ def end(keys: Sequence[str]) -> None:
 
 
 def tail(key: str, lines: int) -> list[str]:
-    """Return what a server of this worker has printed last."""
+    """Return the last output lines of a server on this worker."""
     slot = _SLOTS.get(key)
     return [] if slot is None else slot.tail(lines)
 
 
 @dataclass
 class _Task:
-    """A task, and how its server ended."""
+    """A task and the end of its server."""
 
     key: str
     future: Any
@@ -71,14 +71,14 @@ class Cluster:
     """
 
     def __init__(self, options: "DaskOptions", specification: Specification) -> None:
-        where = options.address or os.environ.get("DASK_SCHEDULER_ADDRESS")
-        given: dict[str, Any] = {"address": where}
+        address = options.address or os.environ.get("DASK_SCHEDULER_ADDRESS")
+        location: dict[str, Any] = {"address": address}
         if options.scheduler_file is not None:
             if not Path(options.scheduler_file).is_file():
-                raise LauncherError(f"scheduler_file: {options.scheduler_file} is not there")
-            given = {"scheduler_file": options.scheduler_file}
-        warnings.simplefilter("ignore")  # about versions, which are compared below
-        self._client = Client(**given, timeout=_CONNECT_S)
+                raise LauncherError(f"scheduler_file: {options.scheduler_file} does not exist")
+            location = {"scheduler_file": options.scheduler_file}
+        warnings.simplefilter("ignore")  # versions are compared below
+        self._client = Client(**location, timeout=_CONNECT_S)
         self._compare_versions()
         self._options, self._label = options, specification.label
         self._topic = f"swarmwright-{secrets.token_hex(8)}"
@@ -106,21 +106,21 @@ class Cluster:
 
     def health(self) -> Mapping[int, Health]:
         """Return the states of all tasks."""
-        workers = self._workers()
-        started = self._started()
-        waits = self._reason(workers)
-        found = {}
+        workers = self._list_workers()
+        started = self._find_started()
+        waits = self._explain_waiting(workers)
+        states = {}
         for server, task in self._tasks.items():
             if task.ended is None and task.future.done():
-                task.ended = _end(task.future)
+                task.ended = _find_end(task.future)
                 self._printed[server] = task.ended.lines
             if task.ended is not None:
-                found[server] = Health("ended", task.ended.words)
+                states[server] = Health("ended", task.ended.words)
             elif started.get(server) in workers:
-                found[server] = Health("running")
+                states[server] = Health("running")
             else:
-                found[server] = Health("waiting", waits)
-        return found
+                states[server] = Health("waiting", waits)
+        return states
 
     def stop(self, servers: Sequence[int]) -> None:
         """End servers by SIGTERM, and drop tasks that have not begun."""
@@ -128,12 +128,12 @@ class Cluster:
         unfinished = [task for task in leaving.values() if not task.future.done()]
         if not unfinished:
             return
-        started = self._started()
+        started = self._find_started()
         running = {task.key for server, task in leaving.items() if server in started}
         for leaving_task in unfinished:
             if leaving_task.key not in running:
                 leaving_task.future.cancel()
-        # Those that began in the meantime are ended, too: all workers are told.
+        # All workers get the request, as tasks may have begun in the meantime.
         self._client.run(end, [task.key for task in unfinished], on_error="ignore")
         if running:
             with suppress(TimeoutError):
@@ -144,63 +144,72 @@ class Cluster:
     def logs(self, server: int, lines: int) -> Sequence[str]:
         """Return the last lines of a server."""
         task = self._tasks.get(server)
-        worker = self._started().get(server)
+        worker = self._find_started().get(server)
         if task is None or task.ended is not None or worker is None:
             return list(self._printed.get(server, ()))[-lines:]
-        found = self._client.run(tail, task.key, lines, workers=[worker], on_error="ignore")
-        return list(found.get(worker, ()))
+        lines_by_worker = self._client.run(tail, task.key, lines, workers=[worker], on_error="ignore")
+        return list(lines_by_worker.get(worker, ()))
 
     def close(self) -> None:
         """End all tasks, and the connection."""
         self.stop(list(self._tasks))
         self._client.close(timeout=_ANSWER_S)
 
-    def _workers(self) -> dict[str, Any]:
+    def _list_workers(self) -> dict[str, Any]:
         """Return the cluster's workers, by address. Raises LauncherError."""
         if self._client.status != "running":
             raise LauncherError("the connection to the scheduler is lost")
         workers: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
         return workers
 
-    def _started(self) -> dict[int, str]:
-        """Return the workers of servers that have begun; the last, where Dask repeated a lost task."""
+    def _find_started(self) -> dict[int, str]:
+        """Return the worker of each started server; the last one if Dask repeated a lost task."""
         return {event["server"]: event["worker"] for _, event in self._client.get_events(self._topic)}
 
     def _compare_versions(self) -> None:
-        own = platform.python_version()
-        found = self._client.get_versions()["workers"]
-        others = {str(client["host"]["python"]).split(".final")[0] for client in found.values() if client}
-        wrong = sorted(other for other in others if other.split(".")[:2] != own.split(".")[:2])
+        version = platform.python_version()
+        workers = self._client.get_versions()["workers"]
+        worker_versions = {
+            str(client["host"]["python"]).split(".final")[0] for client in workers.values() if client
+        }
+        wrong = sorted(
+            worker_version
+            for worker_version in worker_versions
+            if worker_version.split(".")[:2] != version.split(".")[:2]
+        )
         if wrong:
             raise LauncherError(
-                f"workers have Python {', '.join(wrong)}, this machine {own}; Dask needs the same on both"
+                f"workers run Python {', '.join(wrong)}, this machine {version}; Dask needs the same "
+                "version on both"
             )
 
-    def _reason(self, workers: Mapping[str, Any]) -> str:
-        """Say why tasks wait."""
+    def _explain_waiting(self, workers: Mapping[str, Any]) -> str:
+        """Explain why tasks wait."""
         if not workers:
-            return "for workers: the cluster has none"
-        wanted = self._options.resources
+            return "the cluster has no workers"
+        required = self._options.resources
         if not any(
-            all(worker["resources"].get(name, 0) >= size for name, size in wanted.items())
+            all(worker["resources"].get(name, 0) >= size for name, size in required.items())
             for worker in workers.values()
         ):
-            have = sorted({_shown(worker["resources"]) for worker in workers.values()})
-            return f"no worker of the cluster has {_shown(wanted)}; workers have {'; '.join(have)}"
+            have = sorted({_format_resources(worker["resources"]) for worker in workers.values()})
+            return (
+                f"no worker of the cluster has {_format_resources(required)}; workers have {'; '.join(have)}"
+            )
         threads = sum(worker["nthreads"] for worker in workers.values())
-        free = f" with {_shown(wanted)}" if wanted else ""
-        return f"for a free thread of a worker{free}; {len(workers)} workers have {threads} threads"
+        free = f" with {_format_resources(required)}" if required else ""
+        return f"no free thread of a worker{free}; {len(workers)} workers have {threads} threads"
 
 
-def _end(future: Any) -> End:  # noqa: ANN401 - of Dask
+def _find_end(future: Any) -> End:  # noqa: ANN401 - of Dask
     if future.status == "finished":
-        found: End = future.result()
-        return found
+        result: End = future.result()
+        return result
     if future.cancelled():
         return End("lost: the task was cancelled, or the scheduler was restarted")
     error = future.exception()
     return End(f"lost: {str(error).strip() or type(error).__name__}")
 
 
-def _shown(resources: Mapping[str, float]) -> str:
+def _format_resources(resources: Mapping[str, float]) -> str:
     return "{" + ", ".join(f"{name}: {size:g}" for name, size in sorted(resources.items())) + "}"

@@ -1,4 +1,4 @@
-"""Launchers that use a cluster's client library, in a process of its own."""
+"""Launchers that run a cluster's client library in a separate process."""
 
 import importlib.util
 import os
@@ -18,25 +18,25 @@ from swarmwright.servers.launchers._base import Health, Launcher, LauncherError
 from swarmwright.servers.launchers._slot import GRACE_S
 from swarmwright.servers.launchers._specification import Specification
 
-_CONNECT = 10.0
-"""Seconds for reaching a cluster's address."""
+_CONNECT_S = 10.0
+"""Time limit for connecting to a cluster's address, seconds."""
 _KEPT_LINES = 40
-"""Lines that are kept of what the driver prints."""
+"""Output lines kept of the driver."""
 
 
 class DrivenLauncher(Launcher):
-    """Servers of a cluster whose library runs in a process of its own, see `_driver`."""
+    """Base class of launchers whose cluster library runs in a separate process, see `_driver`."""
 
     library: ClassVar[str]
-    """The module that must be installed."""
+    """The required module."""
     cluster: ClassVar[str]
-    """The module that has the class `Cluster`, which takes options and specification."""
+    """The module with the class `Cluster`, which takes options and specification."""
 
     def __init__(self, options: Any, specification: Specification) -> None:  # noqa: ANN401 - each has its own
         super().__init__(options, specification)
         self._process: subprocess.Popen[str] | None = None
         self._pipe: Connection[Any, Any] | None = None
-        self._said: deque[str] = deque(maxlen=_KEPT_LINES)
+        self._output: deque[str] = deque(maxlen=_KEPT_LINES)
         self._number = 0
         self._servers: set[int] = set()
         self._lost: dict[int, str] = {}
@@ -46,7 +46,7 @@ class DrivenLauncher(Launcher):
 
         Raises:
             InputError: the cluster's library is not installed.
-            LauncherError: there is no cluster, or it refuses.
+            LauncherError: the cluster is missing or refuses the connection.
         """
         if importlib.util.find_spec(self.library) is None:
             raise InputError(
@@ -56,7 +56,7 @@ class DrivenLauncher(Launcher):
         self._connect()
 
     def start(self, servers: Sequence[int]) -> None:
-        """Give servers to the cluster, which starts them where it has the resources."""
+        """Submit servers to the cluster, which starts them as resources allow."""
         self._reconnect()
         self._call("start", list(servers))
         self._servers.update(servers)
@@ -89,20 +89,20 @@ class DrivenLauncher(Launcher):
             self._end()
 
     def address(self) -> str | None:
-        """Return the address of the cluster, to be tried before its library tries for long; None: unknown."""
+        """Return the address of the cluster for a quick connection test; None if unknown."""
         return None
 
     def _connect(self) -> None:
-        self._reach()
-        here, there = socket.socketpair()
-        with there:
+        self._check_address()
+        parent_end, child_end = socket.socketpair()
+        with child_end:
             self._process = subprocess.Popen(
                 [
                     sys.executable,
                     "-P",
                     "-m",
                     "swarmwright.servers.launchers._driver",
-                    str(there.fileno()),
+                    str(child_end.fileno()),
                     str(os.getpid()),
                 ],
                 stdin=subprocess.DEVNULL,
@@ -110,19 +110,19 @@ class DrivenLauncher(Launcher):
                 stderr=subprocess.PIPE,
                 encoding="utf-8",
                 errors="replace",
-                pass_fds=[there.fileno()],
-                start_new_session=True,  # Ctrl+C is for the tool, which ends servers in order
+                pass_fds=[child_end.fileno()],
+                start_new_session=True,  # Ctrl+C reaches only the tool, which ends servers in order
             )
-        self._pipe = Connection(here.detach())
+        self._pipe = Connection(parent_end.detach())
         threading.Thread(target=self._read, args=(self._process,), daemon=True, name=self.kind).start()
         try:
             self._call("open", self.cluster, self.options, self.specification)
         except LauncherError as error:
             self._end()
-            raise LauncherError(f"the cluster cannot be used: {error}") from error
+            raise LauncherError(f"cannot use the cluster: {error}") from error
 
-    def _reach(self) -> None:
-        """Raise LauncherError unless the address of the cluster can be reached."""
+    def _check_address(self) -> None:
+        """Raise LauncherError unless the cluster's address accepts connections."""
         address = self.address()
         if address is None:
             return
@@ -134,15 +134,15 @@ class DrivenLauncher(Launcher):
         except ValueError:
             raise LauncherError(f"address: {address} must have a host and a port") from None
         try:
-            socket.create_connection((host, port), _CONNECT).close()
+            socket.create_connection((host, port), _CONNECT_S).close()
         except OSError as error:
             words = error.strerror or str(error)
             raise LauncherError(
-                f"address: {address} cannot be reached: {words}; is the cluster there?"
+                f"address: {address} cannot be reached: {words}; check that the cluster is running"
             ) from None
 
     def _reconnect(self) -> None:
-        """Connect again when the client has ended; with it ended its servers."""
+        """Reconnect if the client has ended, and with it its servers."""
         if self._pipe is None:
             self._connect()
 
@@ -163,10 +163,10 @@ class DrivenLauncher(Launcher):
                 return answer
         except (EOFError, OSError):
             self._end()
-            words = "\n".join(["the connection to the cluster was lost", *list(self._said)[-5:]])
+            words = "\n".join(["the connection to the cluster was lost", *list(self._output)[-5:]])
             self._lost.update(dict.fromkeys(self._servers, "ended with the connection to the cluster"))
             raise LauncherError(words) from None
-        raise LauncherError(f"no answer of the cluster within {limit:g} s")
+        raise LauncherError(f"the cluster did not answer within {limit:g} s")
 
     def _end(self) -> None:
         """End the client."""
@@ -183,6 +183,6 @@ class DrivenLauncher(Launcher):
 
     def _read(self, process: "subprocess.Popen[str]") -> None:
         assert process.stderr is not None
-        with process.stderr as said:
-            for line in said:
-                self._said.append(line.rstrip("\n"))
+        with process.stderr as stream:
+            for line in stream:
+                self._output.append(line.rstrip("\n"))

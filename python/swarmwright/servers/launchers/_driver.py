@@ -1,8 +1,7 @@
-"""The client of a Ray or Dask cluster, in a process of its own, which `_driven.DrivenLauncher` starts.
+"""The client of a Ray or Dask cluster, in a separate process that `_driven.DrivenLauncher` starts.
 
-Ray ends the process that uses it when its cluster is lost, and takes over its signals; both may be true of a
-helper process, but not of the optimization tool. When the tool ends, in whatever way, this process ends all
-servers and itself.
+Ray takes over signals and ends its process when the cluster is lost, which must not affect the optimization
+tool. When the tool ends, this process ends all servers and itself.
 
 Called as `python -m swarmwright.servers.launchers._driver DESCRIPTOR PARENT`.
 """
@@ -20,11 +19,11 @@ from swarmwright.servers.launchers._base import Health, LauncherError
 
 _POLL_S = 0.5
 GRACE_S = 30.0
-"""Seconds to end all servers in after the tool has ended."""
+"""Seconds to end all servers after the tool has ended."""
 
 
 class Cluster(Protocol):
-    """What runs servers; the methods are those of `Launcher`."""
+    """Interface of clusters; the methods are those of `Launcher`."""
 
     def start(self, servers: Sequence[int]) -> None:
         """Begin to start servers."""
@@ -61,8 +60,8 @@ def main() -> None:
                     answer = getattr(cluster, name)(*arguments)
             except LauncherError as error:
                 pipe.send((number, False, str(error)))
-            except Exception as error:  # noqa: BLE001 - of the cluster's library: its words are shown
-                pipe.send((number, False, _words(error)))
+            except Exception as error:  # noqa: BLE001 - reported with the library's message
+                pipe.send((number, False, _format_error(error)))
             else:
                 pipe.send((number, True, answer))
             if name == "close":
@@ -75,10 +74,10 @@ def main() -> None:
         os._exit(0)  # threads of the libraries may not end
 
 
-def _words(error: BaseException) -> str:
-    """Return what an error says, and what caused it."""
+def _format_error(error: BaseException) -> str:
+    """Format an error and its causes."""
     words = str(error).strip() or type(error).__name__
-    return words if error.__cause__ is None else f"{words}: {_words(error.__cause__)}"
+    return words if error.__cause__ is None else f"{words}: {_format_error(error.__cause__)}"
 
 
 def _watch(parent: int) -> None:

@@ -1,4 +1,4 @@
-"""What is created in Kubernetes: a job with a pod for each server, and the Secret that they read."""
+"""Kubernetes manifests: a job with a pod per server, and the Secret that the pods read."""
 
 import base64
 import shlex
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright import _engine
 from swarmwright.common.errors import InputError
-from swarmwright.servers.launchers._remote import called, prepared
+from swarmwright.servers.launchers._remote import format_command, format_setup
 from swarmwright.servers.launchers._specification import Specification
 
 if TYPE_CHECKING:
@@ -22,20 +22,22 @@ FILES, CODE = "/run/swarmwright/files", "/run/swarmwright/code"
 """Folders in the containers: the Secret, and the unpacked code."""
 ARCHIVE = "code.tar.gz"
 LARGEST_SECRET_BYTES = 1 << 20
-"""Bytes in a Secret, of Kubernetes."""
+"""Kubernetes's size limit of a Secret."""
 FINISHED_KEPT_S = 300
-"""Seconds after which Kubernetes deletes a job that has ended, should the tool be gone."""
+"""Seconds after which Kubernetes deletes an ended job if the tool is gone."""
 LOST_NODE_S = 30
-"""Seconds after which a pod is replaced whose node does not answer; Kubernetes's default is 300."""
+"""Seconds until a pod on an unresponsive node is replaced; Kubernetes's default is 300."""
 
 
-def secret(name: str, run: str, specification: Specification, owner: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the Secret of a job.
+def make_secret(
+    name: str, run: str, specification: Specification, owner: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Build the Secret of a job.
 
     owner: metadata of the job.
 
     Raises:
-        InputError: there is more code than a Secret can hold.
+        InputError: the code exceeds the size limit of a Secret.
     """
     data = specification.files()
     if specification.code is not None:
@@ -43,16 +45,16 @@ def secret(name: str, run: str, specification: Specification, owner: Mapping[str
     size = sum(map(len, data.values()))
     if size > LARGEST_SECRET_BYTES:
         raise InputError(
-            f"servers: the simulation's code and files are {size / LARGEST_SECRET_BYTES:.1f} MiB, compressed;"
-            " a Secret of Kubernetes holds 1 MiB: put them into the image, and name their folder in it with "
-            "the option code"
+            f"servers: the simulation's code and files are {size / LARGEST_SECRET_BYTES:.1f} MiB compressed, "
+            "more than the 1 MiB of a Kubernetes Secret; put them into the image and set the option code to "
+            "their folder"
         )
     return {
         "apiVersion": "v1",
         "kind": "Secret",
         "metadata": {
             "name": name,
-            "labels": _labels(run),
+            "labels": _make_labels(run),
             "annotations": {}
             if specification.code is None
             else {"swarmwright/code": specification.code.digest},
@@ -71,11 +73,11 @@ def secret(name: str, run: str, specification: Specification, owner: Mapping[str
     }
 
 
-def job(
+def make_job(
     name: str, run: str, servers: Sequence[int], options: "KubernetesOptions", specification: Specification
 ) -> dict[str, Any]:
-    """Return the job of some servers."""
-    labels = {**options.labels, **_labels(run)}
+    """Build the job of servers."""
+    labels = {**options.labels, **_make_labels(run)}
     return {
         "apiVersion": "batch/v1",
         "kind": "Job",
@@ -84,8 +86,8 @@ def job(
             "completions": len(servers),
             "parallelism": len(servers),
             "completionMode": "Indexed",
-            # A server that failed, or was deleted, is replaced by the pool; one that was evicted, preempted
-            # or lost with its node by Kubernetes, but only when it has ended: ids are unique.
+            # Failed or deleted servers are replaced by the launcher; evicted, preempted or lost ones by
+            # Kubernetes, but only after their end, as ids are unique.
             "backoffLimitPerIndex": 0,
             "podReplacementPolicy": "Failed",
             "podFailurePolicy": {
@@ -96,13 +98,13 @@ def job(
             "ttlSecondsAfterFinished": FINISHED_KEPT_S,
             "template": {
                 "metadata": {"labels": labels, "annotations": options.annotations},
-                "spec": _merged(_pod(name, servers, options, specification), options.pod),
+                "spec": _merge(_make_pod(name, servers, options, specification), options.pod),
             },
         },
     }
 
 
-def _labels(run: str) -> dict[str, str]:
+def _make_labels(run: str) -> dict[str, str]:
     return {
         "app.kubernetes.io/name": "swarmwright",
         "app.kubernetes.io/component": CONTAINER,
@@ -111,7 +113,7 @@ def _labels(run: str) -> dict[str, str]:
     }
 
 
-def _pod(
+def _make_pod(
     name: str, servers: Sequence[int], options: "KubernetesOptions", specification: Specification
 ) -> dict[str, Any]:
     lost = [
@@ -123,36 +125,36 @@ def _pod(
         }
         for key in ("not-ready", "unreachable")
     ]
-    found: dict[str, Any] = {
+    spec: dict[str, Any] = {
         "restartPolicy": "Never",
         "terminationGracePeriodSeconds": options.grace,
         "automountServiceAccountToken": False,
         "enableServiceLinks": False,
-        # What namespaces of the standard `restricted` ask for.
+        # Required in namespaces with the standard `restricted`.
         "securityContext": {"runAsNonRoot": True, "seccompProfile": {"type": "RuntimeDefault"}},
         "tolerations": [*options.tolerations, *lost],
-        "containers": [_container(servers, options, specification)],
+        "containers": [_make_container(servers, options, specification)],
         "volumes": [
             {"name": "files", "secret": {"secretName": name, "defaultMode": 0o444}},
             {"name": "code", "emptyDir": {}},
         ],
     }
-    given: dict[str, Any] = {
+    optional: dict[str, Any] = {
         "imagePullSecrets": [{"name": pull_secret} for pull_secret in options.image_pull_secrets],
         "nodeSelector": options.node_selector,
         "serviceAccountName": options.service_account,
         "priorityClassName": options.priority_class,
     }
-    return found | {key: value for key, value in given.items() if value}
+    return spec | {key: value for key, value in optional.items() if value}
 
 
-def _container(
+def _make_container(
     servers: Sequence[int], options: "KubernetesOptions", specification: Specification
 ) -> dict[str, Any]:
-    found: dict[str, Any] = {
+    container: dict[str, Any] = {
         "name": CONTAINER,
         "image": options.image or f"swarmwright:{_engine.__version__}",
-        "command": ["/bin/sh", "-c", _script(servers, options, specification)],
+        "command": ["/bin/sh", "-c", _format_script(servers, options, specification)],
         "resources": {
             "requests": {key: str(value) for key, value in options.requests.items()},
             "limits": {key: str(value) for key, value in options.limits.items()},
@@ -162,25 +164,25 @@ def _container(
             {"name": "files", "mountPath": FILES, "readOnly": True},
             {"name": "code", "mountPath": CODE},
         ],
-        # The end of what a failed server printed is a part of its status.
+        # The end of a failed server's output becomes part of its status.
         "terminationMessagePolicy": "FallbackToLogsOnError",
     }
     if options.image_pull_policy is not None:
-        found["imagePullPolicy"] = options.image_pull_policy
+        container["imagePullPolicy"] = options.image_pull_policy
     if options.secrets:
-        found["envFrom"] = [{"secretRef": {"name": secret_name}} for secret_name in options.secrets]
-    return found
+        container["envFrom"] = [{"secretRef": {"name": secret_name}} for secret_name in options.secrets]
+    return container
 
 
-def _script(servers: Sequence[int], options: "KubernetesOptions", specification: Specification) -> str:
+def _format_script(servers: Sequence[int], options: "KubernetesOptions", specification: Specification) -> str:
     travels = specification.code is not None
     code = CODE if travels else options.code
     unpack = f"tar -xzof {FILES}/{ARCHIVE} -C {CODE} || exit 1"
-    marked = called(options, specification, 0).replace("--id 0", '--id "$server"')
+    marked = format_command(options, specification, 0).replace("--id 0", '--id "$server"')
     return "\n".join(
         [
             *([unpack] if travels else []),
-            *prepared(
+            *format_setup(
                 options,
                 specification.variables(FILES),
                 shlex.quote(code or CODE),
@@ -194,7 +196,7 @@ def _script(servers: Sequence[int], options: "KubernetesOptions", specification:
     )
 
 
-def _merged(base: Any, others: Any) -> Any:  # noqa: ANN401 - parts of a manifest
-    if isinstance(base, Mapping) and isinstance(others, Mapping):
-        return {**base, **{key: _merged(base.get(key), value) for key, value in others.items()}}
-    return others
+def _merge(base: Any, update: Any) -> Any:  # noqa: ANN401 - parts of a manifest
+    if isinstance(base, Mapping) and isinstance(update, Mapping):
+        return {**base, **{key: _merge(base.get(key), value) for key, value in update.items()}}
+    return update

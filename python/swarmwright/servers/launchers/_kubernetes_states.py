@@ -1,4 +1,4 @@
-"""From what Kubernetes says of jobs and pods to the states of servers."""
+"""Conversion of the states of jobs and pods to those of servers."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -11,7 +11,7 @@ from swarmwright.servers.launchers._kubernetes_manifests import INDEX, JOB
 Object = Mapping[str, Any]
 
 OVERDUE_S = 15.0
-"""Seconds beyond its grace after which a deleted pod that is still there has lost its node."""
+"""Seconds beyond its grace period after which a deleted pod is considered lost with its node."""
 _FATAL_REASONS = {
     "CreateContainerConfigError",
     "CreateContainerError",
@@ -21,73 +21,72 @@ _FATAL_REASONS = {
     "InvalidImageName",
     "RunContainerError",
 }
-"""Why containers wait for what does not come by itself."""
+"""Reasons of waiting containers that do not resolve by themselves."""
 _POD = re.compile(r'^Error creating: |(?<=pods) "[^"]*"(?= is forbidden)')
 _QUOTA = re.compile(r"requested: (.*), used: .*, limited: (.*)$")
 _UNITS = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "P": 1e15, "E": 1e18}
 _UNITS |= {f"{letter}i": 1024.0**power for power, letter in enumerate("KMGTPE", 1)}
 
 
-def newest(pods: Iterable[Object]) -> dict[tuple[str, int], Object]:
+def find_newest(pods: Iterable[Object]) -> dict[tuple[str, int], Object]:
     """Return the newest pod of each index of each job."""
-    found: dict[tuple[str, int], Object] = {}
-    for pod in sorted(pods, key=_age):
+    newest_pods: dict[tuple[str, int], Object] = {}
+    for pod in sorted(pods, key=_sort_key):
         labels = pod["metadata"].get("labels", {})
         if JOB in labels and INDEX in labels:
-            found[labels[JOB], int(labels[INDEX])] = pod
-    return found
+            newest_pods[labels[JOB], int(labels[INDEX])] = pod
+    return newest_pods
 
 
-def _age(pod: Object) -> tuple[str, bool]:
+def _sort_key(pod: Object) -> tuple[str, bool]:
     meta = pod["metadata"]
     return meta.get("creationTimestamp") or "", "deletionTimestamp" not in meta
 
 
 def is_active(pod: Object) -> bool:
-    """Whether a pod may still start or run, and has not been deleted."""
+    """Whether a pod may still start or run and was not deleted."""
     ended = pod.get("status", {}).get("phase") in {"Succeeded", "Failed"}
     return not ended and not pod["metadata"].get("deletionTimestamp")
 
 
-def health(job: Object | None, index: int, pod: Object | None, refusal: str) -> Health:
+def find_health(job: Object | None, index: int, pod: Object | None, refusal: str) -> Health:
     """Return the state of a server.
 
     Args:
-        job: its job; None if that is gone.
+        job: its job; None if deleted.
         index: its index in the job.
-        pod: its newest pod, if there is one.
-        refusal: why pods of the job could not be created; empty if they could.
-
+        pod: its newest pod, if any.
+        refusal: why pods of the job could not be created, or empty.
     """
     if job is None:
         return Health("ended", "its job was deleted")
     if pod is None:
         status = job.get("status", {})
         for key in ("failedIndexes", "completedIndexes"):
-            if index in _indexes(status.get(key) or ""):
+            if index in _parse_indexes(status.get(key) or ""):
                 return Health("ended", "its pod was deleted")
         words = _POD.sub("", refusal)
-        return Health("ended" if _can_never_be(refusal) else "waiting", words)
+        return Health("ended" if _is_refused_forever(refusal) else "waiting", words)
     name = pod["metadata"]["name"]
     deleted = pod["metadata"].get("deletionTimestamp")
     status = pod.get("status", {})
     phase = status.get("phase")
     if phase in {"Succeeded", "Failed"}:
-        return _ended(name, pod)
+        return _describe_end(name, pod)
     if deleted and (datetime.now(UTC) - datetime.fromisoformat(deleted)).total_seconds() > OVERDUE_S:
         node = pod.get("spec", {}).get("nodeName", "")
         return Health("ended", f"pod {name} was deleted; its node {node} does not end it")
     if phase == "Running":
         return Health("running")
-    return _pending(name, status)
+    return _describe_pending(name, status)
 
 
-def _pending(name: str, status: Object) -> Health:
-    for one in status.get("conditions") or []:
-        if one["type"] == "PodScheduled" and one["status"] != "True" and one.get("message"):
-            return Health("waiting", f"{one.get('reason', 'not scheduled')}: {one['message']}")
-    for one in status.get("containerStatuses") or []:
-        waits = one.get("state", {}).get("waiting") or {}
+def _describe_pending(name: str, status: Object) -> Health:
+    for condition in status.get("conditions") or []:
+        if condition["type"] == "PodScheduled" and condition["status"] != "True" and condition.get("message"):
+            return Health("waiting", f"{condition.get('reason', 'not scheduled')}: {condition['message']}")
+    for container in status.get("containerStatuses") or []:
+        waits = container.get("state", {}).get("waiting") or {}
         reason = waits.get("reason", "")
         words = ": ".join(filter(None, [reason, waits.get("message")]))
         if reason in _FATAL_REASONS:
@@ -97,24 +96,24 @@ def _pending(name: str, status: Object) -> Health:
     return Health("waiting")
 
 
-def _ended(name: str, pod: Object) -> Health:
+def _describe_end(name: str, pod: Object) -> Health:
     status = pod["status"]
-    for one in status.get("conditions") or []:
-        if one["type"] == "DisruptionTarget" and one["status"] == "True":
-            # Kubernetes replaces it.
-            words = f"{one.get('reason', 'disrupted')}: {one.get('message', '')}".rstrip(": ")
+    for condition in status.get("conditions") or []:
+        if condition["type"] == "DisruptionTarget" and condition["status"] == "True":
+            # Kubernetes replaces the pod.
+            words = f"{condition.get('reason', 'disrupted')}: {condition.get('message', '')}".rstrip(": ")
             return Health("waiting", f"pod {name} was ended by {words}")
-    said = [status.get("reason"), status.get("message")]
-    for one in status.get("containerStatuses") or []:
-        end = one.get("state", {}).get("terminated")
+    parts = [status.get("reason"), status.get("message")]
+    for container in status.get("containerStatuses") or []:
+        end = container.get("state", {}).get("terminated")
         if end:
             reason = "" if end.get("reason") in {None, "Error", "Completed"} else f", {end['reason']}"
-            said.append(f"ended with status {end.get('exitCode')}{reason}")
-    return Health("ended", f"pod {name}: {': '.join(filter(None, said)) or 'ended'}")
+            parts.append(f"ended with status {end.get('exitCode')}{reason}")
+    return Health("ended", f"pod {name}: {': '.join(filter(None, parts)) or 'ended'}")
 
 
-def _indexes(text: str) -> set[int]:
-    """Return the numbers of a text such as 1,3-5."""
+def _parse_indexes(text: str) -> set[int]:
+    """Parse a text such as 1,3-5 into numbers."""
     indexes: set[int] = set()
     for part in filter(None, text.split(",")):
         first, _, last = part.partition("-")
@@ -122,8 +121,8 @@ def _indexes(text: str) -> set[int]:
     return indexes
 
 
-def _can_never_be(refusal: str) -> bool:
-    """Whether a pod is refused for what it is, not for those that are there."""
+def _is_refused_forever(refusal: str) -> bool:
+    """Whether a pod is refused for good, rather than until others end."""
     if "forbidden" not in refusal and "nvalid" not in refusal:
         return False
     if "exceeded quota" not in refusal:
@@ -131,13 +130,16 @@ def _can_never_be(refusal: str) -> bool:
     match = _QUOTA.search(refusal)
     if match is None:
         return False
-    asked, most = (
+    requested, most = (
         dict(pair.split("=", 1) for pair in text.split(",") if "=" in pair) for text in match.groups()
     )
-    return any(key in most and _number(value) > _number(most[key]) for key, value in asked.items())
+    return any(
+        key in most and _parse_quantity(value) > _parse_quantity(most[key])
+        for key, value in requested.items()
+    )
 
 
-def _number(quantity: str) -> float:
+def _parse_quantity(quantity: str) -> float:
     match = re.fullmatch(r"([-+.\d]+(?:[eE][-+]?\d+)?)([A-Za-z]*)", quantity.strip())
     if match is None:
         return 0.0

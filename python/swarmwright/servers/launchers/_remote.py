@@ -1,4 +1,4 @@
-"""What launchers on other machines share: how Swarmwright is called there."""
+"""Shell commands that start servers on other machines."""
 
 import shlex
 from collections.abc import Mapping
@@ -14,44 +14,44 @@ class RemoteOptions(LauncherOptions):
     """Options of launchers on other machines."""
 
     command: str = Field(default="swarmwright", min_length=1)
-    """The program there, such as /opt/venv/bin/swarmwright."""
+    """Program on the servers' machines, such as /opt/venv/bin/swarmwright."""
     setup: str | None = Field(default=None, min_length=1)
-    """Lines of shell that are run before it, such as `module load swarmwright`."""
+    """Shell commands to run before it, such as `module load swarmwright`."""
 
 
-def prepared(
+def format_setup(
     options: RemoteOptions, variables: Mapping[str, str], folder: str, code: str | None = None
 ) -> list[str]:
-    """Return lines of shell that set what the program needs.
+    """Return shell lines that set up the environment of the program.
 
     Args:
         options: of the launcher.
         variables: of the environment, without the code.
-        folder: becomes the working folder; a word of shell.
-        code: where modules are looked for first; a word of shell. After it come the folders that the option
-            `environment` names, else those that the setup, or the image, has set.
+        folder: the working folder, quoted for the shell.
+        code: first folder of PYTHONPATH, quoted for the shell. The folders of the option `environment`
+            follow, else those set by the setup or the image.
     """
-    given = variables.get("PYTHONPATH")
+    python_path = variables.get("PYTHONPATH")
     lines = [f"export {name}={shlex.quote(value)}" for name, value in sorted(variables.items())]
-    if code is not None and given:
-        lines.append(f"export PYTHONPATH={code}:{shlex.quote(given)}")
+    if code is not None and python_path:
+        lines.append(f"export PYTHONPATH={code}:{shlex.quote(python_path)}")
     elif code is not None:
         lines.append(f'export PYTHONPATH={code}"${{PYTHONPATH:+:$PYTHONPATH}}"')
     setup = [] if options.setup is None else [options.setup]
-    # Of another account, or another broker, where the environment is passed on.
+    # An inherited environment may name another account or broker.
     unset = shlex.join(["unset", "SWARMWRIGHT_BROKER", *CREDENTIALS])
     return [*setup, unset, *lines, f"cd {folder} || exit 1"]
 
 
-def unpacked(archive: str, sha256: str, folder: str) -> list[str]:
-    """Return the lines of shell that unpack code into a folder of one server.
+def format_unpack(archive: str, sha256: str, folder: str) -> list[str]:
+    """Return shell lines that unpack code into the folder of a server.
 
-    The server ends where the archive is another one: machines and jobs share it, and keep it for long.
+    The server ends if the archive, which machines and jobs share, has changed.
 
     Args:
-        archive: file with the code; a word of shell.
+        archive: file with the code, quoted for the shell.
         sha256: of the archive, in hexadecimal.
-        folder: a word of shell. Of a job that was begun again, it is there.
+        folder: quoted for the shell; it exists if a job was restarted.
     """
     return [
         f"digest=$({sha256_of(archive)})",
@@ -64,13 +64,13 @@ def unpacked(archive: str, sha256: str, folder: str) -> list[str]:
 
 
 def sha256_of(file: str) -> str:
-    """Return the command that prints the SHA-256 of a file, or nothing where no program computes it.
+    """Return the command that prints the SHA-256 of a file, or nothing without a program for it.
 
-    file: a word of shell.
+    file: quoted for the shell.
     """
     return f"{{ sha256sum || shasum -a 256; }} 2> /dev/null < {file} | cut -c -64"
 
 
-def called(options: RemoteOptions, specification: Specification, server: int) -> str:
-    """Return the command that serves, as shell takes it."""
+def format_command(options: RemoteOptions, specification: Specification, server: int) -> str:
+    """Return the shell command that starts a server."""
     return f"{options.command} {shlex.join(specification.arguments(server))}"

@@ -1,7 +1,7 @@
-"""One server in a worker of a Ray or Dask cluster: a child process of it, in a process group of its own.
+"""A server as a child process of a worker of a Ray or Dask cluster, in its own process group.
 
-This runs on the cluster. `swarmwright serve` is not run in the worker itself: there, SIGINT and SIGTERM are
-the cluster's, and a simulation that crashes would take the worker with it.
+This runs on the cluster. `swarmwright serve` does not run in the worker itself, whose SIGINT and SIGTERM
+belong to the cluster and which must survive a crashing simulation.
 """
 
 import os
@@ -20,27 +20,27 @@ from tempfile import TemporaryDirectory
 from swarmwright.servers.launchers._specification import Specification
 
 GRACE_S = 10.0
-"""Seconds that a server has to end after SIGTERM."""
+"""Seconds for a server to end after SIGTERM."""
 _KEPT_LINES = 200
-"""Lines kept of what a server prints."""
+"""Output lines kept of a server."""
 
 
 @dataclass(frozen=True)
 class End:
-    """How a server ended, and what it printed last."""
+    """The end of a server and its last output."""
 
     words: str
     lines: Sequence[str] = field(default_factory=tuple)
 
 
 class Slot:
-    """Runs one server.
+    """Runner of one server.
 
     Args:
         specification: of the servers.
         server: its id.
-        code: folder on this machine that holds the code, if it does not travel.
-        base: folder for files of the server; None: the system's for temporary files.
+        code: folder on this machine with the code, if the code is not copied.
+        base: folder for files of the server; None for the system's temporary folder.
     """
 
     def __init__(
@@ -53,36 +53,36 @@ class Slot:
         self._stopping = False
 
     def run(self) -> End:
-        """Run the server to its end, in the calling thread: with that thread the server ends, too."""
+        """Run the server until it ends; it also ends with the calling thread."""
         with TemporaryDirectory(prefix="swarmwright-", dir=self._base, ignore_cleanup_errors=True) as folder:
             code = self._unpack(Path(folder))
             with self._lock:
                 if self._stopping:
                     return End("was stopped")
-                self._process = self._started(folder, code)
+                self._process = self._start_process(folder, code)
             reader = threading.Thread(target=self._read, daemon=True, name="output")
             reader.start()
             status = self._process.wait()
-            with suppress(ProcessLookupError):  # what the simulation has started
+            with suppress(ProcessLookupError):  # processes that the simulation started
                 os.killpg(self._process.pid, signal.SIGKILL)
             reader.join(2.0)
         how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
         return End(f"{how} on {platform.node()}", tuple(self._lines))
 
-    def where(self) -> str:
-        """Return the machine's name: the slot is there."""
+    def node_name(self) -> str:
+        """Return the name of the slot's machine."""
         return platform.node()
 
     def tail(self, lines: int) -> list[str]:
-        """Return the last lines that the server has printed."""
+        """Return the server's last output lines."""
         return list(self._lines)[-lines:]
 
     def stop(self) -> None:
-        """Ask the server to end, by SIGTERM; end it by force after GRACE_S. Returns at once."""
+        """Send SIGTERM to the server, and SIGKILL after GRACE_S. Returns at once."""
         with self._lock:
-            again, self._stopping = self._stopping, True
+            was_stopping, self._stopping = self._stopping, True
             process = self._process
-        if again or process is None:
+        if was_stopping or process is None:
             return
         process.terminate()
         timer = threading.Timer(GRACE_S, process.kill)
@@ -99,10 +99,10 @@ class Slot:
         specification.code.unpack(folder / "code")
         return str(folder / "code")
 
-    def _started(self, folder: str, code: str | None) -> "subprocess.Popen[str]":
+    def _start_process(self, folder: str, code: str | None) -> "subprocess.Popen[str]":
         variables = self._specification.child_variables(folder, code)
         inherited = os.environ.get("PYTHONPATH")
-        if inherited and "PYTHONPATH" in variables:  # packages of the cluster's own environments
+        if inherited and "PYTHONPATH" in variables:  # packages of the cluster's environment
             variables["PYTHONPATH"] += os.pathsep + inherited
         program = [sys.executable, "-m", "swarmwright.servers.launchers._tied", str(os.getpid()), folder]
         return subprocess.Popen(

@@ -1,4 +1,4 @@
-"""What a launcher starts: the program, its arguments, its environment and its files."""
+"""Specification of the servers of a launcher: arguments, environment and files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,9 +9,9 @@ from swarmwright.servers.broker.credentials import CREDENTIALS
 from swarmwright.servers.launchers._code import Code
 
 PASSWORD, AUTHORITY, CERTIFICATE, KEY = "password", "ca.pem", "client.pem", "client-key.pem"
-"""Names of files that servers read."""
+"""Names of the servers' files."""
 BROKER_TIMEOUT_S = 60.0
-"""Seconds after which a server ends that cannot reach its broker: what started it is gone."""
+"""Seconds after which a server that cannot reach its broker ends."""
 
 
 @dataclass(frozen=True)
@@ -20,21 +20,20 @@ class Specification:
 
     Attributes:
         simulation: as `swarmwright serve` takes it; a class in a file relative to the folder of the code.
-        broker: address as the servers reach it.
+        broker: address as seen from the servers.
         prefix: of all topics.
         step_timeout: seconds, see `swarmwright serve`.
-        username: of their account on the broker; None: there are no accounts.
+        username: of their account on the broker; None without accounts.
         password: of their account. Never put it into arguments of programs, which all users can list.
-        authority: PEM text of the authority that signed the broker's certificate; None: the system's.
-        certificate: PEM text of the client certificate that the broker requires; None: it requires none.
+        authority: PEM text of the authority that signed the broker's certificate; None for the system's.
+        certificate: PEM text of the client certificate, if the broker requires one.
         key: PEM text of its private key. Never put it into arguments of programs.
-        code: of a custom simulation; None for one that is installed where the servers are.
-        modules: names of the behaviours and conditions in Python that the servers have, as
-            `swarmwright serve` takes them; of classes in files as `simulation`.
-        sources: files on this machine, path -> SHA-256, which a server that runs here must find unchanged.
+        code: of a custom simulation; None if it is installed on the servers' machines.
+        modules: names of the servers' Python behaviours and conditions, as `swarmwright serve` takes them;
+            files as in `simulation`.
+        sources: files on this machine, path -> SHA-256, which a local server must find unchanged.
         environment: further variables.
-        label: what jobs are called, such as `swarmwright-minisim`.
-
+        label: name of jobs, such as `swarmwright-minisim`.
     """
 
     simulation: str
@@ -65,42 +64,41 @@ class Specification:
             *("--step-timeout", f"{self.step_timeout:g}"),
             *("--wait", f"{BROKER_TIMEOUT_S:g}"),
             *("--broker-timeout", f"{BROKER_TIMEOUT_S:g}"),
-            # Also where there is none: the environment there may name another.
+            # Even if empty, as the environment may set another.
             *("--prefix", self.prefix),
             *(word for name in self.modules for word in ("--modules", name)),
         ]
 
     def variables(self, folder: str, code: str | None = None) -> dict[str, str]:
-        """Return environment variables; no secret is among them.
+        """Return environment variables without secrets.
 
-        folder: of `files` on the server's machine. code: folder of the code there, if there is any.
+        folder: of `files` on the server's machine. code: folder of the code there, if any.
         """
-        found = dict(self.environment)
+        variables = dict(self.environment)
         if code is not None:
-            others = found.get("PYTHONPATH")
-            found["PYTHONPATH"] = f"{code}:{others}" if others else code
+            existing = variables.get("PYTHONPATH")
+            variables["PYTHONPATH"] = f"{code}:{existing}" if existing else code
         if self.username is not None:
-            found["SWARMWRIGHT_USERNAME"] = self.username
+            variables["SWARMWRIGHT_USERNAME"] = self.username
         if self.password is not None:
-            found["SWARMWRIGHT_PASSWORD_FILE"] = str(PurePosixPath(folder, PASSWORD))
+            variables["SWARMWRIGHT_PASSWORD_FILE"] = str(PurePosixPath(folder, PASSWORD))
         if self.authority is not None:
-            found["SWARMWRIGHT_CA_FILE"] = str(PurePosixPath(folder, AUTHORITY))
+            variables["SWARMWRIGHT_CA_FILE"] = str(PurePosixPath(folder, AUTHORITY))
         if self.certificate is not None:
-            found["SWARMWRIGHT_CERTIFICATE_FILE"] = str(PurePosixPath(folder, CERTIFICATE))
+            variables["SWARMWRIGHT_CERTIFICATE_FILE"] = str(PurePosixPath(folder, CERTIFICATE))
         if self.key is not None:
-            found["SWARMWRIGHT_KEY_FILE"] = str(PurePosixPath(folder, KEY))
-        return found
+            variables["SWARMWRIGHT_KEY_FILE"] = str(PurePosixPath(folder, KEY))
+        return variables
 
     def child_variables(self, folder: str, code: str | None = None) -> dict[str, str]:
         """Return the variables for a process that inherits an environment, see `variables`.
 
-        Credentials that the servers do not have are empty, which counts as unset: those that are inherited
-        belong to another client, and a password in a variable has priority over one in a file.
+        Unused credentials are empty, which counts as unset, because inherited ones belong to another client.
         """
         return {**dict.fromkeys(CREDENTIALS, ""), **self.variables(folder, code)}
 
     def files(self) -> dict[str, bytes]:
-        """Return the files that servers need beside the code, by name; for the user alone (mode 0600)."""
+        """Return the files that servers need beside the code, by name, for mode 0600."""
         texts = {AUTHORITY: self.authority, CERTIFICATE: self.certificate, KEY: self.key}
         if self.password is not None:
             texts[PASSWORD] = f"{self.password}\n"

@@ -1,4 +1,4 @@
-"""Machines that are reached through SSH: their connections, slots and servers; runs in one event loop."""
+"""Connections, slots and servers of machines reached through SSH, in one event loop."""
 
 import asyncio
 import secrets
@@ -11,24 +11,24 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.servers.launchers._base import Health
-from swarmwright.servers.launchers._remote import called, prepared, sha256_of, unpacked
+from swarmwright.servers.launchers._remote import format_command, format_setup, format_unpack, sha256_of
 from swarmwright.servers.launchers._specification import Specification
 
 if TYPE_CHECKING:
     from swarmwright.servers.launchers.ssh import Host, SshOptions
 
 GRACE_S = 10.0
-"""Seconds that a server has to end after SIGTERM."""
+"""Seconds for a server to end after SIGTERM."""
 RETRY_S = 5.0
-"""Seconds between two attempts to reach a machine."""
+"""Seconds between attempts to reach a machine."""
 CONNECT_S = 15.0
-"""Seconds for connecting and logging in."""
+"""Time limit for connection and login, seconds."""
 KEEPALIVE_S = 10.0
-"""Seconds between signs of life on an idle connection; the third that is not answered ends it."""
+"""Seconds between keep-alive messages; the third unanswered one ends the connection."""
 _JUMP_CLOSE_S = 0.1
-"""Seconds for connections to jump hosts, which close after those that they carry."""
+"""Seconds for connections to jump hosts to close last."""
 _KEPT_LINES = 200
-"""Lines that are kept of what a server prints."""
+"""Output lines kept of a server."""
 
 
 _SCRIPT = "serve.sh"
@@ -48,21 +48,21 @@ class _Machine:
     host: "Host"
     """Options of the machine."""
     name: str
-    """By which messages call it."""
+    """Name in messages."""
     connection: Any = None
-    """AsyncSSH's connection, None while there is none."""
+    """AsyncSSH's connection, or None."""
     slots: int = 0
-    """How many servers it may have at once."""
+    """Maximum number of servers at once."""
     home: str = ""
-    """The user's home folder there."""
+    """The user's home folder on the machine."""
     archive: str | None = None
-    """File with the code there."""
+    """File with the code on the machine."""
     used: set[int] = field(default_factory=set)
-    """Ids of the servers that have its slots."""
+    """Ids of the servers in its slots."""
     problem: str | None = None
-    """Why it cannot be used, None where it can."""
-    again_at: float = 0.0
-    """When it is connected to again at the earliest, seconds of the event loop's clock."""
+    """Why it cannot be used, or None."""
+    retry_at: float = 0.0
+    """Earliest time of the next connection, seconds of the event loop's clock."""
 
 
 @dataclass
@@ -71,17 +71,17 @@ class _Remote:
 
     health: Health = field(default_factory=lambda: Health("waiting", "for a free slot"))
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=_KEPT_LINES))
-    """The last lines that it printed."""
+    """Its last output lines."""
     task: "asyncio.Task[None] | None" = None
-    """Runs it on a machine; None while it waits for a slot."""
+    """Task that runs it on a machine; None while it waits for a slot."""
     process: Any = None
-    """AsyncSSH's process, None before it is started."""
+    """AsyncSSH's process, None before the start."""
     stopped: bool = False
     """Whether it was asked to end."""
 
 
 class Hosts:
-    """All machines, and the servers on them."""
+    """All machines and their servers."""
 
     def __init__(self, hosts: Sequence["Host"], options: "SshOptions", specification: Specification) -> None:
         self._options, self._specification = options, specification
@@ -91,28 +91,28 @@ class Hosts:
         self._token = secrets.token_hex(4)
 
     async def open(self) -> list[str]:
-        """Connect to all machines; return what is wrong with those that cannot be used."""
+        """Connect to all machines; return the problems of those that cannot be used."""
         await asyncio.gather(*(self._connect(machine) for machine in self._machines))
         return [f"{host.name}: {host.problem}" for host in self._machines if host.problem is not None]
 
     async def start(self, servers: Sequence[int]) -> None:
-        """Give servers to free slots."""
+        """Assign servers to free slots."""
         for server in servers:
             self._servers[server] = _Remote()
         self._assign()
 
     async def health(self) -> Mapping[int, Health]:
-        """Return the states of all servers; try machines again that could not be reached."""
+        """Return the states of all servers, and retry unreachable machines."""
         now = asyncio.get_running_loop().time()
-        due = [host for host in self._machines if host.problem is not None and host.again_at <= now]
+        due = [host for host in self._machines if host.problem is not None and host.retry_at <= now]
         await asyncio.gather(*(self._connect(machine) for machine in due))
         self._assign()
         return {server: remote.health for server, remote in self._servers.items()}
 
     async def logs(self, server: int) -> list[str]:
-        """Return what a server printed last."""
-        found = self._servers.get(server)
-        return list(found.lines) if found is not None else self._ended.get(server, [])
+        """Return the last output lines of a server."""
+        remote = self._servers.get(server)
+        return list(remote.lines) if remote is not None else self._ended.get(server, [])
 
     async def stop(self, servers: Sequence[int]) -> None:
         """End servers."""
@@ -128,7 +128,7 @@ class Hosts:
             if machine.connection is not None:
                 machine.connection.close()
         await asyncio.gather(
-            *(_closed(host.connection) for host in self._machines if host.connection is not None)
+            *(_wait_until_closed(host.connection) for host in self._machines if host.connection is not None)
         )
         await asyncio.sleep(_JUMP_CLOSE_S)
 
@@ -138,7 +138,7 @@ class Hosts:
             return
         with suppress(Exception):  # the connection may be gone
             if server.process is not None:
-                server.process.stdin.write_eof()  # on which the script there ends the server
+                server.process.stdin.write_eof()  # makes the script on the machine end the server
         _, unfinished = await asyncio.wait([server.task], timeout=GRACE_S + 2.0)
         for task in unfinished:
             task.cancel()
@@ -146,17 +146,19 @@ class Hosts:
     async def _connect(self, machine: _Machine) -> None:
         import asyncssh  # noqa: PLC0415 - optional
 
-        machine.again_at = asyncio.get_running_loop().time() + RETRY_S
+        machine.retry_at = asyncio.get_running_loop().time() + RETRY_S
         if machine.connection is not None:
             machine.connection.abort()
         try:
             machine.connection = await asyncio.wait_for(
                 asyncssh.connect(machine.host.host, **self._arguments(machine.host)), CONNECT_S
             )
-            machine.home = (await self._ask(machine, 'printf "%s" "$HOME"')).strip()
-            machine.slots = machine.host.slots or int(await self._ask(machine, "nproc"))
-            await self._ask(
-                machine, f"command -v {shlex.split(self._options.command)[0]}", self._no_program()
+            machine.home = (await self._run(machine, 'printf "%s" "$HOME"')).strip()
+            machine.slots = machine.host.slots or int(await self._run(machine, "nproc"))
+            await self._run(
+                machine,
+                f"command -v {shlex.split(self._options.command)[0]}",
+                self._explain_missing_program(),
             )
             machine.archive = await self._copy_code(machine)
         except _Unusable as error:
@@ -165,35 +167,35 @@ class Hosts:
             machine.problem = f"no answer within {CONNECT_S:g} s"
         except asyncssh.HostKeyNotVerifiable as error:
             machine.problem = (
-                f"its host key is not trusted ({error.reason}); log in once with ssh and compare it, or name "
-                "the file that has it with the option known_hosts"
+                f"its host key is not trusted ({error.reason}); log in once with ssh and verify it, or set "
+                "the option known_hosts to the file that contains it"
             )
         except asyncssh.PermissionDenied as error:
-            machine.problem = f"login refused ({error.reason}); see the options user and key"
+            machine.problem = f"login refused ({error.reason}); check the options user and key"
         except (OSError, asyncssh.Error, ValueError) as error:
             machine.problem = getattr(error, "reason", "") or str(error) or type(error).__name__
         else:
             machine.problem = None
 
-    def _no_program(self) -> str:
+    def _explain_missing_program(self) -> str:
         return (
-            f"the program {self._options.command} is not there; name it with the option command, such as "
+            f"the program {self._options.command} was not found; set the option command to its path, such as "
             "/opt/venv/bin/swarmwright"
         )
 
     def _arguments(self, host: "Host") -> dict[str, Any]:
         options = self._options
-        given = {
+        arguments = {
             "username": host.user or options.user,
             "port": host.port or options.port,
             "client_keys": None if options.key is None else [options.key],
             "known_hosts": options.known_hosts,
             "config": None if options.config is None else [options.config],
         }
-        named = {name: value for name, value in given.items() if value is not None}
-        return {**named, "keepalive_interval": KEEPALIVE_S, "login_timeout": CONNECT_S}
+        present = {name: value for name, value in arguments.items() if value is not None}
+        return {**present, "keepalive_interval": KEEPALIVE_S, "login_timeout": CONNECT_S}
 
-    async def _ask(self, machine: _Machine, command: str, problem: str | None = None) -> str:
+    async def _run(self, machine: _Machine, command: str, problem: str | None = None) -> str:
         setup = f"{self._options.setup}\n" if self._options.setup else ""
         result = await machine.connection.run(f"sh -c {shlex.quote(setup + command)}", check=False)
         if result.exit_status != 0:
@@ -202,28 +204,28 @@ class Hosts:
         return str(result.stdout)
 
     async def _copy_code(self, machine: _Machine) -> str | None:
-        """Copy the code where it is not yet, or was changed; return its file, which machines may share."""
+        """Copy the code if it is missing or was changed; return its file, which machines may share."""
         code = self._specification.code
         if code is None:
             return None
         base = str(PurePosixPath(machine.home, self._options.folder, "code"))
         file, part = f"{base}/{code.sha256}.tar.gz", f"{base}/{secrets.token_hex(8)}.part"
-        if await self._digest(machine, file) == code.sha256:
+        if await self._read_digest(machine, file) == code.sha256:
             return file
-        async with _files(machine) as files:
+        async with _open_sftp(machine) as files:
             await files.makedirs(base, exist_ok=True)
             async with files.open(part, "wb") as archive:
                 await archive.write(code.archive)
-        await self._ask(machine, f"mv -f {shlex.quote(part)} {shlex.quote(file)}")
+        await self._run(machine, f"mv -f {shlex.quote(part)} {shlex.quote(file)}")
         return file
 
-    async def _digest(self, machine: _Machine, file: str) -> str:
-        """Return the SHA-256 of a file; empty where there is none, or no program that computes it."""
-        said = await self._ask(machine, f"( {sha256_of(shlex.quote(file))} ) 2> /dev/null || true")
-        return next(iter(said.split("\n")[-2:]), "")
+    async def _read_digest(self, machine: _Machine, file: str) -> str:
+        """Return the SHA-256 of a file; empty without a file or a program that computes it."""
+        output = await self._run(machine, f"( {sha256_of(shlex.quote(file))} ) 2> /dev/null || true")
+        return next(iter(output.split("\n")[-2:]), "")
 
     def _assign(self) -> None:
-        """Give waiting servers to free slots."""
+        """Assign waiting servers to free slots."""
         down = [f"{host.name}: {host.problem}" for host in self._machines if host.problem is not None]
         for server, remote in self._servers.items():
             if remote.task is not None:
@@ -242,67 +244,67 @@ class Hosts:
             remote.health = Health("running")
             remote.task = asyncio.get_running_loop().create_task(self._serve(machine, server, remote))
 
-    async def _serve(self, machine: _Machine, server: int, one: _Remote) -> None:
-        """Run a server to its end."""
+    async def _serve(self, machine: _Machine, server: int, remote: _Remote) -> None:
+        """Run a server until it ends."""
         import asyncssh  # noqa: PLC0415 - optional
 
         try:
-            machine.archive = await self._copy_code(machine)  # what is there may have been changed
+            machine.archive = await self._copy_code(machine)  # the copy may have been changed
             folder = await self._copy_files(machine, server)
-            one.process = await machine.connection.create_process(
+            remote.process = await machine.connection.create_process(
                 f"sh {shlex.quote(f'{folder}/{_SCRIPT}')}", stderr=asyncssh.STDOUT, errors="replace"
             )
-            async for line in one.process.stdout:
-                one.lines.append(line.rstrip("\n"))
-            await one.process.wait(check=False)
-            status = one.process.exit_status
+            async for line in remote.process.stdout:
+                remote.lines.append(line.rstrip("\n"))
+            await remote.process.wait(check=False)
+            status = remote.process.exit_status
             how = f"ended with status {status}" if status is not None else "ended with its connection"
-            one.health = Health("ended", f"{how} on {machine.name}")
+            remote.health = Health("ended", f"{how} on {machine.name}")
             if status is None:
-                self._lost(machine, "the connection ended")
+                self._mark_unusable(machine, "the connection ended")
         except (OSError, asyncssh.Error, _Unusable) as error:
             words = getattr(error, "reason", "") or str(error)
-            one.health = Health("ended", f"on {machine.name}: {words}")
-            self._lost(machine, words)
+            remote.health = Health("ended", f"on {machine.name}: {words}")
+            self._mark_unusable(machine, words)
         finally:
             machine.used.discard(server)
 
-    def _lost(self, machine: _Machine, words: str) -> None:
+    def _mark_unusable(self, machine: _Machine, words: str) -> None:
         machine.problem = words
-        machine.again_at = asyncio.get_running_loop().time() + RETRY_S
+        machine.retry_at = asyncio.get_running_loop().time() + RETRY_S
 
     async def _copy_files(self, machine: _Machine, server: int) -> str:
-        """Copy secrets and the script, whose environment all users of the machine could read as arguments."""
+        """Copy secrets and the script; as arguments, all users could read its variables."""
         import asyncssh  # noqa: PLC0415 - optional
 
         folder = str(PurePosixPath(machine.home, self._options.folder, "run", f"{self._token}-{server}"))
         private = asyncssh.SFTPAttrs(permissions=0o600)
-        async with _files(machine) as files:
+        async with _open_sftp(machine) as files:
             await files.makedirs(folder, asyncssh.SFTPAttrs(permissions=0o700), exist_ok=True)
-            script = self._script(machine, server, folder).encode()
+            script = self._format_script(machine, server, folder).encode()
             for name, data in {**self._specification.files(), _SCRIPT: script}.items():
                 async with files.open(f"{folder}/{name}", "wb", private) as file:
                     await file.write(data)
         return folder
 
-    def _script(self, machine: _Machine, server: int, folder: str) -> str:
-        """Return what runs a server until it ends or standard input does, with the connection."""
+    def _format_script(self, machine: _Machine, server: int, folder: str) -> str:
+        """Format the script that runs a server until it ends or its standard input closes."""
         quoted, option = shlex.quote(folder), self._options.code
         code = None if option is None else shlex.quote(option)
         unpack = []
         if machine.archive is not None:
-            # What the simulation writes there, no other server finds.
+            # A folder per server, as the simulation may write into it.
             code = f"{quoted}/code"
             assert self._specification.code is not None
-            unpack = unpacked(shlex.quote(machine.archive), self._specification.code.sha256, code)
+            unpack = format_unpack(shlex.quote(machine.archive), self._specification.code.sha256, code)
         return "\n".join(
             [
                 f"trap 'rm -rf {quoted}' EXIT",
                 "trap '' HUP",
                 *unpack,
-                *prepared(self._options, self._specification.variables(folder), code or quoted, code),
+                *format_setup(self._options, self._specification.variables(folder), code or quoted, code),
                 "exec 3<&0",
-                f"{called(self._options, self._specification, server)} < /dev/null 3<&- &",
+                f"{format_command(self._options, self._specification, server)} < /dev/null 3<&- &",
                 "server=$!",
                 "(",
                 "  cat <&3",
@@ -321,8 +323,8 @@ class Hosts:
         )
 
 
-async def _closed(connection: Any) -> None:  # noqa: ANN401 - of asyncssh
-    """Wait until a connection is closed, and close it by force if it does not."""
+async def _wait_until_closed(connection: Any) -> None:  # noqa: ANN401 - of asyncssh
+    """Wait until a connection is closed; abort it after a time limit."""
     try:
         await asyncio.wait_for(connection.wait_closed(), GRACE_S)
     except Exception:  # noqa: BLE001 - it may have broken in any way
@@ -330,16 +332,16 @@ async def _closed(connection: Any) -> None:  # noqa: ANN401 - of asyncssh
 
 
 @asynccontextmanager
-async def _files(machine: "_Machine") -> AsyncIterator[Any]:
-    """Yield an SFTP client. Raises OSError where the machine has no SFTP."""
+async def _open_sftp(machine: "_Machine") -> AsyncIterator[Any]:
+    """Yield an SFTP client. Raises OSError if the machine has no SFTP."""
     import asyncssh  # noqa: PLC0415 - optional
 
     try:
         client = await machine.connection.start_sftp_client()
     except (asyncssh.ChannelOpenError, asyncssh.SFTPError) as error:
         raise OSError(
-            f"it refuses SFTP, by which files are copied there ({error.reason}); let its sshd offer it: "
-            "Subsystem sftp internal-sftp in sshd_config"
+            f"it refuses SFTP, which is needed to copy files ({error.reason}); add 'Subsystem sftp "
+            "internal-sftp' to its sshd_config"
         ) from error
     async with client as files:
         yield files

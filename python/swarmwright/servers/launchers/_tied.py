@@ -1,7 +1,7 @@
-"""`swarmwright` as a child of a cluster's worker: it ends with its parent, and removes its folder then.
+"""`swarmwright` as a child of a cluster's worker that ends with its parent and removes its folder.
 
-Called as `python -m swarmwright.servers.launchers._tied PARENT FOLDER serve ..`: the process id of its
-parent, and the folder with its code and secrets.
+Called as `python -m swarmwright.servers.launchers._tied PARENT FOLDER serve ..` with the process id of its
+parent and the folder with its code and secrets.
 """
 
 import ctypes
@@ -28,7 +28,7 @@ def main() -> None:
     threading.Thread(target=_watch, args=(parent, folder), daemon=True, name="parent").start()
     del sys.argv[1:3]
     try:
-        if os.getppid() == parent:  # else it ended before the signal was asked for
+        if os.getppid() == parent:  # else the parent ended before prctl
             runpy.run_module("swarmwright", run_name="__main__", alter_sys=True)
     finally:
         if os.getppid() != parent:
@@ -36,7 +36,7 @@ def main() -> None:
 
 
 def _watch(parent: int, folder: str) -> None:
-    """End by force what does not end on SIGTERM after the parent has ended."""
+    """Kill the process group if it does not end after its parent."""
     while os.getppid() == parent:
         time.sleep(_POLL_S)
     time.sleep(GRACE_S)

@@ -11,7 +11,14 @@ from pydantic import Field
 from swarmwright.servers.launchers import _kubernetes_states as states
 from swarmwright.servers.launchers._base import Health, Launcher, LauncherError
 from swarmwright.servers.launchers._kubernetes_api import Api
-from swarmwright.servers.launchers._kubernetes_manifests import INDEX, INSTANCE, JOB, MANAGER, job, secret
+from swarmwright.servers.launchers._kubernetes_manifests import (
+    INDEX,
+    INSTANCE,
+    JOB,
+    MANAGER,
+    make_job,
+    make_secret,
+)
 from swarmwright.servers.launchers._remote import RemoteOptions
 from swarmwright.servers.launchers._specification import Specification
 
@@ -27,32 +34,32 @@ class KubernetesOptions(RemoteOptions):
 
     launcher: Literal["kubernetes"] = "kubernetes"
     image: str | None = Field(default=None, min_length=1)
-    """Container image with Swarmwright, `sh` and `tar`. Default: swarmwright with the tag of this version."""
+    """Container image with Swarmwright, `sh` and `tar`. Default: swarmwright, tagged with this version."""
     image_pull_policy: Literal["Always", "IfNotPresent", "Never"] | None = None
-    """When nodes pull the image. Default: Kubernetes's."""
+    """When nodes pull the image. Default: that of Kubernetes."""
     image_pull_secrets: list[str] = Field(default=[])
-    """Secrets of the namespace that hold the registry's credentials."""
+    """Secrets with the registry's credentials."""
     namespace: str | None = Field(default=None, min_length=1)
-    """Namespace. Default: that of the context, or of the pod that this runs in; else `default`."""
+    """Namespace. Default: that of the context or of this pod, else `default`."""
     kubeconfig: str | None = Field(default=None, min_length=1)
-    """File that describes the cluster. Default: KUBECONFIG, else ~/.kube/config, else the service account of
-    the pod that this runs in."""
+    """Cluster configuration. Default: KUBECONFIG, else ~/.kube/config, else the service account of this
+    pod."""
     context: str | None = Field(default=None, min_length=1)
-    """Context of the kubeconfig. Default: its current one."""
+    """Context of the kubeconfig. Default: the current one."""
     requests: dict[str, Quantity] = Field(default={"cpu": 1, "memory": "256Mi"})
-    """Resources that are reserved for each server, as in a manifest."""
+    """Resources reserved per server, as in a manifest."""
     limits: dict[str, Quantity] = Field(default={})
-    """Most resources of each server, such as {memory: 2Gi, nvidia.com/gpu: 1}."""
+    """Resource limits per server, such as {memory: 2Gi, nvidia.com/gpu: 1}."""
     secrets: list[str] = Field(default=[])
-    """Secrets of the namespace whose keys become environment variables of the servers."""
+    """Secrets whose keys become environment variables of the servers."""
     labels: dict[str, str] = Field(default={})
     """Further labels of jobs and pods."""
     annotations: dict[str, str] = Field(default={})
     """Annotations of pods."""
     node_selector: dict[str, str] = Field(default={})
-    """Labels of the nodes that are used."""
+    """Labels of the nodes to use."""
     tolerations: list[dict[str, Any]] = Field(default=[])
-    """Taints of nodes that are tolerated, as in a manifest."""
+    """Tolerated taints of nodes, as in a manifest."""
     service_account: str | None = Field(default=None, min_length=1)
     """Service account of the pods; its token is not mounted. Default: the namespace's."""
     priority_class: str | None = Field(default=None, min_length=1)
@@ -60,20 +67,19 @@ class KubernetesOptions(RemoteOptions):
     grace: int = Field(default=30, ge=1, le=3600)
     """Seconds from SIGTERM to SIGKILL when a pod is deleted."""
     pod: dict[str, Any] = Field(default={})
-    """Further fields of the pods' spec, as in a manifest, such as {affinity: .., runtimeClassName: gvisor}.
-    Mappings are merged, others replace what is there."""
+    """Further fields of the pods' spec, such as {affinity: .., runtimeClassName: gvisor}; mappings are
+    merged, other values replaced."""
 
     paths: ClassVar[tuple[str, ...]] = (*RemoteOptions.paths, "kubeconfig")
 
 
 class Kubernetes(Launcher):
-    """Servers as pods of Indexed Jobs.
+    """Launcher of servers as pods of Indexed Jobs.
 
-    One request starts any number of servers; a Deployment would not let single ones be ended, and would start
-    those again that have ended for good. Kubernetes itself replaces pods that it evicts, preempts or loses
-    with a node. Pods that end in another way are replaced by the pool, in a new job, under a new id. What
-    servers read is in a Secret of their job, which is its owner: it goes with the job, and the job ends by
-    itself when the tool is gone.
+    One request starts any number of servers. A Deployment could neither end single servers nor leave ended
+    ones alone. Kubernetes replaces pods that it evicts, preempts or loses with a node; other ended pods are
+    replaced in a new job, under a new id. A job owns the Secret that its servers read, so both are deleted
+    together; the job ends by itself if the tool is gone.
     """
 
     kind: ClassVar[str] = "kubernetes"
@@ -85,10 +91,10 @@ class Kubernetes(Launcher):
         super().__init__(options, specification)
         label = re.sub(r"[^a-z0-9]+", "-", specification.label.lower()).strip("-")[:38].strip("-")
         self.name = f"{label or 'swarmwright'}-{secrets.token_hex(4)}"
-        """Of the run: the label `app.kubernetes.io/instance` of all that is created."""
+        """Name of the run: the label `app.kubernetes.io/instance` of all objects."""
         self._api: Api | None = None
         self._jobs: dict[str, list[int]] = {}
-        self._places: dict[int, tuple[str, int]] = {}
+        self._positions: dict[int, tuple[str, int]] = {}
         self._pods: dict[int, str] = {}
         self._number = 0
 
@@ -103,66 +109,70 @@ class Kubernetes(Launcher):
             InputError: the client is not installed, the kubeconfig is wrong, or there is too much code.
             LauncherError: the cluster cannot be reached, or refuses.
         """
-        secret("", "", self.specification, {})  # is there too much?
+        make_secret("", "", self.specification, {})  # check the size
         self._api = Api(self.options.kubeconfig, self.options.context, self.options.namespace)
         self._api.check_version()
-        self._api.pods(self._selector)
+        self._api.list_pods(self._selector)
 
     def start(self, servers: Sequence[int]) -> None:
-        """Create a job with a pod for each server, and its Secret."""
-        api = self._opened()
+        """Create a job with a pod per server, and its Secret."""
+        api = self._require_api()
         self._number += 1
         name = f"{self.name}-{self._number}"
-        manifest = job(name, self.name, list(servers), self.options, self.specification)
+        manifest = make_job(name, self.name, list(servers), self.options, self.specification)
         created = api.create_job(manifest)
         self._jobs[name] = list(servers)
-        self._places |= {server: (name, index) for index, server in enumerate(servers)}
+        self._positions |= {server: (name, index) for index, server in enumerate(servers)}
         try:
-            api.create_secret(secret(name, self.name, self.specification, created["metadata"]))
+            api.create_secret(make_secret(name, self.name, self.specification, created["metadata"]))
         except LauncherError:
             self.stop(servers)
             raise
 
     def health(self) -> Mapping[int, Health]:
-        """Ask for the jobs, their pods, and why some pods were not created."""
-        if not self._places:
+        """Query the jobs, their pods, and why pods were not created."""
+        if not self._positions:
             return {}
-        api = self._opened()
-        jobs = {manifest["metadata"]["name"]: manifest for manifest in api.jobs(self._selector)}
-        pods = states.newest(api.pods(self._selector))
+        api = self._require_api()
+        jobs = {manifest["metadata"]["name"]: manifest for manifest in api.list_jobs(self._selector)}
+        pods = states.find_newest(api.list_pods(self._selector))
         self._pods = {
-            server: pods[place]["metadata"]["name"] for server, place in self._places.items() if place in pods
+            server: pods[position]["metadata"]["name"]
+            for server, position in self._positions.items()
+            if position in pods
         }
         self._end_late(jobs, pods)
-        without = {name for name, index in self._places.values() if (name, index) not in pods}
-        refused = {name: api.refusal(name) for name in without & set(jobs)}
+        without = {name for name, index in self._positions.values() if (name, index) not in pods}
+        refused = {name: api.find_refusal(name) for name in without & set(jobs)}
         return {
-            server: states.health(jobs.get(name), index, pods.get((name, index)), refused.get(name, ""))
-            for server, (name, index) in self._places.items()
+            server: states.find_health(jobs.get(name), index, pods.get((name, index)), refused.get(name, ""))
+            for server, (name, index) in self._positions.items()
         }
 
     def stop(self, servers: Sequence[int]) -> None:
-        """Delete pods; a job that has no other servers goes with them."""
+        """Delete pods, and jobs without other servers."""
         leaving: dict[str, list[int]] = {}
         for server in servers:
-            if server in self._places:
-                name, index = self._places[server]
+            if server in self._positions:
+                name, index = self._positions[server]
                 leaving.setdefault(name, []).append(index)
         for name, indexes in leaving.items():
             gone = {self._jobs[name][index] for index in indexes}
-            kept = [server for server in self._jobs[name] if server in self._places and server not in gone]
-            if kept:
+            remaining = [
+                server for server in self._jobs[name] if server in self._positions and server not in gone
+            ]
+            if remaining:
                 self._delete_pods(name, indexes)
             else:
-                self._opened().delete_job(name)
+                self._require_api().delete_job(name)
                 del self._jobs[name]
             for server in gone:
-                del self._places[server]
+                del self._positions[server]
 
     def logs(self, server: int, lines: int = 20) -> Sequence[str]:
         """Return the last lines of a pod."""
         pod = self._pods.get(server)
-        return () if pod is None else self._opened().log(pod, lines)[-lines:]
+        return () if pod is None else self._require_api().read_log(pod, lines)[-lines:]
 
     def close(self) -> None:
         """Delete all jobs, and wait until their pods and Secrets are gone."""
@@ -171,31 +181,31 @@ class Kubernetes(Launcher):
             return
         api.delete_all(self._selector)
         deadline = time.monotonic() + self.options.grace + LEAVE_S
-        while left := api.left(self._selector):
+        while remaining := api.list_remaining(self._selector):
             if time.monotonic() > deadline:
-                raise LauncherError(f"these were deleted, and are still there: {', '.join(left)}")
+                raise LauncherError(f"still present after deletion: {', '.join(remaining)}")
             time.sleep(0.3)
-        self._jobs, self._places, self._pods = {}, {}, {}
+        self._jobs, self._positions, self._pods = {}, {}, {}
 
-    def _opened(self) -> Api:
+    def _require_api(self) -> Api:
         if self._api is None:
             raise LauncherError("the connection to the cluster is closed")
         return self._api
 
     def _delete_pods(self, name: str, indexes: Sequence[int]) -> None:
         for first in range(0, len(indexes), _PODS_PER_REQUEST):
-            some = ",".join(map(str, indexes[first : first + _PODS_PER_REQUEST]))
-            self._opened().delete_pods(f"{JOB}={name},{INDEX} in ({some})")
+            selected = ",".join(map(str, indexes[first : first + _PODS_PER_REQUEST]))
+            self._require_api().delete_pods(f"{JOB}={name},{INDEX} in ({selected})")
 
     def _end_late(
         self, jobs: Mapping[str, Mapping[str, Any]], pods: Mapping[tuple[str, int], Mapping[str, Any]]
     ) -> None:
-        """Delete pods that were created, or created again, after their server had been stopped."""
+        """Delete pods that were created after their server had been stopped."""
         for name, servers in self._jobs.items():
             late = [
                 index
                 for index, server in enumerate(servers)
-                if server not in self._places
+                if server not in self._positions
                 and (name, index) in pods
                 and states.is_active(pods[name, index])
             ]

@@ -1,4 +1,4 @@
-"""Servers as processes of this machine, which are watched, and started again when they crash or hang."""
+"""Servers as supervised processes on this machine, restarted when they crash or hang."""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -12,19 +12,19 @@ from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.experiment.launchers import LauncherOptions
 from swarmwright.servers.launchers._base import Health, Launcher, LauncherError
 from swarmwright.servers.launchers._specification import Specification
-from swarmwright.servers.supervision import Event, News, Output, Supervisor
-from swarmwright.servers.supervision.place import Limits
+from swarmwright.servers.supervision import News, Output, ServerEvent, Supervisor
+from swarmwright.servers.supervision.supervised_server import Limits
 
 if TYPE_CHECKING:
     from swarmwright import _engine
 
 
 _GRACE_S = 3600.0
-"""Seconds for which a process that is to be replaced may finish what it computes."""
+"""Seconds for a process to finish its work before it is replaced."""
 _WARNINGS = {"warning", "waiting", "lost"}
-"""Events of servers that say what is wrong with them."""
+"""Events of servers that report problems."""
 _KEPT_WARNINGS = 5
-"""Warnings that are kept of each server."""
+"""Warnings kept per server."""
 
 
 class ProcessOptions(LauncherOptions):
@@ -32,16 +32,15 @@ class ProcessOptions(LauncherOptions):
 
     launcher: Literal["process"] = "process"
     recycle: int = Field(default=0, ge=0)
-    """Evaluations after which a server's process is ended and another one started, for simulations that lose
-    memory; 0 for never. The request, or the episode, under way is finished first. A batch of the mode batched
-    counts as one. Replacements are staggered: of servers that start together, some are replaced earlier the
-    first time."""
+    """Evaluations after which a server's process is replaced, for simulations that leak memory; 0 for never.
+    The current request or episode is finished first; a batch counts as one. First replacements are
+    staggered."""
 
 
 class Process(Launcher):
-    """Server processes of this machine; those that end or hang are started again, as with `servers: 4`.
+    """Launcher of processes on this machine, restarted when they end or hang, as with `servers: 4`.
 
-    The pool is told how processes end: a crash is attributed to the evaluation that caused it.
+    Ends are reported to the pool, which attributes a crash to the evaluation that caused it.
     """
 
     kind: ClassVar[str] = "process"
@@ -58,18 +57,18 @@ class Process(Launcher):
         self._supervisor: Supervisor | None = None
 
     def open(self) -> None:
-        """Write the files that servers read, and begin to watch."""
+        """Write the servers' files and start supervision."""
         self._folder = TemporaryFolder("servers")
-        here = self._folder.path
+        folder = self._folder.path
         for name, data in self.specification.files().items():
-            (here / name).touch(0o600)
-            (here / name).write_bytes(data)
+            (folder / name).touch(0o600)
+            (folder / name).write_bytes(data)
         self._supervisor = Supervisor(
             [],
             output=self._output,
-            tell=self._hear,
+            tell=self._handle_news,
             limits=Limits(step=self.specification.step_timeout),
-            environment=self.specification.child_variables(str(here)),
+            environment=self.specification.child_variables(str(folder)),
             recycle=self.options.recycle,
         )
         self._supervisor.start()
@@ -87,7 +86,7 @@ class Process(Launcher):
         """Return the states of the processes."""
         assert self._supervisor is not None
         self._check()
-        ended = {exit_.server: exit_.report for exit_ in self._supervisor.given_up()}
+        ended = {exit_.server: exit_.report for exit_ in self._supervisor.find_given_up()}
         return {
             server: Health("ended", ended[server]) if server in ended else Health("running")
             for server in self._supervisor.identifiers
@@ -99,15 +98,15 @@ class Process(Launcher):
             self._supervisor.remove(servers)
 
     def logs(self, server: int, lines: int = 20) -> Sequence[str]:
-        """Return the last lines of a process, and of what it reports, such as a refusal of its broker."""
+        """Return the last output lines of a process and its warnings."""
         if self._supervisor is None:
             return ()
-        found = [exit_ for exit_ in self._supervisor.given_up() if exit_.server == server]
-        printed = found[0].words.split("\n") if found else self._supervisor.printed(server)
+        exits = [exit_ for exit_ in self._supervisor.find_given_up() if exit_.server == server]
+        printed = exits[0].output_text.split("\n") if exits else self._supervisor.read_last_lines(server)
         return [*printed, *self._warnings.get(server, ())][-lines:]
 
     def log_to(self, file: Path) -> None:
-        """Write what the servers print to a file."""
+        """Write the servers' output to a file."""
         self._output.log_to(file)
 
     def close(self) -> None:
@@ -126,19 +125,19 @@ class Process(Launcher):
             self._supervisor.attach(None if pool is None else pool.watch(servers))
 
     def _check(self) -> None:
-        """Raise LauncherError when processes are not watched any more: their states are not known then."""
+        """Raise LauncherError if supervision has failed, so that states are unknown."""
         if self._supervisor is not None:
             try:
                 self._supervisor.check()
             except RunError as error:
                 raise LauncherError(str(error)) from error
 
-    def _hear(self, news: News) -> None:
-        if isinstance(news, Event) and news.report.get("event") in _WARNINGS:
+    def _handle_news(self, news: News) -> None:
+        if isinstance(news, ServerEvent) and news.report.get("event") in _WARNINGS:
             words = news.report.get("message") or news.report.get("reason")
-            kept = self._warnings.setdefault(news.server, deque(maxlen=_KEPT_WARNINGS))
-            if words and words not in kept:
-                kept.append(str(words))
+            warnings = self._warnings.setdefault(news.server, deque(maxlen=_KEPT_WARNINGS))
+            if words and words not in warnings:
+                warnings.append(str(words))
 
     def _settings(self, server: int) -> dict[str, Any]:
         specification = self.specification

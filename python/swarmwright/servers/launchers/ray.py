@@ -1,4 +1,4 @@
-"""Servers on a Ray cluster, one actor each (https://docs.ray.io)."""
+"""Servers as actors on a Ray cluster (https://docs.ray.io)."""
 
 import os
 from typing import Any, ClassVar, Literal
@@ -14,25 +14,25 @@ class RayOptions(LauncherOptions):
 
     launcher: Literal["ray"] = "ray"
     address: str | None = Field(default=None, min_length=1)
-    """Address of the cluster: host:6379 on one of its nodes, ray://head:10001 from elsewhere, or `auto` for
-    the cluster of this machine. Default: the environment variable RAY_ADDRESS, else `auto`."""
+    """Address of the cluster: host:6379 on its nodes, ray://head:10001 from other machines, `auto` for this
+    machine's cluster. Default: the environment variable RAY_ADDRESS, else `auto`."""
     num_cpus: float = Field(default=1.0, ge=0, allow_inf_nan=False)
-    """Processors that Ray reserves for each server."""
+    """Processors reserved per server."""
     num_gpus: float = Field(default=0.0, ge=0, allow_inf_nan=False)
-    """GPUs that Ray reserves for each server."""
+    """GPUs reserved per server."""
     memory: int | None = Field(default=None, ge=1)
-    """Bytes of memory that Ray reserves for each server. Default: none."""
+    """Memory reserved per server, bytes. Default: none."""
     resources: dict[str, float] = Field(default={})
-    """Custom resources of nodes that each server takes, such as {simulator: 1}."""
+    """Custom node resources per server, such as {simulator: 1}."""
     runtime_env: dict[str, Any] = Field(default={})
-    """Runtime environment of the actors, as Ray documents it, such as {pip: [swarmwright, shapely]}."""
+    """Ray's runtime environment of the actors, such as {pip: [swarmwright, shapely]}."""
 
 
 class Ray(DrivenLauncher):
-    """Servers on a Ray cluster, one actor each.
+    """Launcher of servers on a Ray cluster, one actor each.
 
-    Ray places the actors, on nodes that its autoscaler adds if there is one. An actor runs
-    `swarmwright serve` as a child process, which ends with it; actors end with the connection to the cluster.
+    Ray places the actors, including on nodes of its autoscaler. An actor runs `swarmwright serve` as a child
+    process; actors end with the connection to the cluster.
     """
 
     kind: ClassVar[str] = "ray"
@@ -42,6 +42,6 @@ class Ray(DrivenLauncher):
     cluster: ClassVar[str] = "swarmwright.servers.launchers._ray_cluster"
 
     def address(self) -> str | None:
-        """Return the address, unless Ray finds it."""
-        found = self.options.address or os.environ.get("RAY_ADDRESS", "auto")
-        return None if found == "auto" else found
+        """Return the address, or None if Ray finds the cluster."""
+        address = self.options.address or os.environ.get("RAY_ADDRESS", "auto")
+        return None if address == "auto" else address

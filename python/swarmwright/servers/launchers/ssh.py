@@ -1,4 +1,4 @@
-"""Servers on other machines through SSH, with the library asyncssh (https://asyncssh.readthedocs.io)."""
+"""Servers on other machines through SSH, with asyncssh (https://asyncssh.readthedocs.io)."""
 
 import asyncio
 import threading
@@ -23,73 +23,75 @@ class Host(Options):
     """A machine."""
 
     host: str = Field(min_length=1)
-    """Its name or address, or a Host of the SSH configuration."""
+    """Name, address, or Host of the SSH configuration."""
     user: str | None = None
-    """User there. Default: the option `user`."""
+    """User on the machine. Default: the option `user`."""
     port: int | None = Field(default=None, ge=1, le=65535)
     """Port of sshd. Default: the option `port`."""
     slots: int | None = Field(default=None, ge=1, le=1024)
-    """Servers on it at a time. Default: one for each of its processors."""
+    """Maximum number of servers at once. Default: one per processor."""
 
 
-def _host(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
-    """Take `user@host:port slots=4` apart, as it is written in lists and in files."""
+def _parse_host(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    """Parse `user@host:port slots=4`, as written in lists and files."""
     if not isinstance(value, str):
         return value
     words = value.split()
     if not words:
         raise ValueError("must not be empty")
-    user, at, rest = words[0].rpartition("@")
-    name, colon, port = rest.partition(":") if rest.count(":") == 1 else (rest.strip("[]"), "", "")
-    found: dict[str, Any] = {"host": name}
+    user, at, location = words[0].rpartition("@")
+    name, colon, port = (
+        location.partition(":") if location.count(":") == 1 else (location.strip("[]"), "", "")
+    )
+    fields: dict[str, Any] = {"host": name}
     if at:
-        found["user"] = user
+        fields["user"] = user
     for word in [*([f"port={port}"] if colon else []), *words[1:]]:
         key, _, number = word.partition("=")
         if key not in {"port", "slots"} or not number.isdecimal():
             raise ValueError(f"must be like ada@robot1:2222 slots=4, not {shown(value)}")
-        found[key] = int(number)
-    return found
+        fields[key] = int(number)
+    return fields
 
 
-def _hosts(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+def _parse_hosts(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, str | Mapping | Host):
         value = [value]
-    return [_host(host) for host in value] if isinstance(value, list | tuple) else value
+    return [_parse_host(host) for host in value] if isinstance(value, list | tuple) else value
 
 
 class SshOptions(RemoteOptions):
-    """Machines that are reached through SSH."""
+    """Machines reached through SSH."""
 
     launcher: Literal["ssh"] = "ssh"
-    hosts: Annotated[list[Host], BeforeValidator(_hosts, json_schema_input_type=list[str | Host])] = Field(
-        default=[]
+    hosts: Annotated[list[Host], BeforeValidator(_parse_hosts, json_schema_input_type=list[str | Host])] = (
+        Field(default=[])
     )
     """The machines: names, texts such as `ada@robot1:2222 slots=4`, or {host: robot1, user: ada, port: 2222,
-    slots: 4}. The SSH configuration holds for them, jump hosts (ProxyJump) included."""
+    slots: 4}. The SSH configuration applies, including jump hosts (ProxyJump)."""
     host_file: str | None = Field(default=None, min_length=1)
-    """A file with further machines, a line each, as in `hosts`; # begins a comment."""
+    """File with further machines, one per line, as in `hosts`; # begins a comment."""
     user: str | None = Field(default=None, min_length=1)
-    """User on machines that name none. Default: that of the SSH configuration, or the local one."""
+    """Default user. Default: that of the SSH configuration, or the local user."""
     port: int | None = Field(default=None, ge=1, le=65535)
-    """Port of machines that name none. Default: that of the SSH configuration, or 22."""
+    """Default port. Default: that of the SSH configuration, or 22."""
     key: str | None = Field(default=None, min_length=1)
-    """File of the private key. Default: the SSH agent's keys and those in ~/.ssh."""
+    """Private key file. Default: the SSH agent's keys and those in ~/.ssh."""
     known_hosts: str | None = Field(default=None, min_length=1)
     """File with the machines' host keys. Default: ~/.ssh/known_hosts."""
     config: str | None = Field(default=None, min_length=1)
-    """File of the SSH configuration. Default: ~/.ssh/config."""
+    """SSH configuration file. Default: ~/.ssh/config."""
     folder: str = Field(default=".cache/swarmwright", min_length=1)
-    """Folder on the machines for copied code, relative to the home folder; it stays there."""
+    """Folder on the machines for copied code, relative to the home folder; it is not deleted."""
 
     paths: ClassVar[tuple[str, ...]] = (*RemoteOptions.paths, "host_file", "key", "known_hosts", "config")
 
 
 class Ssh(Launcher):
-    """Servers on machines that are reached through SSH, as many as these have slots.
+    """Launcher of servers on machines reached through SSH, as many as these have slots.
 
-    Code is copied by SFTP, once for each content. A server lives as long as its connection: when that ends,
-    for whatever reason, so does the server. Machines that cannot be reached are tried again.
+    Code is copied by SFTP, once per version. A server ends with its connection. Unreachable machines are
+    retried.
     """
 
     kind: ClassVar[str] = "ssh"
@@ -100,14 +102,14 @@ class Ssh(Launcher):
         super().__init__(options, specification)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
-        self._hosts: Hosts | None = None
+        self._parse_hosts: Hosts | None = None
 
     def open(self) -> None:
         """Connect to all machines.
 
         Raises:
             InputError: there are no machines, or asyncssh is not installed.
-            LauncherError: no machine admits us.
+            LauncherError: no machine can be used.
         """
         try:
             import asyncssh  # noqa: F401, PLC0415 - optional
@@ -115,49 +117,49 @@ class Ssh(Launcher):
             raise InputError(
                 "servers: ssh needs the package asyncssh: pip install 'swarmwright[ssh]'"
             ) from error
-        hosts = [*self.options.hosts, *self._of_file()]
+        hosts = [*self.options.hosts, *self._read_host_file()]
         if not hosts:
             raise InputError(
-                "servers.hosts: is missing: ssh needs machines, such as hosts: [robot1, ada@robot2 slots=4]"
+                "servers.hosts: is missing; ssh needs machines, such as hosts: [robot1, ada@robot2 slots=4]"
             )
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True, name="ssh")
         self._thread.start()
-        self._hosts = Hosts(hosts, self.options, self.specification)
-        problems = self._run(self._hosts.open())
+        self._parse_hosts = Hosts(hosts, self.options, self.specification)
+        problems = self._run(self._parse_hosts.open())
         if len(problems) == len(hosts):
             raise LauncherError("\n".join(["no machine can be used:", *problems]))
 
     def start(self, servers: Sequence[int]) -> None:
-        """Give servers to free slots; without a free one they wait."""
-        self._run(self._opened().start(servers))
+        """Assign servers to free slots, for which they wait if necessary."""
+        self._run(self._require_hosts().start(servers))
 
     def health(self) -> Mapping[int, Health]:
         """Return the states of all servers."""
-        return self._run(self._opened().health())
+        return self._run(self._require_hosts().health())
 
     def stop(self, servers: Sequence[int]) -> None:
         """End servers."""
-        self._run(self._opened().stop(servers))
+        self._run(self._require_hosts().stop(servers))
 
     def logs(self, server: int, lines: int = 20) -> Sequence[str]:
         """Return the last lines of a server."""
-        return self._run(self._opened().logs(server))[-lines:]
+        return self._run(self._require_hosts().logs(server))[-lines:]
 
     def close(self) -> None:
         """End all servers and all connections."""
         loop, self._loop = self._loop, None
         if loop is None or self._thread is None:
             return
-        if self._hosts is not None:
-            asyncio.run_coroutine_threadsafe(self._hosts.close(), loop).result(3 * GRACE_S)
+        if self._parse_hosts is not None:
+            asyncio.run_coroutine_threadsafe(self._parse_hosts.close(), loop).result(3 * GRACE_S)
         loop.call_soon_threadsafe(loop.stop)
         self._thread.join()
         loop.close()
 
-    def _opened(self) -> Hosts:
-        assert self._hosts is not None
-        return self._hosts
+    def _require_hosts(self) -> Hosts:
+        assert self._parse_hosts is not None
+        return self._parse_hosts
 
     def _run(self, work: Coroutine[Any, Any, Result]) -> Result:
         if self._loop is None:
@@ -168,19 +170,19 @@ class Ssh(Launcher):
         except TimeoutError as error:
             raise LauncherError(f"no answer within {self.options.start_timeout:g} s") from error
 
-    def _of_file(self) -> list[Host]:
+    def _read_host_file(self) -> list[Host]:
         if self.options.host_file is None:
             return []
         file = Path(self.options.host_file)
-        found = []
+        hosts = []
         try:
             for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
                 text = line.partition("#")[0].strip()
                 if text:
                     try:
-                        found.append(Host.model_validate(_host(text)))
+                        hosts.append(Host.model_validate(_parse_host(text)))
                     except ValueError as error:
                         raise InputError(f"{file}:{number}: must be like ada@robot1:2222 slots=4") from error
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"servers.host_file: {file} cannot be read: {error}") from error
-        return found
+        return hosts

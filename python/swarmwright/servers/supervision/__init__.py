@@ -1,17 +1,17 @@
-"""Simulation servers in processes of their own: started, watched, started again, ended."""
+"""Supervision of simulation servers in their own processes."""
 
-from swarmwright.servers.supervision.news import Ended, Event, News, Restarted
+from swarmwright.servers.supervision.news import News, ServerEnd, ServerEvent, ServerRestart
 from swarmwright.servers.supervision.output import Output, listening_to_output
 from swarmwright.servers.supervision.server_exit import ServerExit, signal_name
 from swarmwright.servers.supervision.supervisor import Supervisor
 
 __all__ = [
-    "Ended",
-    "Event",
     "News",
     "Output",
-    "Restarted",
+    "ServerEnd",
+    "ServerEvent",
     "ServerExit",
+    "ServerRestart",
     "Supervisor",
     "listening_to_output",
     "signal_name",

@@ -1,4 +1,4 @@
-"""Simulation servers that a run starts for itself, each in its own process, and ends with it."""
+"""Simulation servers that a run starts on this machine, each in its own process."""
 
 import logging
 import os
@@ -12,8 +12,8 @@ from typing import Any, Self
 from swarmwright import _engine
 from swarmwright.common.errors import RunError
 from swarmwright.servers.server_use import ServerUses
-from swarmwright.servers.supervision import Ended, Event, News, Output, Supervisor
-from swarmwright.servers.supervision.place import Limits
+from swarmwright.servers.supervision import News, Output, ServerEnd, ServerEvent, Supervisor
+from swarmwright.servers.supervision.supervised_server import Limits
 
 _log = logging.getLogger("swarmwright")
 
@@ -22,33 +22,31 @@ _running: dict[str, "LocalServers"] = {}
 
 
 def automatic_count() -> int:
-    """Return how many servers suit this machine: one per processor, at least 2 and at most 8."""
+    """Return the number of servers for this machine: one per processor, from 2 to 8."""
     return min(max(os.cpu_count() or 1, 2), 8)
 
 
-def processors() -> int:
+def count_processors() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def running_on(broker: str) -> "LocalServers | None":
-    """Return the servers that this process has started on a broker, None where there are none."""
+def find_running(broker: str) -> "LocalServers | None":
+    """Return the servers that this process has started on a broker, or None."""
     return _running.get(broker)
 
 
 class LocalServers:
-    """Server processes for the time of a `with` block; those that end or hang are started again.
+    """Server processes for the duration of a `with` block; those that end or hang are restarted.
 
     Args:
-        settings: the arguments of `_engine.serve`, one mapping per server; a simulation in Python by its
-            class.
+        settings: arguments of `_engine.serve`, one mapping per server; a Python simulation by its class.
         visual: let the servers draw on this process's standard output.
-        limits: of their time.
+        limits: their time limits.
         environment: further variables of the processes.
 
     Raises:
-        RunError: on entry, when a server does not start; the message holds its last output.
-
+        RunError: on entry, if a server does not start; the message includes its last output.
     """
 
     def __init__(
@@ -67,14 +65,14 @@ class LocalServers:
             settings,
             draws=visual,
             output=self.output,
-            tell=self._heard,
+            tell=self._handle_news,
             limits=limits,
             environment=environment,
         )
         self._started: queue.SimpleQueue[News] = queue.SimpleQueue()
         self._ready = False
         self._attached = False
-        self._told: set[int] = set()
+        self._warned: set[int] = set()
 
     def __enter__(self) -> Self:
         try:
@@ -93,31 +91,31 @@ class LocalServers:
 
     @property
     def pids(self) -> list[int]:
-        """Process ids of those that run now."""
+        """Process ids of the running servers."""
         return self._supervisor.pids
 
     @property
     def count(self) -> int:
-        """How many servers there are, also while one of them is being started again."""
+        """Number of servers, including those being restarted."""
         return len(self._supervisor.identifiers)
 
     @property
     def usage(self) -> str:
-        """Nothing: processes of this machine are not counted."""
+        """Empty, as processes of this machine are not counted."""
         return ""
 
     @property
     def use(self) -> ServerUses:
-        """Nothing: processes of this machine are not counted."""
+        """Empty, as processes of this machine are not counted."""
         return {}
 
     @property
     def on_status(self) -> None:
-        """None: their number does not depend on the work."""
+        """None, as their number does not depend on the work."""
 
     @property
     def restarts(self) -> int:
-        """How often one was started again."""
+        """How many servers were restarted."""
         return self._supervisor.restarts
 
     def attach(self, pool: _engine.Pool) -> None:
@@ -126,40 +124,39 @@ class LocalServers:
         self._attached = True
 
     def detach(self) -> None:
-        """Stop reporting: the pool is closed."""
+        """Stop reporting, because the pool is closed."""
         self._supervisor.attach(None)
         self._attached = False
 
     def log_to(self, file: Path) -> None:
-        """Write what the servers print to a file, which is made when there is something."""
+        """Write the servers' output to a file, created with the first line."""
         self.output.log_to(file)
 
     def close(self) -> None:
-        """End all servers: ask all, then wait for each, then kill."""
+        """End all servers: ask all to end, wait for each, then kill."""
         if _running.get(self._broker) is self:
             del _running[self._broker]
         self._supervisor.stop()
         self.output.close()
 
     def check(self) -> None:
-        """Log servers that have been given up since the last check; raise RunError when none is left.
-
-        Also when they are not watched any more.
-        """
+        """Log servers given up since the last check; raise RunError if none remains."""
         self._supervisor.check()
-        lost = self._supervisor.given_up()
+        lost = self._supervisor.find_given_up()
         for server_exit in lost:
-            if server_exit.server not in self._told:
-                self._told.add(server_exit.server)
-                _log.warning("%s\nIt is not started again: it keeps failing at start.", server_exit.report)
-        if self._supervisor.all_given_up():
+            if server_exit.server not in self._warned:
+                self._warned.add(server_exit.server)
+                _log.warning(
+                    "%s\nIt is not restarted, because it keeps failing at start.", server_exit.report
+                )
+        if self._supervisor.has_given_up_all():
             endings = "\n".join(server_exit.report for server_exit in lost)
-            raise RunError(f"no simulation server is left:\n{endings}")
+            raise RunError(f"all simulation servers have failed:\n{endings}")
 
-    def _heard(self, news: News) -> None:
+    def _handle_news(self, news: News) -> None:
         if not self._ready:
             self._started.put(news)
-        elif isinstance(news, Ended) and not self._attached and news.pause is not None:
+        elif isinstance(news, ServerEnd) and not self._attached and news.pause is not None:
             _log.warning("%s", news.server_exit.report)
 
     def _wait_until_ready(self) -> None:
@@ -171,10 +168,10 @@ class LocalServers:
             except queue.Empty:
                 raise RunError(
                     f"a simulation server did not start within {self._start:g} s; "
-                    "timeouts.discovery of the experiment gives it more time"
+                    "increase timeouts.discovery in the experiment"
                 ) from None
-            if isinstance(news, Ended):
+            if isinstance(news, ServerEnd):
                 raise RunError(news.server_exit.report)
-            if isinstance(news, Event) and news.report.get("event") == "ready":
+            if isinstance(news, ServerEvent) and news.report.get("event") == "ready":
                 waiting -= 1
         self._ready = True

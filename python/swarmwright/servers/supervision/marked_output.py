@@ -1,4 +1,4 @@
-"""A server's standard output and error, every line marked with what was being computed."""
+"""A server's standard output and error, with a mark of the current work on every line."""
 
 import io
 import os
@@ -15,10 +15,10 @@ _LINE = re.compile(rb"[^\n]*\n|[^\n]+")
 
 
 class MarkedOutput(io.RawIOBase):
-    """Writes to a file descriptor.
+    """Stream that writes marked lines to a file descriptor.
 
     Args:
-        target: where to.
+        target: file descriptor to write to.
         progress: file descriptor of the process's progress.
     """
 
@@ -33,34 +33,34 @@ class MarkedOutput(io.RawIOBase):
         return True
 
     def fileno(self) -> int:
-        """Return the file descriptor, which code that is not Python's writes to without marks."""
+        """Return the file descriptor, to which code outside Python writes without marks."""
         return self._target
 
     def isatty(self) -> bool:
-        """Return False: what is written is read by a program."""
+        """Return False, as a program reads the output."""
         return False
 
     def write(self, data: "io._WriteBuffer") -> int:  # type: ignore[name-defined]
-        """Write whole lines with marks; what goes on in a line has its mark already."""
+        """Write data with a mark at the beginning of each line."""
         text = bytes(data)
         if not text:
             return 0
-        place = Sample.read(self._progress)
+        sample = Sample.read(self._progress)
         mark = b""
-        if place.candidates:
-            episode = "" if place.episode is None else str(place.episode)
-            mark = MARK + f"{place.request} {place.first} {episode}".encode() + MARK
-        lines = _LINE.findall(text)  # not at carriage returns, as progress bars have them
+        if sample.candidates:
+            episode = "" if sample.episode is None else str(sample.episode)
+            mark = MARK + f"{sample.request} {sample.first} {episode}".encode() + MARK
+        lines = _LINE.findall(text)  # carriage returns of progress bars do not split lines
         marked = [line if self._in_line and not index else mark + line for index, line in enumerate(lines)]
         self._in_line = not text.endswith(b"\n")
-        rest = memoryview(b"".join(marked))
-        while rest:
-            rest = rest[os.write(self._target, rest) :]
+        remaining = memoryview(b"".join(marked))
+        while remaining:
+            remaining = remaining[os.write(self._target, remaining) :]
         return len(text)
 
 
 def mark_output(progress: int) -> None:
-    """Have what Python code prints marked.
+    """Mark the output of Python code.
 
     progress: file descriptor of this process's progress.
     """

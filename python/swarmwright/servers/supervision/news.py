@@ -1,4 +1,4 @@
-"""What a supervisor tells about its servers."""
+"""News of a supervisor about its servers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ from swarmwright.servers.supervision.server_exit import ServerExit
 
 
 @dataclass(frozen=True)
-class Event:
-    """Something that a server reported: `ready`, `busy`, `warning`, `failure`, `lost` or `error`."""
+class ServerEvent:
+    """A report of a server: `ready`, `busy`, `warning`, `failure`, `lost` or `error`."""
 
     server: int
     pid: int
@@ -17,10 +17,10 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Ended:
-    """A server's process has ended without being asked to.
+class ServerEnd:
+    """A server's process has ended unexpectedly.
 
-    pause: seconds after which it is started again; None when it is not.
+    pause: seconds until its restart; None if it is not restarted.
     """
 
     server_exit: ServerExit
@@ -28,11 +28,11 @@ class Ended:
 
 
 @dataclass(frozen=True)
-class Restarted:
-    """A server was started again."""
+class ServerRestart:
+    """A server was restarted."""
 
     server: int
     pid: int
 
 
-News = Event | Ended | Restarted
+News = ServerEvent | ServerEnd | ServerRestart

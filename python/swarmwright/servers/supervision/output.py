@@ -1,4 +1,4 @@
-"""What started servers print: the last of it in memory, all of it in a file of the run."""
+"""Output of started servers: the last lines in memory, all lines in a file of the run."""
 
 import logging
 import threading
@@ -13,17 +13,17 @@ from pathlib import Path
 from swarmwright.common import untrusted
 from swarmwright.servers.supervision.marked_output import MARK
 
-MOST_KEPT_LINES = 1000
-"""Lines that are kept: of those that wait for a file, and of a server that has ended."""
+MAX_KEPT_LINES = 1000
+"""Upper limit of lines kept in memory, waiting for a file or of an ended server."""
 LONGEST_LINE_CHARACTERS = 4000
-"""Characters of a line that are kept."""
-MOST_LINES_PER_SECOND = 1000
-"""Lines of one server that are kept in a second."""
+"""Characters kept of a line."""
+MAX_LINES_PER_SECOND = 1000
+"""Lines kept per server and second."""
 LARGEST_FILE_BYTES = 5_000_000
-"""Bytes of the file before it is put aside; one that was put aside is kept."""
+"""Size at which the file is rotated; one old file is kept."""
 
-Place = tuple[int, int, int | None, str | None]
-"""First candidate and first episode of a request, its generation, and otherwise what it was sent for."""
+Origin = tuple[int, int, int | None, str | None]
+"""First candidate, first episode and generation of a request, or else its purpose."""
 
 _servers = logging.getLogger("swarmwright.servers")
 _listeners: list[Callable[[str], None]] = []
@@ -31,7 +31,7 @@ _listeners: list[Callable[[str], None]] = []
 
 @contextmanager
 def listening_to_output(listener: Callable[[str], None]) -> Iterator[None]:
-    """Within the block, `listener` gets every line that started servers print; it must not take long."""
+    """Call `listener` with every output line of started servers within the block; it must be quick."""
     _listeners.append(listener)
     try:
         yield
@@ -41,22 +41,22 @@ def listening_to_output(listener: Callable[[str], None]) -> Iterator[None]:
 
 class _File(RotatingFileHandler):
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
-        """A log that cannot be written neither ends the run nor is reported at each line."""
+        """Ignore errors of writing the log, which must neither end the run nor repeat per line."""
 
 
 class Output:
-    """Takes the lines of all servers of a run; of any thread."""
+    """Collector of the output of all servers of a run, for use from any thread."""
 
     def __init__(self) -> None:
-        self._waiting: deque[str] = deque(maxlen=MOST_KEPT_LINES)
+        self._waiting: deque[str] = deque(maxlen=MAX_KEPT_LINES)
         self._file: _File | None = None
         self._lock = threading.Lock()
         self._second: dict[int, tuple[int, int]] = {}
-        self.place: Callable[[int], Place | None] = lambda _request: None
-        """What a request is about, where that is known."""
+        self.find_origin: Callable[[int], Origin | None] = lambda _request: None
+        """Returns the origin of a request, if known."""
 
     def log_to(self, path: Path) -> None:
-        """Write to a file, which is made with the first line; what came before is written, too."""
+        """Write to a file, created with the first line, including earlier lines."""
         with self._lock:
             self._close()
             self._file = _File(path, maxBytes=LARGEST_FILE_BYTES, backupCount=1, encoding="utf-8", delay=True)
@@ -73,56 +73,56 @@ class Output:
             self._file.close()
             self._file = None
 
-    def line(self, server: int, raw: bytes) -> str:
-        """Take a line as it came from a server; return it without its mark."""
-        place = ""
+    def record_raw(self, server: int, raw: bytes) -> str:
+        """Record a raw line of a server; return it without its mark."""
+        work = ""
         if raw.startswith(MARK):
             mark, _, raw = raw[1:].partition(MARK)
-            place = self._named(mark)
+            work = self._describe_mark(mark)
         text = raw.decode(errors="replace").rstrip("\r\n")[:LONGEST_LINE_CHARACTERS]
-        self.say(server, text, place)
+        self.record(server, text, work)
         return text
 
-    def _named(self, mark: bytes) -> str:
-        """What was computed, as `candidate generation:candidate`."""
+    def _describe_mark(self, mark: bytes) -> str:
+        """Describe the work of a mark as `candidate generation:candidate`."""
         request, first, episode = mark.decode(errors="replace").split(" ")
-        found = self.place(int(request))
-        if found is None:
+        origin = self.find_origin(int(request))
+        if origin is None:
             return ""
-        return self.named(found, int(first), int(episode) if episode else None)
+        return self.describe(origin, int(first), int(episode) if episode else None)
 
-    def named(self, place: Place, first: int, episode: int | None) -> str:
-        """Return what was computed, as `candidate generation:candidate`, or for what it was.
+    def describe(self, origin: Origin, first: int, episode: int | None) -> str:
+        """Describe work as `candidate generation:candidate`, or by its purpose.
 
         Args:
-            place: of the request.
-            first: which of its candidates.
-            episode: which of its episodes; None for all of them.
+            origin: origin of the request.
+            first: index of the candidate in the request.
+            episode: index of the episode in the request; None for all of them.
         """
-        candidate, first_episode, generation, purpose = place
+        candidate, first_episode, generation, purpose = origin
         number = candidate + first
         unnamed = purpose or f"candidate {number}"
         name = unnamed if generation is None else f"candidate {generation}:{number}"
         return name if episode is None else f"{name}, episode {first_episode + episode}"
 
-    def say(self, server: int, text: str, place: str = "") -> None:
-        """Take a line of text."""
+    def record(self, server: int, text: str, work: str = "") -> None:
+        """Record a line of text."""
         now = time.time()
         with self._lock:
             second, count = self._second.get(server, (0, 0))
             count = count + 1 if second == int(now) else 1
-            dropped = self._second.get(server, (0, 0))[1] - MOST_LINES_PER_SECOND if count == 1 else 0
+            dropped = self._second.get(server, (0, 0))[1] - MAX_LINES_PER_SECOND if count == 1 else 0
             self._second[server] = (int(now), count)
             stamp = datetime.fromtimestamp(now, UTC).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3]
-            who = f"{stamp}Z server {server}"
+            label = f"{stamp}Z server {server}"
             if dropped > 0:
-                self._keep(f"{who}: {dropped} more lines in that second were left out")
-            if count > MOST_LINES_PER_SECOND:
+                self._publish(f"{label}: {dropped} more lines in this second were dropped")
+            if count > MAX_LINES_PER_SECOND:
                 return
-            said = "".join(untrusted.lines(text))  # of one line; terminal control characters are dropped
-            self._keep(f"{who}, {place}: {said}" if place else f"{who}: {said}")
+            line = "".join(untrusted.lines(text))  # drops terminal control characters
+            self._publish(f"{label}, {work}: {line}" if work else f"{label}: {line}")
 
-    def _keep(self, line: str) -> None:
+    def _publish(self, line: str) -> None:
         if self._file is None:
             self._waiting.append(line)
         else:

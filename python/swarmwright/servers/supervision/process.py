@@ -1,4 +1,4 @@
-"""One simulation server's process."""
+"""The process of a simulation server."""
 
 import json
 import os
@@ -15,21 +15,21 @@ from typing import Any
 
 from swarmwright.common import processes
 from swarmwright.servers.supervision.progress import Progress
-from swarmwright.servers.supervision.server_exit import ServerExit, split
+from swarmwright.servers.supervision.server_exit import ServerExit, split_output
 
 LAST_LINES = 20
-"""Lines before the stack that are shown of what a server wrote last."""
+"""Output lines before the stack to show of an ended server."""
 _KEPT_LINES = 200
-"""Lines that are kept of what a server prints."""
+"""Output lines kept of a server."""
 _LONGEST_LINE_BYTES = 1 << 16
 
 GRACE_S = 5.0
-"""Seconds that servers have to say good-bye before they are killed."""
+"""Seconds for servers to disconnect before they are killed."""
 _STACK_S = 0.5
-"""Seconds that one has to write its stack before it is killed."""
+"""Seconds for a hanging server to write its stack before it is killed."""
 
 STACK_SIGNAL = signal.SIGUSR1
-"""On it a server writes the stacks of its threads."""
+"""Signal on which a server writes the stacks of its threads."""
 
 
 class Process:
@@ -37,12 +37,11 @@ class Process:
 
     Args:
         settings: see `server_process`.
-        draws: whether its standard output is this process's.
-        on_event: gets what it reports, on another thread.
-        on_line: gets (identifier, line) of what it writes, on another thread; returns the line as text.
+        draws: whether it shares this process's standard output.
+        on_event: called with its reports, on another thread.
+        on_line: called with (identifier, line) of its output, on another thread; returns the line as text.
         on_end: called on another thread when it has probably ended.
         environment: further variables.
-
     """
 
     def __init__(
@@ -60,13 +59,13 @@ class Process:
         self.hung: str | None = None
         """Why its supervisor ended it."""
         self.recycled = False
-        """Whether it was asked to end because it has had its evaluations."""
+        """Whether it was asked to end because it has reached its quota."""
         self.started = time.monotonic()
         self.progress = Progress()
         self._lines: deque[str] = deque(maxlen=_KEPT_LINES)
         self._spoke = 0.0
         self.silent = False
-        """Whether nothing can come from it any more."""
+        """Whether its output is closed."""
         self._on_event, self._on_line, self._on_end = on_event, on_line, on_end
         events, writing = os.pipe()
         try:
@@ -83,14 +82,14 @@ class Process:
                 stdout=None if draws else subprocess.PIPE,
                 stderr=subprocess.PIPE if draws else subprocess.STDOUT,
                 pass_fds=[writing, self.progress.file],
-                # For what it draws when asked to.
+                # The width matters for drawing.
                 env={
                     **os.environ,
                     **processes.variables(),
                     "COLUMNS": str(shutil.get_terminal_size().columns),
                     **environment,
                 },
-                process_group=0,  # Ctrl-C reaches the parent alone, which then ends its servers in order
+                process_group=0,  # Ctrl-C reaches only the parent, which then ends its servers in order
             )
         except BaseException:
             os.close(events)
@@ -108,7 +107,7 @@ class Process:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The last lines that it has written."""
+        """Its last output lines."""
         return tuple(self._lines)
 
     def _read_output(self) -> None:
@@ -133,7 +132,7 @@ class Process:
         self._on_end()
 
     def end(self) -> ServerExit | None:
-        """Return how it ended, None while it runs; ends what it has left behind."""
+        """Return how it ended, None while it runs; kill its remaining children."""
         if self.process.returncode is None:
             try:
                 ended = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
@@ -141,19 +140,19 @@ class Process:
                 ended = None
             if ended is None:
                 return None
-            # Until its status has been read, no other process can have its id.
+            # Until its status is read, its id is not reused.
             self._kill_group()
             self.process.wait()
         for thread in self._threads:
             thread.join(1.0)
-        lines, stack = split([line for line in tuple(self._lines) if line])
+        lines, stack = split_output([line for line in tuple(self._lines) if line])
         return ServerExit(
             self.identifier, self.pid, self.process.returncode, self.hung, lines[-LAST_LINES:], stack
         )
 
-    def end_hung(self, why: str) -> None:
+    def end_hung(self, reason: str) -> None:
         """Let a hanging process write its stack, then kill it."""
-        self.hung = why
+        self.hung = reason
         began = time.monotonic()
         with suppress(ProcessLookupError):
             self.process.send_signal(STACK_SIGNAL)
@@ -166,7 +165,7 @@ class Process:
             self.process.kill()
 
     def recycle(self) -> None:
-        """Ask it to end when it has finished what it computes."""
+        """Ask it to end after its current work."""
         self.recycled = True
         with suppress(ProcessLookupError):
             self.process.send_signal(signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""Shared memory in which a server process notes its work, and which outlives it."""
+"""Shared memory in which a server process records its work, and which outlives it."""
 
 import os
 import struct
@@ -12,24 +12,24 @@ _ALL = 2**64 - 1
 
 @dataclass(frozen=True)
 class Sample:
-    """What a server was computing when it was looked at; see `_engine.serve`."""
+    """A snapshot of a server's work; see `_engine.serve`."""
 
     request: int = 0
     first: int = 0
     """Index of the first candidate in the request."""
     candidates: int = 0
-    """0 when nothing of a request was being computed."""
+    """Number of candidates; 0 outside a request."""
     episode: int | None = None
-    """Index of the episode in the request; None for all of them. Without candidates: None when nothing was
-    computed, else episodes were stepped, of which only the tool knows which ones."""
+    """Index of the episode in the request; None for all of them. Without candidates: None when idle, else
+    episodes are being stepped, whose numbers only the tool knows."""
     ended: int = 0
-    """Evaluations that have ended since the process started."""
+    """Evaluations finished since the process started."""
     beats: int = 0
     """Signs of life."""
 
     @classmethod
     def read(cls, file: int) -> Self:
-        """Return what stands in an open file."""
+        """Read a sample from an open file."""
         data = os.pread(file, _NUMBERS.size, 0)
         if len(data) < _NUMBERS.size:
             return cls()
@@ -38,7 +38,7 @@ class Sample:
 
     @property
     def is_at_work(self) -> bool:
-        """Whether something was being computed."""
+        """Whether the server was computing."""
         return self.candidates > 0 or self.episode is not None
 
     @property
@@ -46,20 +46,20 @@ class Sample:
         """Whether episodes were being stepped."""
         return self.is_at_work and not self.candidates
 
-    def goes_on_with(self, before: Self) -> bool:
-        """Whether the request or the stepped episodes of a sample before were still being computed."""
+    def continues(self, before: Self) -> bool:
+        """Whether the server still works on the request or stepped episodes of an earlier sample."""
         if before.candidates:
             return self.candidates > 0 and self.request == before.request
         return before.is_stepped and self.is_stepped and self.ended == before.ended
 
     @property
-    def place(self) -> tuple[int, int, int, int | None] | None:
-        """What was computed, as `_engine.Supervision.ended` takes it; None for nothing."""
+    def position(self) -> tuple[int, int, int, int | None] | None:
+        """The current work, as `_engine.Supervision.ended` takes it, or None."""
         return (self.request, self.first, self.candidates, self.episode) if self.candidates else None
 
 
 class Progress:
-    """The memory of one process."""
+    """The shared memory of one process."""
 
     def __init__(self) -> None:
         if hasattr(os, "memfd_create"):

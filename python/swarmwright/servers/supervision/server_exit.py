@@ -1,4 +1,4 @@
-"""How a server's process ended, in words."""
+"""The end of a server's process, with its description."""
 
 import re
 import signal
@@ -9,20 +9,20 @@ from pathlib import Path
 from swarmwright.common.tracebacks import is_installed, shown
 
 _EXTERNAL_SIGNALS = {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
-"""Signals by which people, and systems that run out of memory, end processes."""
+"""Signals by which users and the system end processes."""
 
 _FATAL = "Fatal Python error"
 _THREAD = re.compile(r"(Current thread|Thread) 0x")
-_LATE = re.compile(r"(.+?)((?:Current thread|Thread) 0x[0-9a-f]+.* \(most recent call first\):)")
-"""The first line of a stack behind what was written without the end of a line, such as a question."""
+_LATE_STACK = re.compile(r"(.+?)((?:Current thread|Thread) 0x[0-9a-f]+.* \(most recent call first\):)")
+"""The first line of a stack behind output without a line break, such as a prompt."""
 _FRAME = re.compile(r'\s+File "(?P<file>[^"]+)", line (?P<line>\d+) in (?P<name>.+)')
 _HOST = str(Path(__file__).parents[2] / "simulations" / "host.py")
 _MOST_FRAMES = 100
-"""Frames that Python's faulthandler writes of a stack, the innermost ones."""
+"""Number of innermost frames that Python's faulthandler writes."""
 
 
 def signal_name(number: int) -> str:
-    """The name of a signal: 9 -> 'SIGKILL'."""
+    """Return the name of a signal: 9 -> 'SIGKILL'."""
     try:
         return signal.Signals(number).name
     except ValueError:
@@ -31,70 +31,70 @@ def signal_name(number: int) -> str:
 
 @dataclass(frozen=True)
 class ServerExit:
-    """The end of a server's process.
-
-    server: its id. status: exit status, negative for the signal that killed it. hung: why its supervisor
-    ended it, None when it did not. lines: what it wrote last, without the stack. stack: Python's, of the
-    thread that matters, empty where none was written.
-    """
+    """The end of a server's process."""
 
     server: int
+    """Id of the server."""
     pid: int
     status: int
+    """Exit status, negative for the signal that killed it."""
     hung: str | None
+    """Why its supervisor ended it, if it did."""
     lines: tuple[str, ...]
+    """Its last output, without the stack."""
     stack: tuple[str, ...]
+    """Python's stack of the relevant thread, if any."""
 
     @property
-    def outside(self) -> bool:
-        """Whether it was ended from outside, by a user or the system."""
+    def is_external(self) -> bool:
+        """Whether a user or the system ended it."""
         return self.hung is None and -self.status in _EXTERNAL_SIGNALS
 
     @property
-    def how(self) -> str:
-        """How it ended: `was ended by SIGSEGV in step (gather.py:12)`."""
+    def description(self) -> str:
+        """Description of the end: `was killed by SIGSEGV in step (gather.py:12)`."""
         if self.hung is not None:
-            return f"{self.hung}{self.where} and was ended"
+            return f"{self.hung}{self.location} and was ended"
         if self.status < 0:
-            return f"was killed by {signal_name(-self.status)}{self.where}"
-        return f"ended with status {self.status}{self.where}"
+            return f"was killed by {signal_name(-self.status)}{self.location}"
+        return f"ended with status {self.status}{self.location}"
 
     @property
-    def where(self) -> str:
-        """In which function and line of the user's code: ` in step (gather.py:12)`; empty when unknown."""
+    def location(self) -> str:
+        """Function and line of the user's code: ` in step (gather.py:12)`; empty if unknown."""
         frames = [match for line in self.stack if (match := _FRAME.fullmatch(line))]
         mine = [frame for frame in frames if not is_installed(frame["file"])]
         if mine:
             return f" in {mine[0]['name']} ({shown(mine[0]['file'])}:{mine[0]['line']})"
-        if len(frames) < _MOST_FRAMES:  # what only waits, or computes for something unknown, explains nothing
+        if len(frames) < _MOST_FRAMES:  # library frames alone explain nothing
             return ""
         last = frames[0]
         return (
-            f" in a recursion of more than {_MOST_FRAMES} calls, in {last['name']} "
-            f"({shown(last['file'])}:{last['line']}), which the simulation's code began"
+            f" in a recursion of more than {_MOST_FRAMES} calls, started by the simulation's code, in "
+            f"{last['name']} ({shown(last['file'])}:{last['line']})"
         )
 
     @property
-    def words(self) -> str:
-        """What it wrote last, and Python's stack; empty when there is nothing."""
+    def output_text(self) -> str:
+        """Its last output and Python's stack; may be empty."""
         return "\n".join((*self.lines, *self.stack))
 
     @property
     def report(self) -> str:
-        """How it ended and what it wrote last."""
-        words = self.words
-        return f"simulation server {self.server} {self.how}" + (f":\n{words}" if words else "")
+        """Description of the end, followed by its last output."""
+        words = self.output_text
+        return f"simulation server {self.server} {self.description}" + (f":\n{words}" if words else "")
 
 
-def _parts(line: str) -> Sequence[str]:
-    """Return what was written, and the first line of a stack behind it, where there are both."""
-    match = _LATE.fullmatch(line)
+def _split_late_stack(line: str) -> Sequence[str]:
+    """Separate output from the first line of a stack behind it."""
+    match = _LATE_STACK.fullmatch(line)
     return (line,) if match is None else match.groups()
 
 
-def split(lines: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Divide what a process wrote last into its own lines and the stack that Python's faulthandler wrote."""
-    lines = [part for line in lines for part in _parts(line)]
+def split_output(lines: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Split the last output of a process into its own lines and the stack of Python's faulthandler."""
+    lines = [part for line in lines for part in _split_late_stack(line)]
     begins = [index for index, line in enumerate(lines) if line.startswith(_FATAL) or _THREAD.match(line)]
     if not begins:
         return tuple(lines), ()
@@ -106,8 +106,8 @@ def split(lines: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
         elif line.startswith(_FATAL) or (_FRAME.fullmatch(line) and threads[-1]):
             threads[-1].append(line)
     head, *stacks = threads
-    # The one that was in the simulation's code, or else the one that crashed.
+    # Prefer the thread in the simulation's code, then the crashed one.
     in_code = [stack for stack in stacks if any(f'"{_HOST}"' in line for line in stack)]
     current = [stack for stack in stacks if stack[0].startswith("Current")]
-    chosen = (in_code or current or stacks or [[]])[0]
-    return tuple(lines[:first]), (*head, *chosen)
+    stack = (in_code or current or stacks or [[]])[0]
+    return tuple(lines[:first]), (*head, *stack)

@@ -15,7 +15,7 @@ from swarmwright.analysis.sweep.execution import shares
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.common.errors import PlugInError
 from swarmwright.methods import METHODS
-from swarmwright.servers.supervision.local_servers import processors
+from swarmwright.servers.supervision.local_servers import count_processors
 from tests.python.cli.processes import children, gone
 
 BASE = "simulation: minisim\nparameters: {maxSteps: 5}\nmethod: {population: 6, generations: 100}\n"
@@ -136,7 +136,7 @@ def test_when_a_process_is_killed_the_others_go_on_and_when_all_are_no_process_s
 
 def test_how_many_at_a_time() -> None:
     local, auto = experiment(servers="local"), experiment(servers=3)
-    assert shares([local], 100, None, broker=None, servers=None) == ["local"] * processors()
+    assert shares([local], 100, None, broker=None, servers=None) == ["local"] * count_processors()
     assert shares([local], 1, None, broker=None, servers=None) == ["local"]
     assert shares([auto], 100, None, broker=None, servers=None) == [1, 1, 1]
     assert shares([auto], 2, None, broker=None, servers=None) == [2, 1]

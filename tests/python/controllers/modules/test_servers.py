@@ -13,8 +13,8 @@ import pytest
 from swarmwright import Experiment, InputError, Run, RunError, _engine, evaluate, optimize, resume, simulate
 from swarmwright.runs.repeat import repeat
 from swarmwright.servers.evaluation.base import Controllers
-from swarmwright.servers.evaluation.launched.packing import packed
-from swarmwright.servers.evaluation.module_code import names_of, offered
+from swarmwright.servers.evaluation.launched.packing import pack_code
+from swarmwright.servers.evaluation.module_code import import_modules, names_of
 from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.servers.evaluation.through_broker import BrokerBackend
 from swarmwright.servers.launchers import Specification
@@ -132,9 +132,9 @@ def test_a_server_says_what_it_offers(start: Any, embedded_broker: str, experime
         ("parts/none.py:Wander", "there is no such file"),
         (
             "wandering",
-            "modules: 'wandering' is unknown; none is installed; one in a file is named like file.py:Class",
+            "modules: 'wandering' is unknown (no module is installed); for a module in a file, write",
         ),
-        ("exploration", "modules: 'exploration' is one of the engine's, which every server has"),
+        ("exploration", "modules: 'exploration' is built in; every server has it"),
     ],
 )
 def test_modules_that_are_not_there_are_named_before_a_server_starts(
@@ -280,7 +280,7 @@ def test_servers_elsewhere_get_the_code(experiment: Experiment, embedded_broker:
     """As workers of a cluster do: the code is unpacked in a folder of its own."""
     expected = evaluate(experiment, genomes(experiment))
     architecture = experiment.representation(9, 2).architecture()
-    name, modules, code = packed("arena", names_of([architecture]), ProcessOptions())
+    name, modules, code = pack_code("arena", names_of([architecture]), ProcessOptions())
     slot = Slot(Specification(name, embedded_broker, code=code, modules=modules), 3, None)
     beside = threading.Thread(target=slot.run)
     beside.start()
@@ -308,7 +308,7 @@ def test_installed_modules_are_offered_by_their_names(own: Path, experiment: Exp
         os.environ.clear()
         os.environ.update(environment)
     assert found.tobytes() == expected.tobytes()
-    assert set(offered(["wander", "timer"])) == {("behaviour", "wander"), ("condition", "timer")}
+    assert set(import_modules(["wander", "timer"])) == {("behaviour", "wander"), ("condition", "timer")}
 
 
 @pytest.mark.slow
@@ -372,7 +372,7 @@ class Track(Simulation):
 def test_what_servers_cannot_do_is_refused(experiment: Experiment) -> None:
     for mode in ("stepwise", "batched"):
         with pytest.raises(
-            InputError, match=f"mode: {mode}: behaviours and conditions in Python are evaluated"
+            InputError, match=f"mode: {mode} is not possible: behaviours and conditions in Python run in"
         ):
             evaluate(experiment.replace(mode=mode), genomes(experiment), servers=1)
     with pytest.raises(InputError, match="visual: behaviours and conditions in Python"):
@@ -384,7 +384,7 @@ def test_pieces_are_large_enough_for_numpy(experiment: Experiment) -> None:
     one = experiment.replace(parameters={"duration": 2})
     with open_backend(one, servers=1) as backend:
         assert isinstance(backend, BrokerBackend)
-        controllers = Controllers.of(one.representation(9, 2), genomes(one, 600))
+        controllers = Controllers.from_genomes(one.representation(9, 2), genomes(one, 600))
         results = backend.evaluate(controllers, [1], lambda *_: None)
         sizes = sorted(attempt.candidates for attempt in results.journal.attempts)
     assert sizes[-1] >= 64

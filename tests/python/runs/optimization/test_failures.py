@@ -12,7 +12,7 @@ from swarmwright import Experiment, RunError, optimize, resume
 from swarmwright.common.engine_types import FailedEvaluation, Outcome
 from swarmwright.runs.optimization.failures import Failures
 from swarmwright.servers.evaluation.base import Results
-from swarmwright.servers.evaluation.evaluate import tell_failures
+from swarmwright.servers.evaluation.evaluate import log_failures
 from swarmwright.servers.rows import AttemptEntry, Journal, WarningEntry
 
 FRAGILE = """\
@@ -72,7 +72,7 @@ def test_attempts_that_were_cancelled_did_not_fail(caplog: pytest.LogCaptureFixt
     journal = Journal([*tried, attempt(1, 0, 1, "no licence")], [])
     assert journal.errors == ["no licence"]
     backend: Any = None  # of no kind that tells by itself
-    tell_failures(backend, Results(np.ones((2, 1)), np.empty((2, 1, 0)), journal))
+    log_failures(backend, Results(np.ones((2, 1)), np.empty((2, 1, 0)), journal))
     assert caplog.messages == ["an episode failed: no licence"]
 
 
@@ -137,7 +137,7 @@ def test_an_evaluation_in_quarantine_is_named(caplog: pytest.LogCaptureFixture) 
         (f"episode 0 (seed 17) failed after 3 attempts: {crash}", 2),
     ]
     alone = results([[np.nan]], tried[1]._replace(candidate=0))
-    alone.journal.warnings.append(given.journal.warnings[-2].moved(0, 0))
+    alone.journal.warnings.append(given.journal.warnings[-2].shift(0, 0))
     failures = Failures(Path("run"))
     failures.named(alone, [17], generation=4)
     failures.tell()

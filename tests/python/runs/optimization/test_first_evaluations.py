@@ -8,7 +8,7 @@ import pytest
 
 from swarmwright import Experiment, Run, RunError, SimulationError, optimize
 from swarmwright.runs.optimization.failures import FirstEvaluations, FirstFailedError
-from swarmwright.servers.evaluation.base import FIRST, Results
+from swarmwright.servers.evaluation.base import FIRST_EVALUATIONS, Results
 from swarmwright.servers.rows import AttemptEntry, Journal, WarningEntry
 
 BROKEN = """\
@@ -56,10 +56,12 @@ def of(results: Results, *rows: int) -> Results:
 
 
 def test_the_first_ones_fail_in_the_same_way() -> None:
-    with pytest.raises(FirstFailedError, match=f"the first {FIRST} evaluations all failed in the same way"):
-        FirstEvaluations(None).of_generation()(range(FIRST), failures(FIRST))
+    with pytest.raises(
+        FirstFailedError, match=f"the first {FIRST_EVALUATIONS} evaluations all failed in the same way"
+    ):
+        FirstEvaluations(None).of_generation()(range(FIRST_EVALUATIONS), failures(FIRST_EVALUATIONS))
     few = FirstEvaluations(None)
-    few.of_generation()(range(FIRST - 1), failures(FIRST - 1))
+    few.of_generation()(range(FIRST_EVALUATIONS - 1), failures(FIRST_EVALUATIONS - 1))
     assert few.is_open
     with pytest.raises(FirstFailedError):  # small generations add up
         few.of_generation()(range(1), failures(1))
@@ -86,26 +88,28 @@ def test_the_order_is_that_of_the_candidates() -> None:
 
 def test_different_reasons_and_partial_failures_do_not_end_a_run() -> None:
     different = FirstEvaluations(None)
-    results = failures(FIRST)
+    results = failures(FIRST_EVALUATIONS)
     results.journal.attempts[3] = results.journal.attempts[3]._replace(error="the wheel came off")
-    different.of_generation()(range(FIRST), results)
+    different.of_generation()(range(FIRST_EVALUATIONS), results)
     assert not different.is_open
     partly = FirstEvaluations(None)
-    results = failures(FIRST)
-    episodes = np.column_stack([results.fitness[:, 0], np.ones(FIRST)])
-    partly.of_generation()(range(FIRST), Results(episodes, results.metrics, results.journal))
+    results = failures(FIRST_EVALUATIONS)
+    episodes = np.column_stack([results.fitness[:, 0], np.ones(FIRST_EVALUATIONS)])
+    partly.of_generation()(range(FIRST_EVALUATIONS), Results(episodes, results.metrics, results.journal))
     assert not partly.is_open
 
 
 def test_an_expression_without_a_value_is_a_result_where_failures_have_a_fitness() -> None:
     warnings = [
-        WarningEntry.of_episode(0, ": fitness: no value", index, "fitness: no value")
-        for index in range(FIRST)
+        WarningEntry.from_episode(0, ": fitness: no value", index, "fitness: no value")
+        for index in range(FIRST_EVALUATIONS)
     ]
-    results = Results(np.full((FIRST, 1), np.nan), np.empty((FIRST, 1, 0)), Journal([], warnings))
-    FirstEvaluations(0.0).of_generation()(range(FIRST), results)
+    results = Results(
+        np.full((FIRST_EVALUATIONS, 1), np.nan), np.empty((FIRST_EVALUATIONS, 1, 0)), Journal([], warnings)
+    )
+    FirstEvaluations(0.0).of_generation()(range(FIRST_EVALUATIONS), results)
     with pytest.raises(FirstFailedError):
-        FirstEvaluations(None).of_generation()(range(FIRST), results)
+        FirstEvaluations(None).of_generation()(range(FIRST_EVALUATIONS), results)
 
 
 def broken(folder: Path, works_from: int = 10**9, **values: Any) -> Experiment:
@@ -121,25 +125,27 @@ def broken(folder: Path, works_from: int = 10**9, **values: Any) -> Experiment:
 @pytest.mark.parametrize("failed", ["last", -3.0])
 def test_a_broken_simulation_ends_a_run(tmp_path: Path, servers: int | str, failed: str | float) -> None:
     experiment = broken(tmp_path, ranking={"kind": "absolute", "failed": failed})
-    message = rf"^the first {FIRST} evaluations all failed in the same way, .*; the last reason: .*no licence"
+    message = rf"^the first {FIRST_EVALUATIONS} evaluations all failed .*; the last reason: .*no licence"
     with pytest.raises(SimulationError, match=message):
         optimize(experiment, servers=servers, out=tmp_path / "run")
     run = Run.open(tmp_path / "run")
     assert run.state == "failed"
     tried = {(one.candidate, one.attempt) for one in run.attempts()}
-    assert tried == {(candidate, attempt) for candidate in range(FIRST) for attempt in (1, 2)}
+    assert tried == {(candidate, attempt) for candidate in range(FIRST_EVALUATIONS) for attempt in (1, 2)}
 
 
 def test_a_broken_simulation_ends_a_run_in_steady_state(tmp_path: Path) -> None:
     method = {"kind": "nnga", "population": 30, "generations": 2, "operation": "steady_state"}
-    with pytest.raises(RunError, match=f"^the first {FIRST} evaluations all failed in the same way"):
+    with pytest.raises(
+        RunError, match=f"^the first {FIRST_EVALUATIONS} evaluations all failed in the same way"
+    ):
         optimize(broken(tmp_path, method=method), servers="in-process", out=tmp_path / "run")
     assert list(Run.open(tmp_path / "run").attempts())
 
 
 def test_one_success_among_the_first_is_enough(tmp_path: Path) -> None:
     """Of 10 candidates with two attempts each, the last has another attempt, which succeeds."""
-    experiment = broken(tmp_path, works_from=2 * FIRST - 1)
+    experiment = broken(tmp_path, works_from=2 * FIRST_EVALUATIONS - 1)
     run = optimize(experiment, servers="in-process", out=tmp_path / "run")
     assert run.state == "done"
-    assert run.failed_evaluations == FIRST - 1
+    assert run.failed_evaluations == FIRST_EVALUATIONS - 1

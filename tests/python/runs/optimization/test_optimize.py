@@ -385,7 +385,7 @@ def test_an_unknown_simulation_without_a_broker(servers: Any, tmp_path: Path) ->
 
 
 def test_local_and_a_broker_exclude_each_other() -> None:
-    with pytest.raises(InputError, match="servers are 'local', so no broker is used"):
+    with pytest.raises(InputError, match="cannot be combined with servers: local"):
         evaluate(small(), np.zeros((1, 49)), servers="local", broker="mqtt://localhost")
     with pytest.raises(InputError, match="broker: must begin with one of"):
         evaluate(small(), np.zeros((1, 49)), broker="localhost")

@@ -121,7 +121,7 @@ def test_one_evaluation_is_that_of_the_record(sampled: Run) -> None:
     assert best.genome.tobytes() == record.genomes[best.number].tobytes()
     for generation in sampled._store.generations():
         begin = generation.generation * 40
-        assert generation.made().tobytes() == record.genomes[begin : begin + 40].tobytes()
+        assert generation.expand_genomes().tobytes() == record.genomes[begin : begin + 40].tobytes()
 
 
 def as_long(value: int) -> Callable[[Path], None]:

@@ -10,7 +10,7 @@ import pytest
 
 from swarmwright.common.errors import InputError
 from swarmwright.servers.broker import credentials
-from swarmwright.servers.broker.credentials import CREDENTIALS, check_environment, place
+from swarmwright.servers.broker.credentials import CREDENTIALS, check_environment, location_of
 from tests.conftest import environment
 
 # What of the engine reads the environment is tested beside it; here is who fills it.
@@ -118,7 +118,7 @@ def test_no_keyring_is_no_error(ask: Ask) -> None:
     ],
 )
 def test_a_broker_is_named_by_host_and_port(url: str, expected: str) -> None:
-    assert place(url) == expected
+    assert location_of(url) == expected
 
 
 @pytest.mark.parametrize(
@@ -145,13 +145,13 @@ def test_a_password_that_would_travel_in_the_clear_is_warned_of_once(
     monkeypatch.setenv("SWARMWRIGHT_USERNAME", "ada")
     monkeypatch.setenv("SWARMWRIGHT_PASSWORD", "")
     monkeypatch.setenv("SWARMWRIGHT_PASSWORD_FILE", "")
-    monkeypatch.setattr(credentials, "from_keyring", lambda _broker: None)
+    monkeypatch.setattr(credentials, "load_from_keyring", lambda _broker: None)
     credentials.prepare(broker)
     assert not caplog.messages
     monkeypatch.setenv("SWARMWRIGHT_PASSWORD", "correct horse")
     for _ in range(2):
         credentials.prepare(broker)
-    assert ["travels unencrypted" in text for text in caplog.messages] == [True] * clear
+    assert ["is sent unencrypted" in text for text in caplog.messages] == [True] * clear
     assert "correct horse" not in caplog.text
 
 

@@ -14,17 +14,17 @@ from cryptography import x509
 from swarmwright.common.errors import InputError
 from swarmwright.servers.broker import mosquitto
 from swarmwright.servers.broker.mosquitto import (
-    access_rules,
-    accounts,
     add_accounts,
     can_add,
-    hosts,
+    format_access_rules,
+    list_hosts,
+    make_accounts,
     write_configuration,
 )
 
 
 def write(folder: Path, prefixes: tuple[str, ...] = ()) -> Path:
-    write_configuration(folder, given=["broker.example", "10.0.0.7"], port=8883, prefixes=prefixes)
+    write_configuration(folder, hosts=["broker.example", "10.0.0.7"], port=8883, prefixes=prefixes)
     return folder
 
 
@@ -81,22 +81,22 @@ def test_the_certificate_is_for_the_hosts_that_were_given_and_loopback(tmp_path:
 @pytest.mark.parametrize("host", ["", "0.0.0.0", "::", "a b", "mqtts://x", "x:8883", "-x", "a..b"])
 def test_hosts_that_are_none(host: str) -> None:
     with pytest.raises(InputError):
-        hosts([host])
+        list_hosts([host])
 
 
 def test_prefixes_have_accounts_of_their_own() -> None:
-    made = accounts(["lab/a", "lab/b/", "lab/a"])
+    made = make_accounts(["lab/a", "lab/b/", "lab/a"])
     assert [account.user for account in made][:4] == [
         "lab-a-tool", "lab-a-server", "lab-a-watcher", "lab-b-tool",
     ]  # fmt: skip
-    assert "user lab-b-tool\ntopic write lab/b/discovery\n" in access_rules(made)
-    assert [account.user for account in accounts([])] == ["tool", "server", "watcher"]
+    assert "user lab-b-tool\ntopic write lab/b/discovery\n" in format_access_rules(made)
+    assert [account.user for account in make_accounts([])] == ["tool", "server", "watcher"]
 
 
 @pytest.mark.parametrize("prefixes", [["a/b", "a-b"], ["a\nuser tool"], [" a"]])
 def test_prefixes_that_would_mix_accounts_up(prefixes: list[str]) -> None:
     with pytest.raises(InputError):
-        accounts(prefixes)
+        make_accounts(prefixes)
 
 
 def test_nothing_is_left_of_one_that_cannot_be_written(
@@ -165,7 +165,9 @@ def test_a_folder_that_mosquitto_cannot_enter_is_warned_of(
     for path in list(folder.iterdir()):
         path.unlink()
     write(folder)
-    assert f"{folder}: the user mosquitto cannot enter it; chmod o+x '{folder}'" in caplog.messages
+    assert (
+        f"{folder}: the user mosquitto cannot enter this folder; run chmod o+x '{folder}'" in caplog.messages
+    )
     caplog.clear()
     folder.chmod(0o711)
     for path in list(folder.iterdir()):
@@ -193,14 +195,14 @@ def test_accounts_of_another_prefix_are_added(tmp_path: Path) -> None:
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert can_add(folder)
     made = add_accounts(folder, ["lab2", "lab/3"], 1000)
-    assert made == accounts(["lab2", "lab/3"])
+    assert made == make_accounts(["lab2", "lab/3"])
     after = {path.name: path.read_bytes() for path in folder.iterdir()}
     changed = {name for name in before if after[name] != before[name]}
     assert changed == {"acl", "passwords"}
     assert all(after[name].startswith(before[name]) for name in changed)
-    assert after["acl"].decode() == access_rules(accounts(["lab1", "lab2", "lab/3"]))
+    assert after["acl"].decode() == format_access_rules(make_accounts(["lab1", "lab2", "lab/3"]))
     users = [line.partition(":")[0] for line in after["passwords"].decode().splitlines()]
-    assert users == [account.user for account in accounts(["lab1", "lab2", "lab/3"])]
+    assert users == [account.user for account in make_accounts(["lab1", "lab2", "lab/3"])]
     new = {f"{account.user}.{ending}" for account in made for ending in ("password", "env")}
     assert set(after) - set(before) == new
     assert stat.S_IMODE((folder / "lab2-tool.password").stat().st_mode) == 0o600
@@ -214,7 +216,7 @@ def test_accounts_that_are_there_are_not_added(tmp_path: Path, prefixes: list[st
         if path.suffix == ".password":
             path.unlink()
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(InputError, match=r"tool.* nothing is overwritten"):
+    with pytest.raises(InputError, match=r"tool.* are not overwritten"):
         add_accounts(folder, prefixes, 1000)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
@@ -224,7 +226,7 @@ def test_nothing_is_added_where_a_file_cannot_be_written(
 ) -> None:
     folder = write(tmp_path / "lab", ("lab1",))
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    monkeypatch.setattr(mosquitto, "_rules", lambda _: "\ud800")  # after the passwords
+    monkeypatch.setattr(mosquitto, "_format_rules", lambda _: "\ud800")  # after the passwords
     with pytest.raises(InputError, match="accounts cannot be added"):
         add_accounts(folder, ["lab2"], 1000)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before

@@ -15,9 +15,9 @@ import pytest
 
 from swarmwright import Experiment, _engine
 from swarmwright.common.errors import RunError, engine_errors
-from swarmwright.servers.broker.credentials import place
+from swarmwright.servers.broker.credentials import location_of
 from swarmwright.servers.broker.private import start_private
-from swarmwright.servers.evaluation.launched.access import embedded
+from swarmwright.servers.evaluation.launched.access import start_embedded
 from swarmwright.servers.evaluation.opening import open_backend
 from tests.conftest import STATE
 from tests.python.cli.test_services import events
@@ -75,7 +75,7 @@ def stranger(port: int, folder: Path, *words: str) -> dict[str, Any]:
 
 
 def port_of(address: str) -> int:
-    return int(place(address).rpartition(":")[2])
+    return int(location_of(address).rpartition(":")[2])
 
 
 needs_root = pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
@@ -198,7 +198,7 @@ def test_an_account_is_known_to_this_process_where_no_file_can_be_written(
 
 def test_the_broker_of_local_launchers_has_an_account() -> None:
     with ExitStack() as stack:
-        access = embedded(stack, ["127.0.0.1"], ["process", "slurm"], port=None, prefix="")
+        access = start_embedded(stack, ["127.0.0.1"], ["process", "slurm"], port=None, prefix="")
         assert {one.username for one in access.servers.values()} != {None}
         assert set(access.servers) == {"process", "slurm"}
         account = access.servers["slurm"]

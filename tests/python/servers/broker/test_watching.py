@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from swarmwright.servers.broker.watching import FORGET, STALE_S, Watch, words
+from swarmwright.servers.broker.watching import FORGET_S, STALE_S, Watch, describe_owed_message
 
 Json = dict[str, Any]
 TOOL = "swarmwright@lab/1/00ff"
@@ -59,10 +59,10 @@ def test_the_server_that_was_silent_for_the_longest_time_is_the_blocking_one(wat
     blocking = watch.view().blocking
     assert blocking is not None
     assert blocking.server == 3
-    assert words(blocking) == "server 3 has not answered a block of 12 evaluations for 7.2 s"
+    assert describe_owed_message(blocking) == "server 3 has not answered a block of 12 evaluations for 7.2 s"
     assert watch.view().tools[0].waits_for == work(1, 0.2)["words"] or watch.view().tools[0].waits_for is None
     record = watch.view().record()
-    assert record["blocking"] == {"server": 3, "silent": 7.25, "words": words(blocking)}
+    assert record["blocking"] == {"server": 3, "silent": 7.25, "words": describe_owed_message(blocking)}
     assert [server["server"] for server in record["servers"]] == [1, 2, 3]
 
 
@@ -109,7 +109,7 @@ def test_what_a_tool_said_long_ago_blames_no_server(watch: Watch, clock: Clock) 
     assert view.blocking is None
     assert view.servers[0].doing == []
     assert "no message for 4 s" in str(view.tools[0].waits_for)
-    clock.now += FORGET
+    clock.now += FORGET_S
     assert watch.view().tools == []
 
 

@@ -19,7 +19,7 @@ from swarmwright import (
 )
 from swarmwright.common.engine_types import Outcome
 from swarmwright.controllers.controller import Controller
-from swarmwright.servers.evaluation.code_failures import CodeFailures, failed
+from swarmwright.servers.evaluation.code_failures import CodeFailures, build_error
 from swarmwright.servers.rows import AttemptEntry, Journal
 
 SOURCE = """\
@@ -131,13 +131,16 @@ def test_only_reasons_of_the_code_are_its_failures() -> None:
     failures.note(Journal([attempt("B.step:\nnan"), crash, attempt("A.step: x")]))  # known by now
     known = {"A.step: x": "stack of A", "B.step:\nnan": None, "killed in D.step": "stack of D"}
     for reason, stack in known.items():
-        error = failed("all failed: ", ["another", reason], failures.of)
+        error = build_error("all failed: ", ["another", reason], failures.find_error)
         assert isinstance(error, SimulationError)
         assert error.stack == stack
-    of_server = failed("all failed: ", ["A.step: x", "the server was lost"], failures.of)
+    of_server = build_error("all failed: ", ["A.step: x", "the server was lost"], failures.find_error)
     assert type(of_server) is RunError
     assert str(of_server) == "all failed: the server was lost"
-    assert str(failed("all failed: ", [], failures.of, unknown="not known")) == "all failed: not known"
+    assert (
+        str(build_error("all failed: ", [], failures.find_error, unknown="not known"))
+        == "all failed: not known"
+    )
 
 
 def test_of_many_different_reasons_the_last_ones_are_known() -> None:
@@ -146,15 +149,15 @@ def test_of_many_different_reasons_the_last_ones_are_known() -> None:
     for number in range(300):
         failures.note(Journal([attempt(f"A.step: bad {number}", "stack"), often]))
         often = attempt("A.step: often")  # a journal has the traceback once
-    assert isinstance(failed("", ["A.step: bad 299"], failures.of), SimulationError)
-    error = failures.of("A.step: often")
+    assert isinstance(build_error("", ["A.step: bad 299"], failures.find_error), SimulationError)
+    error = failures.find_error("A.step: often")
     assert error is not None
     assert error.stack == "stack of A"
-    assert failures.of("A.step: bad 0") is None
+    assert failures.find_error("A.step: bad 0") is None
 
 
 def test_tracebacks_of_servers_cannot_control_the_terminal() -> None:
     failures = CodeFailures()
     failures.note(Journal([attempt("A.step: x", "File \x1b[2J\nTraceback of another program")]))
-    error = failed("", ["A.step: x"], failures.of)
+    error = build_error("", ["A.step: x"], failures.find_error)
     assert error.__notes__ == ["In the simulation:\n  File \\x1b[2J\n  Traceback of another program"]

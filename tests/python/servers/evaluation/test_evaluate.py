@@ -93,7 +93,7 @@ def test_generations_have_the_seeds_of_a_run(fitness: str | None, tmp_path: Path
     ("generation", "words"),
     [
         (-1, "generation: must be at least 0, not -1"),
-        (2**62, r"generation: \d+ is too large, as seeds must be below 2\*\*63"),
+        (2**62, r"generation: \d+ is too large; its seeds would exceed 2\*\*63"),
         (1.5, "generation: must be an integer, not 1.5"),
     ],
 )
@@ -109,7 +109,7 @@ def test_rankings_with_a_second_simulation_are_refused(kind: str, options: dict[
     slow = {"name": "slow", "parameters": {"seed": 3}}
     experiment = MINISIM.replace(ranking={"kind": kind, "slow": slow, **options})
     for function in (evaluate, evaluate_episodes):
-        with pytest.raises(InputError, match=rf"^ranking: {kind} needs a second simulation, .*'absolute'"):
+        with pytest.raises(InputError, match=rf"^ranking: {kind} needs a second simulation .*'absolute'"):
             function(experiment, genomes(1))
 
 
@@ -156,7 +156,7 @@ def test_metrics_that_there_are_not(metrics: Any, words: str) -> None:
     [
         (np.zeros(49), r"have the shape \(49,\); expected \(candidates, genome_size\)"),
         (np.zeros((2, 50)), "have 50 genes; this experiment's controllers have 49"),
-        (np.full((2, 49), np.nan), "number 0 holds a gene that is not finite"),
+        (np.full((2, 49), np.nan), "row 0 has a gene that is not finite"),
         ([["a"] * 49], "must be an array of numbers"),
     ],
 )
@@ -207,13 +207,13 @@ def test_automatic_servers_in_a_notebook_are_none(
 @pytest.mark.parametrize("servers", ["2", "02"])
 def test_a_number_of_servers_is_no_text(servers: str) -> None:
     experiment = Experiment.from_mapping({"simulation": "minisim"})
-    with pytest.raises(InputError, match=f"servers: is the text '{servers}'; write 2, a number"):
+    with pytest.raises(InputError, match=f"servers: '{servers}' is a text; write the number 2"):
         evaluate(experiment, np.zeros((1, experiment.genome_size)), servers=servers)
 
 
 def test_no_servers_at_all_are_refused() -> None:
     with pytest.raises(
-        InputError, match="servers: must be auto, local, in-process or a number from 1 on, not 0"
+        InputError, match="servers: must be auto, local, in-process or a number of at least 1, not 0"
     ):
         evaluate(MINISIM, genomes(1), servers=0)
 
@@ -258,7 +258,9 @@ def test_servers_work_while_the_caller_does_something_else(tmp_path: Path, raise
             raise RunError("the disk is full")
 
     representation = experiment.representation(1, 1)
-    controllers = Controllers.of(representation, genomes(3, experiment.replace(sensors=1, actuators=1)))
+    controllers = Controllers.from_genomes(
+        representation, genomes(3, experiment.replace(sensors=1, actuators=1))
+    )
     with open_backend(experiment, servers=1) as backend:
         if raises:
             with pytest.raises(RunError, match="the disk is full"):

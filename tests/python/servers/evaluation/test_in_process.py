@@ -39,10 +39,10 @@ def test_where_all_episodes_fail_each_of_several_reasons_is_told(reasons: int, t
     )
     backend = PythonBackend(experiment)
     found: list[str] = []
-    backend.tell = lambda reason, _stack: found.append(reason)
+    backend.log_failure = lambda reason, _stack: found.append(reason)
     representation = experiment.representation()
     genomes = np.zeros((2, experiment.genome_size), np.float32)
-    results = backend.evaluate(Controllers.of(representation, genomes), [0, 1], lambda *_: None)
+    results = backend.evaluate(Controllers.from_genomes(representation, genomes), [0, 1], lambda *_: None)
     assert np.isnan(results.fitness).all()
     assert len(found) == len(told)
     assert all(words in reason for words, reason in zip(told, found, strict=True))

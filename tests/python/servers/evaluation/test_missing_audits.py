@@ -22,7 +22,7 @@ def test_one_server_is_named_once_audits_were_due() -> None:
     last = journal(22, 1)
     text = missing.note(last)
     assert text is not None
-    assert "faults.audit: 0.1; only server 22 is used" in text
+    assert "faults.audit: 0.1, because only server 22 is used" in text
     assert [warning.text for warning in last.warnings] == [text]
     assert missing.note(journal(22, 1000)) is None, "it is said once"
 

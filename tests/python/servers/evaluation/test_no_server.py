@@ -63,9 +63,9 @@ class Unanswered:
             "line",
             NOTHING,
             (
-                "; start a server that offers 'line' on this broker, or name a launcher that does under "
-                "`servers:` in the experiment; a server that runs, but does not announce itself, answers "
-                "only if it has the title, the dimensions and the max_agents that are required"
+                "; start a server that offers 'line' on this broker, or set a launcher under `servers:` in "
+                "the experiment. A server that does not announce itself answers only if its title, "
+                "dimensions and max_agents match the requirements"
             ),
         ),
         ("line", "server 4: offers chess, not line", ""),

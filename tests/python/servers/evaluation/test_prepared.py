@@ -8,7 +8,7 @@ import pytest
 from swarmwright import Experiment, InputError, _engine, evaluate
 from swarmwright.servers.evaluation.base import Controllers
 from swarmwright.servers.evaluation.opening import open_backend
-from swarmwright.servers.evaluation.prepared import prepared
+from swarmwright.servers.evaluation.prepared import prepare_evaluation
 
 ROWS = np.random.default_rng(5).uniform(-2, 2, (300, 49)).astype(np.float32)
 
@@ -22,7 +22,7 @@ def step_by_step(experiment: Experiment, rows: np.ndarray[Any, np.dtype[np.float
     """Evaluate, rank: what `evaluate` does where Python has a part in it."""
     ranking = experiment.new_ranking()
     with open_backend(experiment) as backend:
-        controllers = Controllers.of(experiment.representation(), rows)
+        controllers = Controllers.from_genomes(experiment.representation(), rows)
         results = backend.evaluate(controllers, ranking.seeds(experiment.first_seed), lambda *_: None)
     return ranking.score(results.fitness)
 
@@ -31,7 +31,7 @@ def step_by_step(experiment: Experiment, rows: np.ndarray[Any, np.dtype[np.float
 @pytest.mark.parametrize("episodes", [1, 4])
 def test_fitness_is_that_of_the_ranking(aggregate: str, episodes: int) -> None:
     experiment = minisim(ranking={"episodes": episodes, "aggregate": aggregate, "level": 0.3})
-    assert prepared(experiment) is not None
+    assert prepare_evaluation(experiment) is not None
     expected = step_by_step(experiment, ROWS)
     assert evaluate(experiment, ROWS).tobytes() == expected.tobytes()
     assert evaluate(experiment, ROWS.astype(np.float64)).tobytes() == expected.tobytes()
@@ -41,8 +41,8 @@ def test_fitness_is_that_of_the_ranking(aggregate: str, episodes: int) -> None:
 
 
 def test_rankings_and_genes_that_python_has_a_part_in_are_left_to_it() -> None:
-    assert prepared(minisim(fitness="-distance")) is None
-    assert prepared(minisim(controller={"kind": "mealy_fsm"})) is None
+    assert prepare_evaluation(minisim(fitness="-distance")) is None
+    assert prepare_evaluation(minisim(controller={"kind": "mealy_fsm"})) is None
 
 
 def test_experiments_that_differ_are_prepared_on_their_own() -> None:
@@ -56,7 +56,7 @@ def test_experiments_that_differ_are_prepared_on_their_own() -> None:
     assert evaluate(seeded, ROWS).tobytes() == step_by_step(seeded, ROWS).tobytes()
     again = seeded.replace(parameters={"maxSteps": None, "seed": None})
     assert evaluate(again, ROWS).tobytes() == before.tobytes()
-    assert prepared(again) is prepared(experiment)  # evaluators of equal experiments are kept
+    assert prepare_evaluation(again) is prepare_evaluation(experiment)  # equal experiments share evaluators
     with pytest.raises(InputError, match="have 49 genes; this experiment's controllers have 61"):
         evaluate(experiment.replace(controller={"hidden": [8, 2]}), ROWS)
 
@@ -75,7 +75,7 @@ def test_genes_that_are_not_finite_are_named(place: tuple[int, int], episodes: i
     rows[place] = np.inf
     rows[299, 48] = np.nan
     experiment = minisim(ranking={"episodes": episodes})
-    with pytest.raises(InputError, match=f"^genomes: number {place[0]} holds a gene that is not finite"):
+    with pytest.raises(InputError, match=f"^genomes: row {place[0]} has a gene that is not finite"):
         evaluate(experiment, rows)
     with open_backend(experiment) as backend:
         evaluator = backend.evaluator(dict(experiment.representation().architecture()))

@@ -33,9 +33,9 @@ def experiment(method: dict[str, Any], **other: Any) -> Experiment:
 
 def without_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     """Send servers the genomes; the engine, which evolves by itself, sends samples."""
-    of = Controllers.of
+    build = Controllers.from_genomes
     monkeypatch.setattr(
-        Controllers, "of", lambda representation, genomes, _=None: of(representation, genomes)
+        Controllers, "from_genomes", lambda representation, genomes, _=None: build(representation, genomes)
     )
     monkeypatch.setattr(Ahead, "of", lambda *_, **__: None)
 
@@ -59,7 +59,7 @@ def sent(made: Experiment, sampled: bool) -> int:
     method = made.new_method(made.representation(4, 1))
     genomes = method.ask()
     representation = made.representation(4, 1)
-    controllers = Controllers.of(representation, genomes, method.sample if sampled else None)
+    controllers = Controllers.from_genomes(representation, genomes, method.sample if sampled else None)
     assert (controllers.sample is not None) == sampled
     traffic: list[int] = []
 
@@ -91,7 +91,7 @@ def test_genes_that_are_not_the_weights_travel_as_weights() -> None:
     method = made.new_method(representation)
     genomes = method.ask()
     assert method.sample is not None
-    assert Controllers.of(representation, genomes, method.sample).sample is None
+    assert Controllers.from_genomes(representation, genomes, method.sample).sample is None
 
 
 @pytest.mark.parametrize("kind", ["xnes", "cma_es", "de", "nnga"])
@@ -119,7 +119,7 @@ def test_a_sample_of_other_genomes_is_refused() -> None:
     representation = made.representation(4, 1)
     method = made.new_method(representation)
     genomes = method.ask()
-    controllers = Controllers.of(representation, genomes[:30], method.sample)
+    controllers = Controllers.from_genomes(representation, genomes[:30], method.sample)
     with (
         open_backend(made, servers=1) as backend,
         pytest.raises(InputError, match=r"40 candidates of .* but there are 30"),

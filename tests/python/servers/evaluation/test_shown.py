@@ -15,7 +15,7 @@ def test_it_is_the_episode_that_simulate_runs(controller: str, seed: int | None)
     experiment = Experiment.from_mapping(
         {**VALUES, "controller": {"kind": controller}, "fitness": "2 * order"}
     )
-    shown = ShownEpisode.of_experiment(experiment, seed=seed)
+    shown = ShownEpisode.from_experiment(experiment, seed=seed)
     recording = shown.recording()
     assert recording.fitness == simulate(experiment, seed=seed, servers="in-process")
     assert shown.metrics(recording) == {"order": recording.fitness / 2}
@@ -26,22 +26,22 @@ def test_it_is_the_episode_that_simulate_runs(controller: str, seed: int | None)
 def test_a_controller_is_taken_from_a_file_and_named(tmp_path: Path) -> None:
     experiment = Experiment.from_mapping(VALUES)
     file = tmp_path / "some.json"
-    ShownEpisode.of_experiment(experiment.replace(seed=5)).controller.save(file)
-    shown = ShownEpisode.of_experiment(experiment, file)
+    ShownEpisode.from_experiment(experiment.replace(seed=5)).controller.save(file)
+    shown = ShownEpisode.from_experiment(experiment, file)
     assert shown.controller.specification == Controller.load(file).specification
     recording = shown.save(tmp_path / "some.png")
     assert isinstance(recording, Recording)
     facts = dict(shown.caption(recording).facts)
     assert facts["mission"] == "Foraging"
     assert facts["fitness of this episode"] == f"{recording.fitness:.6g}"
-    assert shown.whose == f"controller of {file}"
+    assert shown.controller_text == f"controller of {file}"
 
 
 def test_mistakes_are_named(tmp_path: Path) -> None:
     experiment = Experiment.from_mapping(VALUES)
     with pytest.raises(InputError, match="seed: must be from 0 to"):
-        ShownEpisode.of_experiment(experiment, seed=-1)
-    with pytest.raises(InputError, match=r"the simulation 'elsewhere' is not built in; name the broker"):
-        ShownEpisode.of_experiment(Experiment.from_mapping({"simulation": "elsewhere"}))
+        ShownEpisode.from_experiment(experiment, seed=-1)
+    with pytest.raises(InputError, match=r"the simulation 'elsewhere' is not built in; give a broker"):
+        ShownEpisode.from_experiment(Experiment.from_mapping({"simulation": "elsewhere"}))
     with pytest.raises(InputError, match=r"missing/some\.png: cannot be written: No such file"):
-        ShownEpisode.of_experiment(experiment).save(tmp_path / "missing" / "some.png")
+        ShownEpisode.from_experiment(experiment).save(tmp_path / "missing" / "some.png")

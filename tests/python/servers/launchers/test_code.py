@@ -6,21 +6,21 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, optimize
-from swarmwright.servers.evaluation.launched.packing import packed
+from swarmwright.servers.evaluation.launched.packing import pack_code
 from swarmwright.servers.launchers import Code
 from swarmwright.servers.launchers.process import ProcessOptions
 
 
 def test_the_same_files_give_the_same_bytes_in_any_order() -> None:
-    one = Code.of({"a.py": b"1", "b/c.txt": b"2"}, {"a.py"})
-    other = Code.of({"b/c.txt": b"2", "a.py": b"1"}, {"a.py"})
+    one = Code.from_files({"a.py": b"1", "b/c.txt": b"2"}, {"a.py"})
+    other = Code.from_files({"b/c.txt": b"2", "a.py": b"1"}, {"a.py"})
     assert one == other
-    assert Code.of({"a.py": b"1", "b/c.txt": b"2"}).digest != one.digest
-    assert Code.of({"a.py": b"12", "b/c.txt": b""}).digest != one.digest
+    assert Code.from_files({"a.py": b"1", "b/c.txt": b"2"}).digest != one.digest
+    assert Code.from_files({"a.py": b"12", "b/c.txt": b""}).digest != one.digest
 
 
 def test_files_are_unpacked(tmp_path: Path) -> None:
-    Code.of({"a.py": b"1", "b/c.txt": b"2"}, {"a.py"}).unpack(tmp_path / "new")
+    Code.from_files({"a.py": b"1", "b/c.txt": b"2"}, {"a.py"}).unpack(tmp_path / "new")
     assert (tmp_path / "new" / "a.py").stat().st_mode & 0o777 == 0o755
     assert (tmp_path / "new" / "b" / "c.txt").read_bytes() == b"2"
 
@@ -32,22 +32,22 @@ def test_imported_modules_and_named_files_travel(tmp_path: Path) -> None:
     (tmp_path / "unused.py").write_text("")
     (tmp_path / "gather.py").write_text("import walls\nclass Gather: pass\n")
     simulation = f"{tmp_path}/gather.py:Gather"
-    name, _, code = packed(simulation, [], ProcessOptions(files=["maps/*.json"]))
+    name, _, code = pack_code(simulation, [], ProcessOptions(files=["maps/*.json"]))
     assert name == "gather.py:Gather"
     assert code is not None
     code.unpack(tmp_path / "new")
     found = {str(path.relative_to(tmp_path / "new")) for path in (tmp_path / "new").rglob("*.*")}
     assert found == {"gather.py", "walls.py", "maps/hall.json"}
-    assert packed(simulation, [], ProcessOptions(code="/opt/gather")) == ("gather.py:Gather", [], None)
+    assert pack_code(simulation, [], ProcessOptions(code="/opt/gather")) == ("gather.py:Gather", [], None)
     for pattern, message in (("map/*.json", "there is no file"), ("../x", "must lie in")):
         with pytest.raises(InputError, match=f"servers: files: .*{message}"):
-            packed(simulation, [], ProcessOptions(files=[pattern]))
+            pack_code(simulation, [], ProcessOptions(files=[pattern]))
 
 
 def test_built_in_simulations_have_no_code() -> None:
-    assert packed("minisim", [], ProcessOptions()) == ("minisim", [], None)
-    with pytest.raises(InputError, match="servers: code: the simulation is installed"):
-        packed("minisim", [], ProcessOptions(code="/opt"))
+    assert pack_code("minisim", [], ProcessOptions()) == ("minisim", [], None)
+    with pytest.raises(InputError, match="servers: code: has no effect, as the simulation is installed"):
+        pack_code("minisim", [], ProcessOptions(code="/opt"))
 
 
 @pytest.mark.parametrize(("options", "key"), [({"code": "/opt"}, "code"), ({"files": ["a.json"]}, "files")])
@@ -69,7 +69,7 @@ def test_each_module_travels_with_what_it_imports(tmp_path: Path) -> None:
         )
         (tmp_path / folder / "speeds.py").write_text(f"SPEED = {speed}\n")
     names = [f"{tmp_path}/one/parts.py:{name}" for name in ("Spiral", "Elapsed")]
-    name, modules, code = packed(
+    name, modules, code = pack_code(
         "arena", [*names, f"{tmp_path}/other/parts.py:Spiral", "installed"], ProcessOptions()
     )
     assert (name, modules[-1]) == ("arena", "installed")
@@ -83,5 +83,5 @@ def test_each_module_travels_with_what_it_imports(tmp_path: Path) -> None:
         "SPEED = 2\n",
     ]
     assert [one.rpartition(":")[2] for one in modules[:-1]] == ["Spiral", "Elapsed", "Spiral"]
-    at = packed("arena", names, ProcessOptions(code="/opt"))
+    at = pack_code("arena", names, ProcessOptions(code="/opt"))
     assert at == ("arena", ["parts.py:Spiral", "parts.py:Elapsed"], None)

@@ -88,7 +88,7 @@ def waiting(reason: str, message: str = "") -> list[dict[str, Any]]:
     ],
 )
 def test_a_pod(made: dict[str, Any], state: str, words: str) -> None:
-    found = states.health(JUST, 0, made, "")
+    found = states.find_health(JUST, 0, made, "")
     assert (found.state, found.reason) == (state, words)
 
 
@@ -111,7 +111,7 @@ def test_a_pod(made: dict[str, Any], state: str, words: str) -> None:
     ],
 )
 def test_without_a_pod(job: dict[str, Any] | None, refusal: str, state: str, words: str) -> None:
-    found = states.health(job, 4, None, refusal)
+    found = states.find_health(job, 4, None, refusal)
     assert found.state == state
     assert found.reason.startswith(words)
 
@@ -119,4 +119,4 @@ def test_without_a_pod(job: dict[str, Any] | None, refusal: str, state: str, wor
 def test_the_newest_pod_of_an_index_counts() -> None:
     first, second = pod("a", "Failed"), pod("b", "Running", made="2026-01-01T00:00:05Z")
     stranger = {"metadata": {"name": "other", "creationTimestamp": "2026-01-01T00:00:09Z"}, "status": {}}
-    assert states.newest([second, stranger, first]) == {("j", 0): second}
+    assert states.find_newest([second, stranger, first]) == {("j", 0): second}

@@ -13,7 +13,7 @@ import pytest
 
 from swarmwright import Experiment, RunError, optimize
 from swarmwright.servers.broker.credentials import CREDENTIALS
-from swarmwright.servers.evaluation.launched.access import own_address
+from swarmwright.servers.evaluation.launched.access import find_own_address
 from swarmwright.servers.evaluation.opening import open_backend
 from swarmwright.servers.evaluation.through_broker import BrokerBackend
 from swarmwright.servers.launchers import LauncherError, Specification
@@ -49,7 +49,7 @@ def test_the_record_is_that_of_other_servers_with_tls_and_accounts_too(tmp_path:
     same_record(started, here)
     # As servers on other machines reach this one: the broker has TLS and an account for each launcher.
     before = dict(os.environ)
-    reached = optimize(experiment(broker_host=own_address()), out=tmp_path / "reached", progress=False)
+    reached = optimize(experiment(broker_host=find_own_address()), out=tmp_path / "reached", progress=False)
     same_record(reached, here)
     assert dict(os.environ) == before
 
@@ -96,7 +96,7 @@ def test_processes_are_replaced_after_some_evaluations(
     recycled = optimize(slow, out=tmp_path / "recycled", progress=False)
     same_record(optimize(slow, out=tmp_path / "here", servers="in-process", progress=False), recycled)
     log = (tmp_path / "recycled" / "servers.log").read_text()
-    assert "[has had its evaluations (recycle)]" in log
+    assert "[has reached its quota of evaluations (recycle)]" in log
     if mode != "batched":  # where a server may get no second batch
         # Those that begin together are not replaced together.
         (early, first), (late, second) = told[:2]
@@ -155,11 +155,13 @@ def test_states_of_servers_that_are_not_watched_any_more_are_not_known(
     launcher = Process(options, Specification(simulation="minisim", broker="mqtt://localhost:1"))
     launcher.open()
     try:
-        monkeypatch.setattr(Supervisor, "_overdue", fail)
+        monkeypatch.setattr(Supervisor, "_take_overdue", fail)
         assert launcher._supervisor is not None
         launcher._supervisor._thread.join(10)
         for method in (launcher.health, lambda: launcher.start([1])):
-            with pytest.raises(LauncherError, match=r"not watched any more: ValueError\('a mistake'\)"):
+            with pytest.raises(
+                LauncherError, match=r"supervision of servers failed: ValueError\('a mistake'\)"
+            ):
                 method()
     finally:
         launcher.close()

@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 
 from swarmwright.servers.launchers import Code, LauncherError, Specification
-from swarmwright.servers.launchers._kubernetes_manifests import job
-from swarmwright.servers.launchers._remote import RemoteOptions, prepared, unpacked
+from swarmwright.servers.launchers._kubernetes_manifests import make_job
+from swarmwright.servers.launchers._remote import RemoteOptions, format_setup, format_unpack
 from swarmwright.servers.launchers.kubernetes import KubernetesOptions
 from swarmwright.servers.launchers.slurm import Slurm, SlurmOptions
 
 pytestmark = pytest.mark.slow
 
-CODE = Code.of({"gather.py": b"class Gather: pass\n", "maps/a.json": b"{}"})
+CODE = Code.from_files({"gather.py": b"class Gather: pass\n", "maps/a.json": b"{}"})
 
 
 def shell(script: str, **variables: str) -> str:
@@ -49,18 +49,18 @@ def test_the_search_path_of_setup_and_image_is_kept(
     code = shlex.quote(str(folder))
     given = RemoteOptions(launcher="any", **options)
     specification = Specification("gather.py:Gather", "mqtt://b", environment=given.environment)
-    lines = prepared(given, specification.variables("/files"), code, code)
+    lines = format_setup(given, specification.variables("/files"), code, code)
     said = shell("\n".join([*lines, 'echo "$PYTHONPATH"; pwd']), **inherited)
     assert said.splitlines() == [expected.format(code=folder), str(folder)]
     # Without code it is as it was, or as the experiment says.
-    lines = prepared(given, specification.variables("/files"), code)
+    lines = format_setup(given, specification.variables("/files"), code)
     said = shell("\n".join([*lines, 'echo "$PYTHONPATH"']), **inherited)
     assert said.strip() == expected.format(code="").strip(":")
 
 
 def test_pods_keep_the_search_path_of_their_image() -> None:
     specification = Specification("gather.py:Gather", "mqtts://b", code=CODE)
-    made = job("name", "run", [7], KubernetesOptions(), specification)
+    made = make_job("name", "run", [7], KubernetesOptions(), specification)
     script = made["spec"]["template"]["spec"]["containers"][0]["command"][2]
     (line,) = [line for line in script.splitlines() if "PYTHONPATH" in line]
     assert shell(f'{line}\necho "$PYTHONPATH"', PYTHONPATH="/image") == "/run/swarmwright/code:/image\n"
@@ -102,7 +102,7 @@ def test_without_a_controller_nothing_is_cancelled_and_no_secret_is_left(
     with pytest.raises(LauncherError, match=f"sbatch: error: {words}"):
         launcher.start([1, 2])
     if may_have_jobs:
-        left = f"scancel: error: {words}; cancel what is left with `scancel --name={launcher.name}`"
+        left = f"scancel: error: {words}; cancel remaining jobs with `scancel --name={launcher.name}`"
         with pytest.raises(LauncherError, match=re.escape(left)):
             launcher.close()
     else:
@@ -135,10 +135,10 @@ def test_each_job_has_the_code_in_a_folder_of_its_own(programs: Path, tmp_path: 
 def test_an_archive_with_another_digest_is_not_unpacked(tmp_path: Path) -> None:
     archive, folder = tmp_path / "the code.tar.gz", shlex.quote(str(tmp_path / "unpacked code"))
     archive.write_bytes(CODE.archive)
-    script = "\n".join([*unpacked(shlex.quote(str(archive)), CODE.sha256, folder), "echo done"])
+    script = "\n".join([*format_unpack(shlex.quote(str(archive)), CODE.sha256, folder), "echo done"])
     assert shell(script) == "done\n"
     assert (tmp_path / "unpacked code" / "gather.py").is_file()
-    archive.write_bytes(Code.of({"gather.py": b"import os\n"}).archive)
+    archive.write_bytes(Code.from_files({"gather.py": b"import os\n"}).archive)
     (tmp_path / "unpacked code" / "gather.py").unlink()
     result = subprocess.run(["/bin/sh", "-c", script], capture_output=True, text=True, check=False)
     assert result.returncode == 1

@@ -12,7 +12,7 @@ import pytest
 from swarmwright import Experiment, RunError, _engine, evaluate
 from swarmwright.servers.supervision import Supervisor
 from swarmwright.servers.supervision.local_servers import LocalServers, automatic_count
-from swarmwright.servers.supervision.place import Limits
+from swarmwright.servers.supervision.supervised_server import Limits
 
 
 def settings(broker: str, identifier: int = 1) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def test_no_broker(unused_port: int) -> None:
 @pytest.mark.slow
 def test_a_server_that_takes_longer_to_start_than_it_may(embedded_broker: str) -> None:
     with (
-        pytest.raises(RunError, match=r"did not start within 0.001 s; timeouts.discovery of the experiment"),
+        pytest.raises(RunError, match=r"did not start within 0.001 s; increase timeouts.discovery"),
         LocalServers([settings(embedded_broker, 9)], limits=Limits(start=0.001)) as servers,
     ):
         pytest.fail(f"started: {servers.pids}")
@@ -96,9 +96,9 @@ def test_an_error_while_servers_are_watched_is_raised(
 
     with LocalServers([settings(embedded_broker)]) as servers:
         servers.check()
-        monkeypatch.setattr(Supervisor, "_look", fail)
+        monkeypatch.setattr(Supervisor, "_check_server", fail)
         servers._supervisor._thread.join(10)
-        with pytest.raises(RunError, match=r"servers are not watched any more: ValueError\('a mistake'\)"):
+        with pytest.raises(RunError, match=r"the supervision of servers failed: ValueError\('a mistake'\)"):
             servers.check()
 
 

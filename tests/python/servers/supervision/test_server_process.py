@@ -9,7 +9,7 @@ import pytest
 
 from swarmwright import Experiment, RunError, simulate
 from swarmwright.servers.supervision import server_exit
-from swarmwright.servers.supervision.server_exit import ServerExit, split
+from swarmwright.servers.supervision.server_exit import ServerExit, split_output
 from tests.conftest import free_port
 from tests.python.servers.supervision import poison
 
@@ -83,25 +83,27 @@ HUNG = (
 
 def exit_of(lines: list[str]) -> ServerExit:
     ours = Path(server_exit.__file__).parents[2]
-    wrote, stack = split([line.format(user="/home/me/reading.py", ours=ours) for line in lines])
+    wrote, stack = split_output([line.format(user="/home/me/reading.py", ours=ours) for line in lines])
     return ServerExit(1, 2, -9, "made no step for 2 s", wrote, stack)
 
 
 def test_the_place_is_the_simulation_s_or_none() -> None:
     ended = exit_of([line for line in HUNG if line])
-    assert ended.how == "made no step for 2 s in reset (/home/me/reading.py:9) and was ended"
+    assert ended.description == "made no step for 2 s in reset (/home/me/reading.py:9) and was ended"
     assert ended.lines == ("Go on? ",)
     # A line of Swarmwright, which waits for something unknown, explains nothing.
-    assert exit_of(["writing", *HUNG[4:]]).how == "made no step for 2 s and was ended"
+    assert exit_of(["writing", *HUNG[4:]]).description == "made no step for 2 s and was ended"
 
 
 def test_the_place_is_no_line_of_a_library() -> None:
     encoder = f'  File "{json.encoder.__file__}", line 430 in _iterencode_list'
     current = "Current thread 0x00007f34 (most recent call first):"
     by_user = exit_of([current, encoder, encoder, '  File "{user}", line 9 in step'])
-    assert by_user.how == "made no step for 2 s in step (/home/me/reading.py:9) and was ended"
-    assert exit_of([current, encoder]).how == "made no step for 2 s and was ended"
+    assert by_user.description == "made no step for 2 s in step (/home/me/reading.py:9) and was ended"
+    assert exit_of([current, encoder]).description == "made no step for 2 s and was ended"
     # Of a deep recursion faulthandler writes the innermost hundred calls, without the line that began it.
     deep = exit_of([current, *[encoder] * 100, "  ..."])
-    assert " in a recursion of more than 100 calls, in _iterencode_list (" in deep.how
-    assert deep.how.endswith(", which the simulation's code began and was ended")
+    assert (
+        " in a recursion of more than 100 calls, started by the simulation's code, in _iterencode_list ("
+        in deep.description
+    )

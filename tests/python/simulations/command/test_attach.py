@@ -22,7 +22,7 @@ from swarmwright import (
     simulate,
 )
 from swarmwright.common import warn_once
-from swarmwright.servers.evaluation.evaluate import episode
+from swarmwright.servers.evaluation.evaluate import run_episode
 from swarmwright.simulations import catalogue
 from tests.python.cli.test_services import events
 from tests.python.records import same_record
@@ -313,7 +313,7 @@ def test_formats_of_logs(traced: Traced, log: str, content: str) -> None:
     experiment = traced.shell(
         f"cp {{here}}/content {log}", log=log, metrics=metrics, fitness=" + ".join(metrics)
     )
-    found = episode(experiment, None, broker=None).metrics
+    found = run_episode(experiment, None, broker=None).metrics
     assert found == {
         "mean_a": 7 / 3,
         "most": 4,

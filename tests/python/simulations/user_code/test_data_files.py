@@ -11,7 +11,7 @@ import pytest
 
 from swarmwright import InputError, Run, optimize, post_evaluate, repeat, resume
 from swarmwright.runs.store.verification import verify
-from swarmwright.servers.evaluation.launched.packing import packed
+from swarmwright.servers.evaluation.launched.packing import pack_code
 from swarmwright.servers.launchers import LAUNCHERS, Health, Launcher, LauncherOptions
 from swarmwright.servers.launchers._slot import End, Slot
 from tests.python.records import same_record
@@ -130,12 +130,12 @@ def test_a_module_is_called_as_before(project: Path, monkeypatch: pytest.MonkeyP
     edit(project / "gather.yaml", "gather.py:Gather", "swarms.gather:Gather")
     monkeypatch.syspath_prepend(project)
     run = optimize("gather.yaml", out=project / "run", servers="in-process", progress=False)
-    before = packed("swarms.gather:Gather", [], AwayOptions(files=["maps/*.json"]))
+    before = pack_code("swarms.gather:Gather", [], AwayOptions(files=["maps/*.json"]))
     assert before[0] == "swarms.gather:Gather"
     if not is_there:
         run = Run.open(shutil.copytree(run.path, project.parent / "elsewhere" / "run"), trust=True)
         shutil.rmtree(project / "maps")
-    assert packed(run.experiment.simulation, [], AwayOptions(files=["maps/*.json"])) == before
+    assert pack_code(run.experiment.simulation, [], AwayOptions(files=["maps/*.json"])) == before
 
 
 @pytest.mark.slow
@@ -186,13 +186,13 @@ def test_runs_beside_the_simulation_are_none_of_its_files(project: Path) -> None
     # A folder that is named is meant.
     home = project / "gather.py"
     options = AwayOptions(files=[".tool/*.json", "runs/one/best.json"])
-    _, _, code = packed(f"{home}:Gather", [], options)
+    _, _, code = pack_code(f"{home}:Gather", [], options)
     assert code is not None
     code.unpack(project / "new")
     found = {path.relative_to(project / "new").as_posix() for path in (project / "new").rglob("*.json")}
     assert found == {".tool/state.json", "runs/one/best.json"}
     with pytest.raises(InputError, match=r"there is no file runs/.*; wildcards skip run folders"):
-        packed(f"{home}:Gather", [], AwayOptions(files=["runs/*/best.json"]))
+        pack_code(f"{home}:Gather", [], AwayOptions(files=["runs/*/best.json"]))
 
 
 @pytest.mark.parametrize("pattern", ["link/*.txt", "maps/secret.*"])
@@ -203,14 +203,14 @@ def test_patterns_do_not_follow_links_out_of_the_folder(run: Run, project: Path,
     (project / "link").symlink_to(outside)
     (project / "maps" / "secret.txt").symlink_to(outside / "secret.txt")
     with pytest.raises(InputError, match=r"servers: files: .*secret\.txt is a link to"):
-        packed(f"{project}/gather.py:Gather", [], AwayOptions(files=[pattern]))
+        pack_code(f"{project}/gather.py:Gather", [], AwayOptions(files=[pattern]))
     with_patterns(run, [pattern, "maps/*.json"])
     assert resume(run, generations=4, servers="in-process", progress=False).generations == 4
 
 
 def test_links_within_the_folder_are_followed(project: Path) -> None:
     (project / "link").symlink_to(project / "maps")
-    _, _, code = packed(f"{project}/gather.py:Gather", [], AwayOptions(files=["link/*.json"]))
+    _, _, code = pack_code(f"{project}/gather.py:Gather", [], AwayOptions(files=["link/*.json"]))
     assert code is not None
     code.unpack(project / "new")
     assert (project / "new" / "link" / "a.json").read_bytes() == (project / "maps/a.json").read_bytes()

@@ -1,4 +1,4 @@
-"""Servers that launchers start, here or elsewhere, for the time of a run."""
+"""Servers that launchers start on this or other machines for the duration of a run."""
 
 from swarmwright.servers.evaluation.launched.servers import LaunchedServers
 from swarmwright.servers.evaluation.launched.starting import start

@@ -1,4 +1,4 @@
-"""The embedded broker for servers on other machines: TLS, and an account for each launcher."""
+"""The embedded broker for servers on other machines, with TLS and an account per launcher."""
 
 import ipaddress
 import os
@@ -14,30 +14,30 @@ from swarmwright import _engine
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.processes import allow_more_open_files
 from swarmwright.common.temporary import TemporaryFolder
-from swarmwright.servers.broker.mosquitto import Account, access_rules
-from swarmwright.servers.broker.private import new_account, start_private
+from swarmwright.servers.broker.mosquitto import Account, format_access_rules
+from swarmwright.servers.broker.private import create_account, start_private
 
 _CERTIFICATE_DAYS = 366
-"""Term of the certificate, which is made for one run."""
+"""Validity of the certificate, which serves one run."""
 TOOL = "tool"
 
 
 @dataclass(frozen=True)
 class Credentials:
-    """What a client needs to be admitted by a broker; None where nothing is needed."""
+    """Credentials of a client for a broker; None for what the broker does not require."""
 
     username: str | None = None
     password: str | None = field(default=None, repr=False)
     authority: str | None = field(default=None, repr=False)
     """PEM text."""
     certificate: str | None = field(default=None, repr=False)
-    """PEM text of the client's own."""
+    """The client's certificate as PEM text."""
     key: str | None = field(default=None, repr=False)
-    """PEM text of its private key."""
+    """The client's private key as PEM text."""
 
     @classmethod
-    def of_environment(cls, variables: "os._Environ[str] | dict[str, str]", what: str) -> Self:
-        """Read the variables of Swarmwright's programs. Raises InputError, which begins with `what`."""
+    def from_environment(cls, variables: "os._Environ[str] | dict[str, str]", label: str) -> Self:
+        """Read the credentials in Swarmwright's variables. Raises InputError that begins with `what`."""
 
         def text(name: str) -> str | None:
             file = variables.get(name)
@@ -46,7 +46,7 @@ class Credentials:
             try:
                 return Path(file).read_text(encoding="utf-8")
             except (OSError, UnicodeDecodeError) as error:
-                raise InputError(f"{what}: {name}: {file} cannot be read: {error}") from error
+                raise InputError(f"{label}: {name}: {file} cannot be read: {error}") from error
 
         password = variables.get("SWARMWRIGHT_PASSWORD") or None
         if password is None:
@@ -64,14 +64,14 @@ class Credentials:
 
 @dataclass(frozen=True)
 class Access:
-    """A broker: its address, and who is admitted how."""
+    """A broker's address and credentials."""
 
     address: str
-    """As this process reaches it."""
+    """The address as seen from this process."""
     tool: Credentials | None = None
-    """Of this process; None: those that it finds by itself."""
+    """Credentials of this process; None to find them in the environment."""
     servers: dict[str, Credentials] = field(default_factory=dict)
-    """By account."""
+    """Credentials of servers, by account."""
     authority_file: str | None = None
 
     def address_for(self, host: str | None) -> str:
@@ -79,29 +79,29 @@ class Access:
         if host is None:
             return self.address
         parts = urlsplit(self.address)
-        at = f"[{host}]" if ":" in host else host
-        return f"{parts.scheme}://{at}:{parts.port}"
+        location = f"[{host}]" if ":" in host else host
+        return f"{parts.scheme}://{location}:{parts.port}"
 
     @property
     def account(self) -> tuple[str, str, str] | None:
-        """User name, password and authority's file of this process; None: it finds them by itself."""
+        """User name, password and CA file of this process; None to find them in the environment."""
         if self.tool is None:
             return None
         return self.tool.username or "", self.tool.password or "", self.authority_file or ""
 
 
-def own_address() -> str:
-    """Return the address of this machine's default route, or its name where there is none."""
+def find_own_address() -> str:
+    """Return the address of this machine's default route, or its host name without one."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(("192.0.2.1", 9))  # of no machine (RFC 5737); nothing is sent
+            probe.connect(("192.0.2.1", 9))  # documentation address (RFC 5737); nothing is sent
             return str(probe.getsockname()[0])
         except OSError:
             return socket.gethostname()
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a name or an address means the machine that uses it."""
+    """Whether a host name or address refers to the local machine."""
     if host == "localhost":
         return True
     try:
@@ -110,14 +110,14 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def embedded(
+def start_embedded(
     stack: ExitStack, hosts: Sequence[str], accounts: Sequence[str], *, port: int | None, prefix: str
 ) -> Access:
-    """Start a broker, which ends with the stack.
+    """Start the embedded broker, which ends with the stack.
 
     Args:
         stack: ends it.
-        hosts: by which servers reach this machine.
+        hosts: names by which servers reach this machine.
         accounts: a name for each launcher.
         port: None for any.
         prefix: of all topics.
@@ -127,12 +127,12 @@ def embedded(
     """
     if all(map(is_loopback, hosts)):
         address, account = start_private(stack, port or 0)
-        own = Credentials(account.username, account.password)
-        return Access(address, servers=dict.fromkeys(accounts, own))
-    return _with_accounts(stack, hosts, accounts, port=port, prefix=prefix)
+        credentials = Credentials(account.username, account.password)
+        return Access(address, servers=dict.fromkeys(accounts, credentials))
+    return _start_with_accounts(stack, hosts, accounts, port=port, prefix=prefix)
 
 
-def _with_accounts(
+def _start_with_accounts(
     stack: ExitStack, hosts: Sequence[str], accounts: Sequence[str], *, port: int | None, prefix: str
 ) -> Access:
     allow_more_open_files()
@@ -140,11 +140,11 @@ def _with_accounts(
     names = list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1"]))
     with engine_errors("servers: broker_host: "):
         authority, _, certificate, key = _engine.certificates(names, _CERTIFICATE_DAYS)
-    words = {name: new_account().password for name in (TOOL, *accounts)}
-    under = prefix.removesuffix("/")
-    rules = [Account(TOOL, "tool", under), *(Account(name, "server", under) for name in accounts)]
+    passwords = {name: create_account().password for name in (TOOL, *accounts)}
+    root = prefix.removesuffix("/")
+    rules = [Account(TOOL, "tool", root), *(Account(name, "server", root) for name in accounts)]
     files = {
-        "access": access_rules(rules),
+        "access": format_access_rules(rules),
         "ca.pem": authority,
         "broker.pem": certificate,
         "broker-key.pem": key,
@@ -156,12 +156,12 @@ def _with_accounts(
         broker = _engine.Broker(
             "::" if any(":" in host for host in hosts) else "0.0.0.0",  # noqa: S104 - with TLS and passwords
             port or 0,
-            accounts=list(words.items()),
+            accounts=list(passwords.items()),
             access=str(folder / "access"),
             certificate=str(folder / "broker.pem"),
             key=str(folder / "broker-key.pem"),
         )
     stack.callback(broker.stop)
-    credentials = {name: Credentials(name, word, authority) for name, word in words.items()}
+    credentials = {name: Credentials(name, password, authority) for name, password in passwords.items()}
     tool = credentials.pop(TOOL)
     return Access(f"mqtts://127.0.0.1:{broker.port}", tool, credentials, str(folder / "ca.pem"))

@@ -1,4 +1,4 @@
-"""A launcher of a run: the servers that it has started, and what they have cost."""
+"""A launcher of a run, with its servers and their cost."""
 
 import time
 from collections.abc import Iterator
@@ -11,15 +11,15 @@ from swarmwright.servers.launchers import Health, Launcher, LauncherError, Launc
 from swarmwright.servers.server_use import ServerUse
 
 SHORTEST_USE_S = 36.0
-"""Seconds of servers below which their use is not reported where it has no price: 0.01 hours."""
+"""Use below which servers without a price are not reported: 0.01 hours."""
 
 
 @dataclass
 class LaunchedServer:
-    """One server that was started."""
+    """A started server."""
 
     since: float
-    """When it was started, or began to run (monotonic seconds)."""
+    """When it was started or began to run, monotonic seconds."""
     health: Health = field(default_factory=lambda: Health("waiting"))
     was_ready: bool = False
     """Whether it has been on the broker."""
@@ -27,92 +27,92 @@ class LaunchedServer:
 
 @dataclass
 class Entry:
-    """A launcher, and the servers that it has started. Moments are monotonic seconds."""
+    """A launcher and its servers. Times are monotonic seconds."""
 
     name: str
     launcher: Launcher
     options: LauncherOptions
     servers: dict[int, LaunchedServer] = field(default_factory=dict)
-    """By their ids, those that have not ended."""
-    wanted: int = 0
-    """How many servers it is to have."""
+    """Running servers, by id."""
+    target: int = 0
+    """Intended number of servers."""
     failures: int = 0
-    """Servers in a row that ended without having been on the broker."""
+    """Consecutive servers that ended before they reached the broker."""
     replace_at: float = 0.0
-    """When servers that have ended are replaced at the earliest."""
-    asked_at: float = 0.0
-    """When it was last asked for its servers."""
+    """Earliest time to replace ended servers."""
+    checked_at: float = 0.0
+    """Time of the last health check."""
     answered_at: float = field(default_factory=time.monotonic)
-    """When it last answered, or had a server on the broker while it did not."""
-    given_up: str | None = None
-    """Why it is not used any more, None while it is."""
+    """Time when the launcher last answered or had a server on the broker."""
+    failure: str | None = None
+    """Why the launcher is no longer used; None while it is."""
     scaling: Scaling | None = None
-    """Follows the work; None for a fixed number of servers."""
+    """Scaling with the work; None for a fixed number of servers."""
     seconds: float = 0.0
-    """Duration of all servers of this session together."""
+    """Total running time of all servers in this session."""
     earlier: ServerUse = field(default_factory=ServerUse)
     """Use of servers in earlier sessions of the run."""
     counted_at: float = 0.0
-    """Until when `seconds` are counted."""
+    """Time up to which `seconds` are counted."""
     is_spent: bool = False
     """Whether the budget is spent."""
     reported_waiting: str = ""
-    """What was last reported of servers that wait in a queue."""
+    """The last report about queued servers."""
     reported_starting: bool = False
-    """Whether it was reported that servers run, of which none is on the broker yet."""
-    ended_early: list[str] = field(default_factory=list)
-    """How servers ended without having been on the broker, the last ones."""
+    """Whether it was reported that no running server has reached the broker."""
+    early_exits: list[str] = field(default_factory=list)
+    """Messages of the last servers that ended before they reached the broker."""
 
     @property
     def use(self) -> ServerUse:
-        """Of its servers in this session so far."""
+        """Use of its servers in this session so far."""
         return ServerUse(self.seconds, self.seconds / 3600 * (self.options.cost_per_hour or 0.0))
 
     @property
     def is_counted(self) -> bool:
-        """Whether its use is reported: of servers elsewhere, and of those that have a price."""
+        """Whether its use is reported: for remote servers and for servers with a price."""
         return not self.launcher.is_here or self.options.cost_per_hour is not None
 
     @property
     def is_notable(self) -> bool:
-        """Whether its use is more than a hundredth of an hour, or has a price."""
+        """Whether its use exceeds 0.01 hours or has a price."""
         seconds = (self.earlier + self.use).seconds
         return self.options.cost_per_hour is not None or seconds >= SHORTEST_USE_S
 
     @property
-    def used(self) -> str:
-        """What was used, in words."""
+    def usage_text(self) -> str:
+        """Use of servers and their cost as text."""
 
-        def words(use: ServerUse) -> str:
+        def format_use(use: ServerUse) -> str:
             cost = "" if self.options.cost_per_hour is None else f", cost {amount(use.cost)}"
             return f"{amount(use.seconds / 3600)} server hours{cost}"
 
-        whole = f" (the whole run: {words(self.earlier + self.use)})" if self.earlier.seconds else ""
-        return f"{self.name} {words(self.use)}{whole}"
+        whole = f" (the whole run: {format_use(self.earlier + self.use)})" if self.earlier.seconds else ""
+        return f"{self.name} {format_use(self.use)}{whole}"
 
     def count_use(self, now: float) -> None:
-        """Count the time of the servers that run; note when the budget is spent."""
+        """Count the time of running servers, and check the budget."""
         running = sum(server.health.state == "running" for server in self.servers.values())
         self.seconds += running * (now - self.counted_at)
         self.counted_at = now
         self.compare_with_budget()
 
     def compare_with_budget(self) -> None:
-        """Note when the budget is spent, earlier sessions included."""
+        """Check whether the budget is spent, including earlier sessions."""
         budget, cost = self.options.budget, self.earlier.cost + self.use.cost
         self.is_spent = self.is_spent or (budget is not None and cost >= budget)
 
     @property
-    def spent_before(self) -> str:
-        """That earlier sessions of the run have spent the budget, in words."""
+    def budget_message(self) -> str:
+        """Message that earlier sessions of the run have spent the budget."""
         return (
-            f"the budget of {self.name}, {self.options.budget:g}, was spent in earlier sessions of this run, "
-            f"which cost {amount(self.earlier.cost)}"
+            f"the budget of {self.name}, {self.options.budget:g}, is spent: earlier sessions of this run "
+            f"cost {amount(self.earlier.cost)}"
         )
 
     @contextmanager
-    def named_errors(self) -> Iterator[None]:
-        """Within this block, errors of the launcher begin with its name."""
+    def prefix_errors(self) -> Iterator[None]:
+        """Prefix errors of the launcher with its name within this block."""
         try:
             yield
         except LauncherError as error:

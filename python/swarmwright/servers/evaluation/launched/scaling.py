@@ -1,4 +1,4 @@
-"""How many servers a launcher is to have, by the work that is left and how long it takes."""
+"""Scaling of a launcher's servers with the remaining work."""
 
 import math
 from collections import deque
@@ -7,25 +7,24 @@ from dataclasses import dataclass, field
 from typing import Any
 
 WORK_S = 60.0
-"""Seconds of work for each server: another one is started where there is more."""
+"""Seconds of work per server; more work starts another server."""
 
 
 @dataclass(frozen=True)
 class Load:
-    """What the pool says of its work.
-
-    evaluations: that are left of the run, as far as it is known. at_once: those of a generation, which can be
-    made at the same time. speed: evaluations a second of one server, the mean of those that were measured;
-    None before the first. busy: servers that have work.
-    """
+    """Work of a pool."""
 
     evaluations: int
+    """Remaining evaluations of the run, as far as known."""
     at_once: int
+    """Evaluations of a generation, which can run in parallel."""
     speed: float | None
+    """Mean evaluations per second of one server; None before the first measurement."""
     busy: frozenset[int]
+    """Servers that have work."""
 
     @classmethod
-    def of_status(cls, status: Mapping[str, Any]) -> "Load":
+    def from_status(cls, status: Mapping[str, Any]) -> "Load":
         """Read the status that a pool publishes."""
         speeds = [
             status_of_server["speed"]
@@ -44,8 +43,8 @@ class Load:
         )
 
 
-def needed(load: Load, least: int, most: int) -> int:
-    """Return how many servers the work is enough for, from `least` to `most`."""
+def count_needed(load: Load, least: int, most: int) -> int:
+    """Return how many servers the work can occupy, from `least` to `most`."""
     if load.speed is None:
         return least
     seconds = load.evaluations / load.speed
@@ -54,20 +53,20 @@ def needed(load: Load, least: int, most: int) -> int:
 
 @dataclass
 class Scaling:
-    """Follows what is needed: upwards at once, downwards when less was needed for `idle` seconds."""
+    """Number of servers over time: grows at once, shrinks after `idle` seconds of lower need."""
 
     least: int
     most: int
     idle: float
-    _seen: deque[tuple[float, int]] = field(default_factory=deque)
+    _history: deque[tuple[float, int]] = field(default_factory=deque)
 
-    def wanted(self, now: float, current: int, load: Load) -> int:
-        """Return how many servers there are to be. now: seconds of a clock that is never set back."""
-        need = needed(load, self.least, self.most)
-        self._seen.append((now, need))
-        # Kept is what was needed within the last `idle` seconds, and the entry before that.
-        while len(self._seen) > 1 and self._seen[1][0] <= now - self.idle:
-            self._seen.popleft()
-        if need >= current or self._seen[0][0] > now - self.idle:
+    def choose_count(self, now: float, current: int, load: Load) -> int:
+        """Return the new number of servers. now: monotonic seconds."""
+        need = count_needed(load, self.least, self.most)
+        self._history.append((now, need))
+        # Keep the needs within the last `idle` seconds, and the entry before.
+        while len(self._history) > 1 and self._history[1][0] <= now - self.idle:
+            self._history.popleft()
+        if need >= current or self._history[0][0] > now - self.idle:
             return max(need, current)
-        return min(current, max(count for _, count in self._seen))
+        return min(current, max(count for _, count in self._history))

@@ -1,4 +1,4 @@
-"""Keeps the servers of launchers going: starts them, replaces those that end, gives up what keeps failing."""
+"""Supervision of launchers: starts and replaces servers, and gives up launchers that keep failing."""
 
 import logging
 import secrets
@@ -18,32 +18,32 @@ from swarmwright.servers.evaluation.launched.entry import Entry, LaunchedServer
 from swarmwright.servers.evaluation.launched.scaling import Load, Scaling
 from swarmwright.servers.launchers import Health, LauncherError
 from swarmwright.servers.server_use import ServerUse
-from swarmwright.servers.supervision.output import MOST_KEPT_LINES, Output
+from swarmwright.servers.supervision.output import MAX_KEPT_LINES, Output
 
 _log = logging.getLogger("swarmwright")
 
 POLL_S = 0.5
-"""Seconds between two looks, unless something is heard before."""
+"""Seconds between checks, unless a message arrives earlier."""
 LATE_S = 5.0
-"""Seconds for which servers may wait in a queue before that is reported."""
+"""Seconds in a queue before waiting servers are reported."""
 SHOWN_LINES = 20
-"""Lines of a server that ended too early which are shown."""
+"""Output lines to show of a server that ended early."""
 SHOWN_SERVERS = 3
-"""Servers that are late whose lines are shown; elsewhere each takes a request."""
-MOST_FAILURES = 3
-"""Servers in a row that end without having been on the broker before a launcher is given up."""
+"""Late servers whose output is shown; remote ones cost a request each."""
+MAX_FAILURES = 3
+"""Consecutive servers that end before they reach the broker until a launcher is given up."""
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
-"""Seconds before a server is replaced; doubled with each one in a row that was never on the broker."""
+"""Seconds before a server is replaced; doubled with each consecutive early end."""
 LAUNCHER_TIMEOUT_S = 60.0
-"""Seconds for which a launcher may not answer, while none of its servers is on the broker."""
+"""Seconds a launcher may stay silent while none of its servers is on the broker."""
 COLLECT_S = 10.0
-"""Seconds at most for collecting at the end of a run what servers elsewhere have printed."""
+"""Time limit, seconds, for collecting the output of remote servers at the end of a run."""
 _LARGEST_ID = 2**31 - 1
-"""The largest of servers' IDs."""
+"""The largest server ID."""
 
 
 class LaunchedServers:
-    """Servers of several launchers for the time of a `with` block, which begins when one is on the broker.
+    """Servers of several launchers for the duration of a `with` block, entered with the first server.
 
     Args:
         entries: the launchers.
@@ -51,9 +51,8 @@ class LaunchedServers:
         prefix: of all topics.
 
     Raises:
-        InputError: on entry, when the budget of every launcher was spent in earlier sessions.
-        RunError: on entry, when no launcher can start a server; with the launchers' own words.
-
+        InputError: on entry, if earlier sessions have spent the budget of every launcher.
+        RunError: on entry, if no launcher can start a server; with the launchers' messages.
     """
 
     def __init__(self, entries: Sequence[Entry], access: Access, prefix: str) -> None:
@@ -67,9 +66,9 @@ class LaunchedServers:
         self._watcher: _engine.Watcher | None = None
         self._supervision: _engine.Supervision | None = None
         self._failure: BaseException | None = None
-        self._told: set[str] = set()
+        self._warned: set[str] = set()
         self._began = time.monotonic()
-        # Others may have servers on this broker; ids must differ.
+        # Random ids, as other servers may be on this broker.
         self._next = 1 + secrets.randbelow(_LARGEST_ID // 2)
         self._reserved: dict[str, list[int]] = {}
         self._load: Load | None = None
@@ -85,20 +84,20 @@ class LaunchedServers:
                 )
             for entry in self._entries:
                 options = entry.options
-                entry.wanted, entry.counted_at = options.fewest, time.monotonic()
+                entry.target, entry.counted_at = options.fewest, time.monotonic()
                 entry.compare_with_budget()
                 if entry.is_spent:
-                    entry.wanted = 0
-                    self._warn_once(f"{entry.spent_before}; none of its servers is started")
+                    entry.target = 0
+                    self._warn_once(f"{entry.budget_message}; starting none of its servers")
                 self._reserved[entry.name] = [self._new_id() for _ in range(options.most)]  # see `_start`
                 if options.is_elastic:
                     entry.scaling = Scaling(options.fewest, options.most, options.idle)
-                with entry.named_errors():
+                with entry.prefix_errors():
                     entry.launcher.open()
             for entry in self._entries:
-                if entry.wanted:
-                    with entry.named_errors():
-                        self._start(entry, entry.wanted)
+                if entry.target:
+                    with entry.prefix_errors():
+                        self._start(entry, entry.target)
             self._thread.start()
             self._wait_for_first()
         except BaseException:
@@ -113,46 +112,46 @@ class LaunchedServers:
 
     @property
     def count(self) -> int:
-        """How many servers are wanted."""
-        return sum(entry.wanted for entry in self._entries)
+        """Intended number of servers."""
+        return sum(entry.target for entry in self._entries)
 
     @property
-    def where(self) -> str:
-        """Which launchers start how many, in words."""
-        return ", ".join(f"{entry.wanted} by {entry.name}" for entry in self._entries)
+    def description(self) -> str:
+        """The launchers and their numbers of servers as text."""
+        return ", ".join(f"{entry.target} by {entry.name}" for entry in self._entries)
 
     @property
     def usage(self) -> str:
-        """How long servers have run, and what they cost; empty where it would be 0.00 hours of no price."""
-        return "; ".join(entry.used for entry in self._entries if entry.is_counted and entry.is_notable)
+        """Running time and cost of servers as text; empty for negligible use without a price."""
+        return "; ".join(entry.usage_text for entry in self._entries if entry.is_counted and entry.is_notable)
 
     @property
     def use(self) -> dict[str, ServerUse]:
-        """Of the servers of each launcher in this session."""
+        """Use of the servers of each launcher in this session."""
         return {entry.name: entry.use for entry in self._entries if entry.is_counted}
 
     @property
     def on_status(self) -> Callable[[Mapping[str, Any]], None] | None:
-        """Takes the pool's status; None where the number of servers does not depend on it."""
+        """Callback for the pool's status; None if no launcher scales with the work."""
         return self._hear_status if any(entry.scaling for entry in self._entries) else None
 
     def _hear_status(self, status: Mapping[str, Any]) -> None:
-        self._load = Load.of_status(status)
+        self._load = Load.from_status(status)
 
     def attach(self, pool: _engine.Pool) -> None:
-        """Report to a pool how many servers are being started, until `detach`; from the pool's thread."""
+        """Report the servers being started to a pool until `detach`, on the pool's thread."""
         for entry in self._entries:
             entry.launcher.attach(pool, self._reserved[entry.name])
         self._supervision = pool.watch([])
 
     def detach(self) -> None:
-        """Stop reporting: the pool is closed."""
+        """Stop reporting, because the pool is closed."""
         self._supervision = None
         for entry in self._entries:
             entry.launcher.attach(None, ())
 
     def log_to(self, file: Path) -> None:
-        """Write what servers print to a file: those of this machine at once, others when they end."""
+        """Write the output of servers to a file: local servers at once, remote ones when they end."""
         for entry in self._entries:
             entry.launcher.log_to(file)
         if self._output is None:
@@ -160,33 +159,35 @@ class LaunchedServers:
         self._output.log_to(file)
 
     def check(self) -> None:
-        """Log launchers that have been given up; raise RunError when none of their servers is left."""
+        """Log launchers that were given up; raise RunError if no server remains."""
         if self._failure is not None:
             raise RunError(f"launchers: {self._failure!r}") from self._failure
-        ends = [entry.is_spent or entry.given_up is not None for entry in self._entries]
+        ends = [entry.is_spent or entry.failure is not None for entry in self._entries]
         if all(ends) and any(entry.is_spent for entry in self._entries):
-            words = f"the budget for servers is spent: {self.usage}"
-            self._warn_once(f"{words}; `swarmwright resume` goes on with a larger one, or with other servers")
+            self._warn_once(
+                f"the budget for servers is spent: {self.usage}; continue with `swarmwright resume` and a "
+                "larger budget or other servers"
+            )
             raise BudgetSpent
-        lost = [entry for entry in self._entries if entry.given_up is not None]
+        lost = [entry for entry in self._entries if entry.failure is not None]
         if len(lost) == len(self._entries) and not self._present:
-            raise RunError("\n".join(f"{entry.name}: {entry.given_up}" for entry in lost))
+            raise RunError("\n".join(f"{entry.name}: {entry.failure}" for entry in lost))
         for entry in lost:
-            self._warn_once(f"{entry.name}: {entry.given_up}\nIt is not used any more.")
+            self._warn_once(f"{entry.name}: {entry.failure}\nThis launcher is no longer used.")
 
     def _check_budgets(self) -> None:
-        """Raise InputError when no launcher may start a server."""
+        """Raise InputError if no launcher has budget for a server."""
         for entry in self._entries:
             entry.compare_with_budget()
         if all(entry.is_spent for entry in self._entries):
-            words = "; ".join(entry.spent_before for entry in self._entries)
+            words = "; ".join(entry.budget_message for entry in self._entries)
             entry = self._entries[0]
-            # In the experiment, several launchers are a list.
+            # Several launchers are a list in the experiment.
             key = "servers.budget" if len(self._entries) == 1 else "servers.0.budget"
             larger = 2 * max(entry.earlier.cost, entry.options.budget or 0.0)
             raise InputError(
-                f"servers: {words}. Give a larger budget, such as --set {key}={float(f'{larger:.2g}'):.10g}, "
-                "or other servers, such as --servers local"
+                f"servers: {words}. Set a larger budget, such as --set "
+                f"{key}={float(f'{larger:.2g}'):.10g}, or choose other servers, such as --servers local"
             )
 
     def close(self) -> None:
@@ -198,11 +199,11 @@ class LaunchedServers:
         for entry in self._entries:
             for server in entry.servers:
                 if time.monotonic() < deadline:
-                    self._printed(entry, server)
+                    self._collect_output(entry, server)
             try:
                 entry.launcher.close()
             except LauncherError as error:
-                _log.warning("%s: servers may be left: %s", entry.name, error)
+                _log.warning("%s: servers may still be running: %s", entry.name, error)
         if self._output is not None:
             self._output.close()
         if self._watcher is not None:
@@ -210,7 +211,7 @@ class LaunchedServers:
             self._watcher = None
 
     def _wait_for_first(self) -> None:
-        """Wait until a server is on the broker; in a queue that may take any time."""
+        """Wait until a server is on the broker, for any time in a queue."""
         with self._changed:
             while not self._present:
                 self.check()
@@ -224,9 +225,9 @@ class LaunchedServers:
                 for entry in self._entries:
                     entry.count_use(now)
                     if entry.is_spent:
-                        entry.wanted = 0
-                    if entry.given_up is None and now - entry.asked_at >= entry.launcher.interval:
-                        entry.asked_at = now
+                        entry.target = 0
+                    if entry.failure is None and now - entry.checked_at >= entry.launcher.interval:
+                        entry.checked_at = now
                         self._check_servers(entry, now)
                 self._report_coming()
                 with self._changed:
@@ -237,25 +238,25 @@ class LaunchedServers:
                 self._changed.notify_all()
 
     def _read_presence(self) -> None:
-        """Take what servers say of themselves on the broker."""
+        """Read the presence of servers from the broker."""
         assert self._watcher is not None
-        own = {server: entry for entry in self._entries for server in entry.servers}
+        entries = {server: entry for entry in self._entries for server in entry.servers}
         for news in self._watcher.poll(min(POLL_S, *(entry.launcher.interval for entry in self._entries))):
-            told = cast("dict[str, Any]", news)
-            if "left" in told:
-                self._present.discard(told["left"])
-            elif "presence" in told and told["presence"]["server"] in own:
-                presence = told["presence"]
+            message = cast("dict[str, Any]", news)
+            if "left" in message:
+                self._present.discard(message["left"])
+            elif "presence" in message and message["presence"]["server"] in entries:
+                presence = message["presence"]
                 server = presence["server"]
                 if presence["state"] == "lost":
                     self._present.discard(server)
                     continue
                 self._present.add(server)
-                own[server].servers[server].was_ready = True
-                own[server].failures, own[server].ended_early = 0, []
+                entries[server].servers[server].was_ready = True
+                entries[server].failures, entries[server].early_exits = 0, []
 
     def _check_servers(self, entry: Entry, now: float) -> None:
-        """Ask a launcher for its servers, and replace those that have ended."""
+        """Check a launcher's servers and replace those that have ended."""
         try:
             states = entry.launcher.health()
             entry.answered_at = now
@@ -263,7 +264,7 @@ class LaunchedServers:
             self._note_no_answer(entry, str(error), now)
             return
         for server, server_state in list(entry.servers.items()):
-            health = states.get(server, Health("ended", "it is not known any more"))
+            health = states.get(server, Health("ended", "is no longer known to the launcher"))
             if health.state == "running" and server_state.health.state != "running":
                 server_state.since = now
             server_state.health = health
@@ -273,20 +274,20 @@ class LaunchedServers:
                 and now - server_state.since > entry.options.start_timeout
             )
             if health.state == "ended" or late:
-                self._ended(entry, server, late=late)
-        self._tell_waiting(entry, now)
-        self._tell_starting(entry, now)
+                self._handle_end(entry, server, late=late)
+        self._report_waiting(entry, now)
+        self._report_starting(entry, now)
         self._scale(entry, now)
-        missing = entry.wanted - len(entry.servers)
-        if entry.given_up is None and missing > 0 and now >= entry.replace_at:
+        missing = entry.target - len(entry.servers)
+        if entry.failure is None and missing > 0 and now >= entry.replace_at:
             self._replace(entry, missing, now)
 
     def _scale(self, entry: Entry, now: float) -> None:
-        """Follow the work; of too many servers, end those that wait first, then those without work."""
+        """Scale with the work; stop surplus servers, queued ones first, then idle ones."""
         load = self._load
         if entry.scaling is not None and load is not None and not entry.is_spent:
-            entry.wanted = entry.scaling.wanted(now, entry.wanted, load)
-        surplus = len(entry.servers) - entry.wanted
+            entry.target = entry.scaling.choose_count(now, entry.target, load)
+        surplus = len(entry.servers) - entry.target
         if surplus <= 0:
             return
         busy = frozenset() if load is None else load.busy
@@ -297,7 +298,7 @@ class LaunchedServers:
 
         leaving = sorted(entry.servers, key=worth)[:surplus]
         for server in leaving:
-            self._printed(entry, server)
+            self._collect_output(entry, server)
         try:
             entry.launcher.stop(leaving)
         except LauncherError as error:
@@ -307,37 +308,39 @@ class LaunchedServers:
             del entry.servers[server]
             self._present.discard(server)
 
-    def _ended(self, entry: Entry, server: int, *, late: bool) -> None:
-        """Note the end of a server."""
+    def _handle_end(self, entry: Entry, server: int, *, late: bool) -> None:
+        """Handle the end of a server."""
         server_state = entry.servers.pop(server)
         self._present.discard(server)
-        printed = [line for line in self._printed(entry, server) if line.strip()][-SHOWN_LINES:]
+        printed = [line for line in self._collect_output(entry, server) if line.strip()][-SHOWN_LINES:]
         with suppress(LauncherError):
             entry.launcher.stop([server])
         words = server_state.health.reason or "ended"
         if late:
             words = (
-                f"runs, but is not on {entry.launcher.specification.broker} after "
-                f"{entry.options.start_timeout:g} s; {self._needed(entry)}"
+                f"runs, but has not reached {entry.launcher.specification.broker} after "
+                f"{entry.options.start_timeout:g} s; {self._explain_connection(entry)}"
             )
         text = "\n".join([f"server {server} {words}", *printed])
         pause = 0.0
         if not server_state.was_ready:
             entry.failures += 1
-            entry.ended_early = [*entry.ended_early, text][-MOST_FAILURES:]
+            entry.early_exits = [*entry.early_exits, text][-MAX_FAILURES:]
             pause = min(FIRST_PAUSE_S * 2.0 ** (entry.failures - 1), LONGEST_PAUSE_S)
-            if entry.failures >= min(MOST_FAILURES, max(entry.wanted, 1)) and not self._on_broker(entry):
-                entry.given_up = "no server starts:\n" + "\n".join(dict.fromkeys(entry.ended_early))
+            if entry.failures >= min(MAX_FAILURES, max(entry.target, 1)) and not self._has_present_server(
+                entry
+            ):
+                entry.failure = "no server starts:\n" + "\n".join(dict.fromkeys(entry.early_exits))
         entry.replace_at = max(entry.replace_at, time.monotonic() + pause)
 
-    def _printed(self, entry: Entry, server: int) -> Sequence[str]:
-        """Return the last lines that a server printed; those of servers elsewhere are written to the log."""
+    def _collect_output(self, entry: Entry, server: int) -> Sequence[str]:
+        """Return the last output lines of a server, and log those of remote servers."""
         lines: Sequence[str] = ()
         with suppress(LauncherError):
-            lines = entry.launcher.logs(server, MOST_KEPT_LINES)
+            lines = entry.launcher.logs(server, MAX_KEPT_LINES)
         if self._output is not None and not entry.launcher.is_here:
             for line in lines:
-                self._output.say(server, line)
+                self._output.record(server, line)
         return lines
 
     def _replace(self, entry: Entry, missing: int, now: float) -> None:
@@ -348,29 +351,29 @@ class LaunchedServers:
             self._note_no_answer(entry, str(error), now)
 
     def _note_no_answer(self, entry: Entry, words: str, now: float) -> None:
-        """Note that a launcher does not answer; give it up when that lasts and no server of it is left."""
-        if self._on_broker(entry):
+        """Note that a launcher does not answer; give it up if that lasts and it has no server."""
+        if self._has_present_server(entry):
             entry.answered_at = now
-        self._warn_once(f"{entry.name}: {words}\nTried again meanwhile; servers that are there go on.")
+        self._warn_once(f"{entry.name}: {words}\nRetrying; running servers continue.")
         entry.replace_at = now + FIRST_PAUSE_S
         if now - entry.answered_at > LAUNCHER_TIMEOUT_S:
-            entry.given_up = words
+            entry.failure = words
 
-    def _tell_waiting(self, entry: Entry, now: float) -> None:
-        """Say why servers wait in a queue, when that takes long or its reason changes."""
+    def _report_waiting(self, entry: Entry, now: float) -> None:
+        """Report queued servers if they wait long or the reason changes."""
         waiting = [
             server.health.reason for server in entry.servers.values() if server.health.state == "waiting"
         ]
         if not waiting or now - self._began < LATE_S or not any(waiting):
             return
         reasons = ", ".join(sorted({reason for reason in waiting if reason}))
-        told = f"{len(waiting)} of {entry.wanted} servers wait: {reasons}"
-        if told != entry.reported_waiting:
-            entry.reported_waiting = told
-            _log.warning("%s: %s", entry.name, told)
+        message = f"{len(waiting)} of {entry.target} servers are waiting: {reasons}"
+        if message != entry.reported_waiting:
+            entry.reported_waiting = message
+            _log.warning("%s: %s", entry.name, message)
 
-    def _tell_starting(self, entry: Entry, now: float) -> None:
-        """Say what is waited for when servers run, and the first one is not on the broker soon."""
+    def _report_starting(self, entry: Entry, now: float) -> None:
+        """Report that servers run but none has reached the broker."""
         late = [
             server
             for server, server_state in entry.servers.items()
@@ -385,31 +388,31 @@ class LaunchedServers:
         for server in late[:SHOWN_SERVERS]:
             with suppress(LauncherError):
                 lines += [line for line in entry.launcher.logs(server, SHOWN_LINES) if line.strip()]
-        began = (
-            f"{entry.name}: no server is on {entry.launcher.specification.broker} yet, {len(late)} started; "
-            f"each has {entry.options.start_timeout:g} s for that"
+        message = (
+            f"{entry.name}: none of {len(late)} started servers has reached "
+            f"{entry.launcher.specification.broker} yet; each has {entry.options.start_timeout:g} s"
         )
         if lines:
-            began += f"; {self._needed(entry)}. They print:"
-        _log.warning("%s", "\n".join([began, *dict.fromkeys(lines[-SHOWN_LINES:])]))
+            message += f"; {self._explain_connection(entry)}. Their output:"
+        _log.warning("%s", "\n".join([message, *dict.fromkeys(lines[-SHOWN_LINES:])]))
 
-    def _needed(self, entry: Entry) -> str:
-        """Say what servers need to come to the broker."""
-        needed = "servers need a way to this address, see the options broker_host and start_timeout"
+    def _explain_connection(self, entry: Entry) -> str:
+        """Explain how servers reach the broker."""
+        advice = "servers must be able to reach this address, see the options broker_host and start_timeout"
         username, file = entry.launcher.specification.username, entry.options.credentials
         if username is None or self.access.servers:
-            return needed
+            return advice
         account = (
             f"with the account {username} of {file}"
             if file is not None
-            else f"with the account of this process, {username}; the option credentials names their own, "
-            "such as the file server.env of `swarmwright broker --init`"
+            else f"with the account of this process, {username}; the option credentials sets another, like "
+            "the file server.env of `swarmwright broker --init`"
         )
-        return f"{needed}, and the rights of a server there: they log in {account}"
+        return f"{advice}, and need the rights of a server: they log in {account}"
 
     def _start(self, entry: Entry, count: int) -> None:
         """Start servers. Raises LauncherError."""
-        # Processes of this machine keep their ids, of which the pool was told.
+        # Local processes keep their ids, which the pool knows.
         free = [server for server in self._reserved[entry.name] if server not in entry.servers]
         ids = free[:count] if entry.launcher.is_here else [self._new_id() for _ in range(count)]
         entry.launcher.start(ids)
@@ -420,22 +423,22 @@ class LaunchedServers:
         self._next += 1
         return self._next
 
-    def _on_broker(self, entry: Entry) -> bool:
+    def _has_present_server(self, entry: Entry) -> bool:
         return not self._present.isdisjoint(entry.servers)
 
     def _report_coming(self) -> None:
-        """Tell the pool how many servers may still come."""
+        """Report to the pool how many servers may still arrive."""
         supervision = self._supervision
         if supervision is not None:
             coming = [
                 server
                 for entry in self._entries
-                if entry.given_up is None
-                for server in range(max(0, entry.wanted - len(self._present & set(entry.servers))))
+                if entry.failure is None
+                for server in range(max(0, entry.target - len(self._present & set(entry.servers))))
             ]
             supervision.starting(len(coming))
 
     def _warn_once(self, text: str) -> None:
-        if text not in self._told:
-            self._told.add(text)
+        if text not in self._warned:
+            self._warned.add(text)
             _log.warning("%s", text)

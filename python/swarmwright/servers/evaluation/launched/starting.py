@@ -1,4 +1,4 @@
-"""Starting what an experiment's launchers need: the broker, accounts, code; then the servers."""
+"""Start of an experiment's launchers: broker, accounts, code and servers."""
 
 import os
 import shlex
@@ -14,17 +14,22 @@ from swarmwright.experiment.broker_address import for_other_machines
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.launcher_entries import Entries
 from swarmwright.servers.broker.credentials import check_environment, prepare
-from swarmwright.servers.evaluation.launched.access import Access, Credentials, embedded, own_address
+from swarmwright.servers.evaluation.launched.access import (
+    Access,
+    Credentials,
+    find_own_address,
+    start_embedded,
+)
 from swarmwright.servers.evaluation.launched.entry import Entry
-from swarmwright.servers.evaluation.launched.packing import check_here, packed
+from swarmwright.servers.evaluation.launched.packing import check_local_options, pack_code
 from swarmwright.servers.evaluation.launched.servers import LaunchedServers
 from swarmwright.servers.evaluation.module_code import names_of
 from swarmwright.servers.launchers import LAUNCHERS, LauncherOptions, Specification
 from swarmwright.servers.server_use import ServerUse, ServerUses
 from swarmwright.simulations.user_code.changes import list_files
 
-MOST_EMBEDDED = 4_000
-"""Servers for which the embedded broker is enough; it admits 4,096 clients."""
+MAX_EMBEDDED = 4_000
+"""Upper limit of servers for the embedded broker, which admits 4,096 clients."""
 
 
 def start(
@@ -38,42 +43,44 @@ def start(
     """Start the servers of all entries; they end with the stack.
 
     Args:
-        stack: ends what is started.
-        experiment: whose simulation the servers offer.
-        entries: what is started where.
-        broker: an external one; None: the embedded one is started.
+        stack: ends broker and servers.
+        experiment: gives the simulation.
+        entries: the launchers' options.
+        broker: address of an external broker; None to start the embedded one.
         earlier: use of servers in earlier sessions of the run, which counts for budgets.
-        machines: specification of machines with modules in Python, whose code the servers need.
+        machines: specification of machines with Python modules, whose code the servers need.
 
     Raises:
         InputError: the code cannot be packed, credentials cannot be read, or there are too many servers.
-        RunError: a launcher cannot be used, or no server starts; with the launcher's own words.
+        RunError: a launcher cannot be used, or no server starts; with the launcher's message.
     """
     names = _names(entries)
     modules = [] if machines is None else names_of([machines])
     hosts = {name: _host(entry) for name, entry in zip(names, entries, strict=True)}
     if broker is None:
         most = sum(entry.most for entry in entries)
-        if most > MOST_EMBEDDED:
+        if most > MAX_EMBEDDED:
             raise InputError(
-                f"servers: {most} servers are too many for the embedded broker, which admits {MOST_EMBEDDED}"
-                ": start another broker, and name it with broker or --broker"
+                f"servers: {most} servers are too many for the embedded broker, which admits {MAX_EMBEDDED}; "
+                "start another broker and set it with broker or --broker"
             )
         check_environment(credentials=False)
-        access = embedded(stack, list(hosts.values()), names, port=_port(entries), prefix=experiment.prefix)
+        access = start_embedded(
+            stack, list(hosts.values()), names, port=_port(entries), prefix=experiment.prefix
+        )
     else:
         prepare(broker)
         access = Access(broker)
     launchers = {}
     for name, options in zip(names, entries, strict=True):
         component = LAUNCHERS.get(options.launcher)
-        specification = _specification(
+        specification = _make_specification(
             experiment,
             options,
             access,
             name,
             None if broker is not None else hosts[name],
-            here=component.is_here,
+            is_local=component.is_here,
             modules=modules,
         )
         launchers[name] = Entry(
@@ -83,10 +90,10 @@ def start(
 
 
 def _names(entries: Entries) -> list[str]:
-    """Return a name for each entry: its launcher's, with a number from the second one on."""
+    """Return a name for each entry: its launcher's, numbered from the second use."""
     names: list[str] = []
     for entry in entries:
-        number = 1 + sum(other.partition("-")[0] == entry.launcher for other in names)
+        number = 1 + sum(name.partition("-")[0] == entry.launcher for name in names)
         names.append(entry.launcher if number == 1 else f"{entry.launcher}-{number}")
     return names
 
@@ -94,42 +101,42 @@ def _names(entries: Entries) -> list[str]:
 def _host(options: LauncherOptions) -> str:
     if options.broker_host is not None:
         return options.broker_host
-    return "127.0.0.1" if LAUNCHERS.get(options.launcher).is_here else own_address()
+    return "127.0.0.1" if LAUNCHERS.get(options.launcher).is_here else find_own_address()
 
 
 def _port(entries: Entries) -> int | None:
     ports = {entry.broker_port for entry in entries} - {None}
     if len(ports) > 1:
         raise InputError(
-            "servers: broker_port: there is one embedded broker, with one port for all launchers"
+            "servers: broker_port: differs between launchers, which share the embedded broker; give one port"
         )
     return ports.pop() if ports else None
 
 
-def _specification(
+def _make_specification(
     experiment: Experiment,
     options: LauncherOptions,
     access: Access,
     name: str,
     host: str | None,
     *,
-    here: bool,
+    is_local: bool,
     modules: Sequence[str],
 ) -> Specification:
     simulation, code = experiment.simulation, None
-    if here:
-        check_here(simulation, options)
+    if is_local:
+        check_local_options(simulation, options)
     else:
-        simulation, modules, code = packed(simulation, modules, options)
-    own = _credentials(options) if host is None else None
-    credentials = own or access.servers.get(name, Credentials())
+        simulation, modules, code = pack_code(simulation, modules, options)
+    external = _credentials(options) if host is None else None
+    credentials = external or access.servers.get(name, Credentials())
     address = access.address_for(host)
-    if not here:
+    if not is_local:
         address = for_other_machines(address)
     if not address:
         raise InputError(
-            f"broker: servers of {options.launcher} are on other machines, which cannot use a Unix socket; "
-            "name an address of the broker there, such as mqtts://HOST:8883"
+            f"broker: servers of {options.launcher} run on other machines, which cannot use a Unix socket; "
+            "give a network address, such as mqtts://HOST:8883"
         )
     return Specification(
         simulation=simulation,
@@ -143,31 +150,31 @@ def _specification(
         key=credentials.key,
         code=code,
         modules=modules,
-        sources=list_files(simulation) if here and is_python(simulation) else {},
+        sources=list_files(simulation) if is_local and is_python(simulation) else {},
         environment={**experiment.timeouts.variables(), **options.environment},
         label=f"swarmwright-{experiment.label}",
     )
 
 
 def _credentials(options: LauncherOptions) -> Credentials:
-    """Return the servers' account on an external broker: that of a file, or this process's own."""
+    """Return the servers' credentials for an external broker, from a file or this process."""
     if options.credentials is None:
-        return Credentials.of_environment(os.environ, "the environment")
+        return Credentials.from_environment(os.environ, "the environment")
     file = Path(options.credentials)
-    what = f"servers: credentials: {file}"
+    label = f"servers: credentials: {file}"
     try:
         words = shlex.split(file.read_text(encoding="utf-8"), comments=True)
     except OSError as error:
-        raise InputError(f"{what}: cannot be read: {error.strerror}") from error
+        raise InputError(f"{label}: cannot be read: {error.strerror}") from error
     except ValueError as error:
-        raise InputError(f"{what}: is not a file of variables: {error}") from error
-    found = dict(word.split("=", 1) for word in words if "=" in word)
-    made = Credentials.of_environment(found, what)
-    account = made.username is not None and made.password is not None
-    if not account and (made.certificate is None or made.key is None):
+        raise InputError(f"{label}: is not a file of variables: {error}") from error
+    variables = dict(word.split("=", 1) for word in words if "=" in word)
+    credentials = Credentials.from_environment(variables, label)
+    account = credentials.username is not None and credentials.password is not None
+    if not account and (credentials.certificate is None or credentials.key is None):
         raise InputError(
-            f"{what}: has no SWARMWRIGHT_USERNAME with SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE, "
+            f"{label}: has no SWARMWRIGHT_USERNAME with SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE, "
             "and no SWARMWRIGHT_CERTIFICATE_FILE with SWARMWRIGHT_KEY_FILE; `swarmwright broker --init` "
             "writes files with accounts"
         )
-    return made
+    return credentials

@@ -10,7 +10,7 @@ import pytest
 from swarmwright import Experiment, InputError, Run, RunError, _engine, optimize, resume
 from swarmwright.servers.broker.mosquitto import write_configuration
 from swarmwright.servers.evaluation.launched import scaling, servers
-from swarmwright.servers.evaluation.launched.access import embedded
+from swarmwright.servers.evaluation.launched.access import start_embedded
 from swarmwright.servers.evaluation.launched.entry import Entry, LaunchedServer
 from swarmwright.servers.launchers import LAUNCHERS, Health, Specification
 from swarmwright.servers.server_use import ServerUse
@@ -82,9 +82,9 @@ def test_a_budget_is_that_of_the_whole_run(
     (text,) = used(run)
     assert re.fullmatch(first, text)
     # Nothing of it is left for another session.
-    spent = r"the budget of process, 9, was spent in earlier sessions of this run, which cost 10\."
+    spent = r"the budget of process, 9, is spent: earlier sessions of this run cost 10\."
     with pytest.raises(
-        InputError, match=spent + r".*\. Give a larger budget, such as --set servers\.budget=2\d"
+        InputError, match=spent + r".*\. Set a larger budget, such as --set servers\.budget=2\d"
     ):
         resume(run, progress=False)
     with pytest.raises(InputError, match=spent):
@@ -110,7 +110,7 @@ def test_a_launcher_whose_budget_is_spent_is_left_out(caplog: pytest.LogCaptureF
         {"launcher": "process", "cost_per_hour": 1.0, "budget": 1.0}
     )
     with ExitStack() as stack:
-        access = embedded(stack, ["127.0.0.1"], [], port=None, prefix="")
+        access = start_embedded(stack, ["127.0.0.1"], [], port=None, prefix="")
         specification = Specification("minisim", access.address)
         rows = [
             Entry("process", component(options, specification), options, earlier=ServerUse(7200, 2.0)),
@@ -135,12 +135,12 @@ def test_few_of_many_late_servers_are_asked_for_their_lines(
         return [f"line of {server}"]
 
     with ExitStack() as stack:
-        access = embedded(stack, ["127.0.0.1"], [], port=None, prefix="")
+        access = start_embedded(stack, ["127.0.0.1"], [], port=None, prefix="")
         entry = Entry("process", component(options, Specification("minisim", access.address)), options)
         launched = servers.LaunchedServers([entry], access, "")
         entry.servers = {server: LaunchedServer(0.0, health=Health("running")) for server in range(50)}
         monkeypatch.setattr(component, "logs", logs)
-        launched._tell_starting(entry, 100.0)
+        launched._report_starting(entry, 100.0)
     assert asked == [0, 1, 2]
     assert "50 started" in caplog.text
     assert "line of 2" in caplog.text
@@ -158,7 +158,7 @@ def test_servers_that_their_broker_refuses_are_reported_soon_with_its_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     lab = tmp_path / "lab"
-    write_configuration(lab, given=["localhost"], port=8883, prefixes=(), iterations=1000)
+    write_configuration(lab, hosts=["localhost"], port=8883, prefixes=(), iterations=1000)
     broker = _engine.Broker(
         port=0,
         users=str(lab / "passwords"),
@@ -173,13 +173,13 @@ def test_servers_that_their_broker_refuses_are_reported_soon_with_its_words(
     url = broker.url.replace("127.0.0.1", "localhost")
     made = experiment(tmp_path, 2, start_timeout=6.0)
     hint = (
-        r"they log in with the account of this process, tool; the option credentials names their own"
+        r"they log in with the account of this process, tool; the option credentials sets another"
         r"(.|\n)*does not let user .tool. publish"
     )
     try:
-        with pytest.raises(RunError, match=rf"runs, but is not on {url} after 6 s(.|\n)*{hint}"):
+        with pytest.raises(RunError, match=rf"runs, but has not reached {url} after 6 s(.|\n)*{hint}"):
             optimize(made, out=tmp_path / "run", broker=url, progress=False)
-        soon = rf"process: no server is on {url} yet, 1 started; each has 6 s(.|\n)*{hint}"
+        soon = rf"process: none of 1 started servers has reached {url} yet; each has 6 s(.|\n)*{hint}"
         assert re.search(soon, caplog.text)
         # With an account of its own, the server comes.
         caplog.clear()

@@ -7,16 +7,16 @@ from typing import Any
 
 import pytest
 
-from swarmwright.servers.supervision import Ended, News, Output, Supervisor
-from swarmwright.servers.supervision.place import quotas
+from swarmwright.servers.supervision import News, Output, ServerEnd, Supervisor
 from swarmwright.servers.supervision.progress import Sample
+from swarmwright.servers.supervision.supervised_server import stagger_quotas
 from tests.conftest import free_port
 
 
 def test_servers_that_start_together_are_not_replaced_together() -> None:
-    assert quotas(4, 1000) == [250, 500, 750, 1000]
-    assert quotas(3, 2) == [1, 2, 2]  # none after no evaluation
-    assert quotas(2, 0) == [0, 0]
+    assert stagger_quotas(4, 1000) == [250, 500, 750, 1000]
+    assert stagger_quotas(3, 2) == [1, 2, 2]  # none after no evaluation
+    assert stagger_quotas(2, 0) == [0, 0]
 
 
 IDLE = Sample(ended=3)
@@ -38,7 +38,7 @@ REQUEST = Sample(request=7, candidates=2, ended=3)
     ],
 )
 def test_whether_what_was_computed_goes_on(before: Sample, now: Sample, goes_on: bool) -> None:
-    assert now.goes_on_with(before) is goes_on
+    assert now.continues(before) is goes_on
 
 
 @pytest.mark.slow
@@ -53,7 +53,7 @@ def test_a_server_that_the_system_kills_meanwhile_has_not_had_its_evaluations(nu
             said.append(text)
 
     def tell(news: News) -> None:
-        if isinstance(news, Ended):
+        if isinstance(news, ServerEnd):
             ended.append(news)
 
     # It waits for a broker.
@@ -61,7 +61,7 @@ def test_a_server_that_the_system_kills_meanwhile_has_not_had_its_evaluations(nu
     supervisor = Supervisor([settings], output=Heard(), tell=tell, recycle=1, restart=False)
     supervisor.start()
     try:
-        process = supervisor._places[1].process
+        process = supervisor._servers[1].process
         assert process is not None
         process.recycled = True
         os.kill(process.pid, number)
@@ -71,4 +71,6 @@ def test_a_server_that_the_system_kills_meanwhile_has_not_had_its_evaluations(nu
     finally:
         supervisor.stop()
     is_killed = number == signal.SIGKILL
-    assert said == ["[was killed by SIGKILL]" if is_killed else "[has had its evaluations (recycle)]"]
+    assert said == [
+        "[was killed by SIGKILL]" if is_killed else "[has reached its quota of evaluations (recycle)]"
+    ]
