@@ -7,7 +7,6 @@ installed left out. `--only NAME` measures one.
 import argparse
 import hashlib
 import importlib.util
-import re
 import subprocess
 import sys
 import tempfile
@@ -29,7 +28,6 @@ SECONDS = 1.0
 """Of processor time, for one sample."""
 SAMPLES = 5
 DIGEST_STEPS = 20
-FILE = re.compile(r"^```\S+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 Made = tuple[Any, dict[str, Any]]
 """A simulation, and the parameters of its episodes."""
@@ -76,28 +74,30 @@ def sumo(robots: int, folder: Path) -> Made:
     return filled(Vehicles, agents=robots, config=config, steps=10**9)
 
 
-def from_page(page: str, module: str, kind: str, folder: Path, change: Callable[[str], str]) -> type[Any]:
-    """The class in a page of the documentation, with its files changed."""
-    text = (ROOT / "docs" / "how-to" / page).read_text("utf-8")
-    for name, content in FILE.findall(text):
-        (folder / name).write_text(change(content), "utf-8")
+def from_example(
+    example: str, module: str, kind: str, folder: Path, change: Callable[[str], str]
+) -> type[Any]:
+    """Load the class of an example after changing the files of the example."""
+    for file in sorted((ROOT / "experiments" / example).iterdir()):
+        if file.is_file():
+            (folder / file.name).write_text(change(file.read_text("utf-8")), "utf-8")
     spec = importlib.util.spec_from_file_location(module, folder / f"{module}.py")
     assert spec is not None
     assert spec.loader is not None
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    made: type[Any] = getattr(found, kind)
-    return made
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    simulation: type[Any] = getattr(loaded, kind)
+    return simulation
 
 
 def pybullet(robots: int, folder: Path) -> Made:
-    """The quadrotors of the page."""
-    kind = from_page("attach-pybullet.md", "quadrotors", "Quadrotors", folder, lambda text: text)
+    """The quadrotors of the example."""
+    kind = from_example("pybullet", "quadrotors", "Quadrotors", folder, lambda text: text)
     return filled(kind, agents=robots, steps=10**9)
 
 
 def ir_sim(robots: int, folder: Path) -> Made:
-    """The robots of the page, in a larger world where they are more."""
+    """The robots of the example, in a world that grows with their number."""
     side = max(10, round(10 * (robots / 6) ** 0.5))
 
     def change(text: str) -> str:
@@ -107,7 +107,7 @@ def ir_sim(robots: int, folder: Path) -> Made:
         text = text.replace("height: 10, width: 10", f"height: {side}, width: {side}")
         return text.replace("[9.5, 9.5, 3.14]", f"[{side - 0.5}, {side - 0.5}, 3.14]")
 
-    kind = from_page("attach-ir-sim.md", "navigate", "Navigate", folder, change)
+    kind = from_example("irsim", "navigate", "Navigate", folder, change)
     return filled(kind, steps=10**9)
 
 

@@ -1,6 +1,5 @@
 """Files of one's own in ARGoS: the plug-in in the real simulator."""
 
-import re
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -121,13 +120,10 @@ def test_e_pucks_are_steered_where_their_plug_in_is(
 def test_loop_functions_of_ones_own_give_fitness_and_metrics(
     embedded: BrokerProcess, launch: Launch, experiment: Experiment, cleanup: ExitStack, tmp_path: Path
 ) -> None:
-    """Those of the documentation, compiled as it says."""
-    page = (ROOT / "docs" / "how-to" / "attach-argos.md").read_text()
-    found = re.search(r"```cpp file=gathering.cpp\n(.*?)```", page, re.DOTALL)
-    assert found
+    """The example, compiled as the documentation shows."""
     folder = build(ARGOS)
-    source, library = tmp_path / "gathering.cpp", tmp_path / "libgathering.so"
-    source.write_text(found[1])
+    source = ROOT / "wrappers" / "argos" / "examples" / "gathering.cpp"
+    library = tmp_path / "libgathering.so"
     includes = [ROOT / "wrappers" / "argos" / "include", INSTALLED / "include", f"{ARGOS.prefix}/include"]
     lua = run(["pkg-config", "--cflags-only-I", "lua5.3"]).split()
     options = [*(f"-I{path}" for path in includes), *lua, f"-L{folder}", "-lswarmwright_argos"]

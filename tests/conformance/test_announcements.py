@@ -1,6 +1,5 @@
 """What a server announces decides which rules it has to keep: no announcement requires more than it says."""
 
-import re
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,7 +16,7 @@ RESERVED = {"S6.7", "S6.8", "S6.9", "S6.10", "S6.11", "S6.12", "S6.13", "S7.2", 
 """Rules for servers with presence, which are held for tools that name themselves."""
 ONE_ID = {"S16.1", "S16.2", "S16.3", "S16.4", "S16.5"}
 WHY = "no presence is published, and none is required"
-PAGE = ROOT / "docs" / "how-to" / "write-a-peer.md"
+EXAMPLES = ROOT / "wrappers" / "examples" / "python"
 
 
 class Plain(SoundServer):
@@ -107,13 +106,10 @@ def test_who_needs_presence_is_held_as_well(kind: type[Plain], announcement: Jso
 
 @pytest.mark.timeout(200)
 @pytest.mark.parametrize("program", ["line_server.py", "scene_server.py"])
-def test_the_servers_of_the_page_keep_every_rule_that_applies(program: str, tmp_path: Path) -> None:
+def test_the_servers_of_the_page_keep_every_rule_that_applies(program: str) -> None:
     """Every rule, also those that wait for seconds."""
-    page = PAGE.read_text(encoding="utf-8")
-    for name, source in re.findall(r"^```python file=(\S+)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL):
-        (tmp_path / name).write_text(source, encoding="utf-8")
     report = check_server(
-        command=f"{sys.executable} {tmp_path / program} {{broker}} {{id}}",
+        command=f"{sys.executable} {EXAMPLES / program} {{broker}} {{id}}",
         simulation="line",
         parameters={"agents": 3},
         sensors=1,

@@ -10,7 +10,7 @@ import pytest
 from swarmwright import _engine
 from swarmwright.conformance import check_server
 from tests.conftest import ROOT, Run
-from tests.examples import GO, JAVASCRIPT, commands
+from tests.examples import EXAMPLES, commands
 
 LINE = """\
 simulation: line
@@ -54,8 +54,8 @@ def test_they_serve_swarmwrights_tool_and_give_the_same_record(program: Run, tmp
     assert len(records["Go"].splitlines()) > 20
 
 
-def test_the_page_shows_them_as_they_are() -> None:
-    page = (ROOT / "docs" / "how-to" / "write-a-peer-d61.md").read_text(encoding="utf-8")
-    shown = dict(re.findall(r"^```(javascript|go)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL))
-    assert shown["javascript"] == (JAVASCRIPT / "line_server.mjs").read_text(encoding="utf-8")
-    assert shown["go"] == (GO / "main.go").read_text(encoding="utf-8")
+def test_the_page_shows_the_python_server_as_it_is() -> None:
+    page = (ROOT / "docs" / "how-to" / "peers.md").read_text(encoding="utf-8")
+    excerpts = re.findall(r"^```python\n(class Server:.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert len(excerpts) == 1
+    assert excerpts[0] in (EXAMPLES / "python" / "line_server.py").read_text(encoding="utf-8")

@@ -55,8 +55,8 @@ FENCE = re.compile(r"^```(\S*)[ ]*(.*?)\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTA
 SIMULATORS = {
     "simulations.ns3": "cppyy",
     "simulations.sumo": "libsumo",
-    "import pybullet\n": "pybullet",
-    "import irsim\n": "irsim",
+    "experiments/pybullet/": "pybullet",
+    "experiments/irsim/": "irsim",
 }
 """What a page says that needs a simulator of `make test-simulators`, and the simulator's module."""
 BY_SECTION = {
@@ -260,8 +260,8 @@ def _build(page: str) -> None:
     for words, make in (
         (JAR.name, jar),
         (str(BUILD.relative_to(ROOT)), build),
-        ("protocol/node_modules", examples.contract),
-        ("wrappers/examples", examples.commands),
+        ("protocol/generate.mjs", examples.contract),
+        ("line_server.mjs", examples.commands),
     ):
         if words in page:
             make()
