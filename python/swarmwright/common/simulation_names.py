@@ -34,17 +34,17 @@ SIMULATORS = {
 """Titles that servers of other simulators have, as they come with Swarmwright -> page that describes them."""
 
 _SIMULATOR_FILES = {
-    ".argos": ("ARGoS", "attach-argos.md"),
-    ".sdf": ("Gazebo", "attach-gazebo.md"),
-    ".world": ("Gazebo or Stage", "attach-gazebo.md and docs/how-to/simulators.md"),
-    ".sumocfg": ("SUMO", "attach-sumo.md"),
-    ".net.xml": ("SUMO", "attach-sumo.md"),
-    ".rou.xml": ("SUMO", "attach-sumo.md"),
-    ".wbt": ("Webots", "attach-webots.md"),
-    ".ttt": ("CoppeliaSim", "attach-coppeliasim.md"),
-    ".urdf": ("robots in PyBullet, Gazebo and others", "attach-pybullet.md"),
-    ".mjcf": ("MuJoCo", "attach-mujoco.md"),
-    ".launch": ("ROS", "attach-ros.md"),
+    ".argos": ("ARGoS", "simulators.md"),
+    ".sdf": ("Gazebo", "simulators.md"),
+    ".world": ("Gazebo or Stage", "simulators.md"),
+    ".sumocfg": ("SUMO", "simulators.md"),
+    ".net.xml": ("SUMO", "simulators.md"),
+    ".rou.xml": ("SUMO", "simulators.md"),
+    ".wbt": ("Webots", "simulators.md"),
+    ".ttt": ("CoppeliaSim", "simulators.md"),
+    ".urdf": ("robots in PyBullet, Gazebo and others", "simulators.md"),
+    ".mjcf": ("MuJoCo", "simulators.md"),
+    ".launch": ("ROS", "ros.md"),
 }
 """Ending of a file that a simulator reads -> the simulator, and the page that attaches it."""
 

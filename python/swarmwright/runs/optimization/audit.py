@@ -280,7 +280,7 @@ def _advice(experiment: Experiment) -> str:
             "the start of an episode, or have its server declare its determinism as none"
         )
     if not is_python(experiment.simulation):
-        return "see `Test it` in docs/how-to/plug-ins.md"
+        return "try swarmwright.testing.check_behaviour and check_condition, see docs/how-to/plug-ins.md"
     check = "swarmwright.testing.check_simulation"
     if issubclass(load(experiment.simulation), BatchSimulation):  # they may depend on others of their batch
         check += " and check_batch_simulation"
