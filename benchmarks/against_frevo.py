@@ -17,7 +17,7 @@ from scipy import stats
 from swarmwright import compare
 from swarmwright.analysis.significance import difference, holm
 from swarmwright.analysis.table import number
-from swarmwright.common.formatting import p_value
+from swarmwright.common.formatting import format_p_value
 from swarmwright.display.figures.comparison import apart
 from swarmwright.display.figures.style import COLORS, PAPER, SOFT, dress, new_figure, save
 
@@ -98,8 +98,10 @@ def table(quoted: Quoted, found: list[Row]) -> list[str]:
         against = ["", ""]
         if own is not None and row.name != "nnga":
             pair = difference(values, own)
-            against = [p_value(pair.p), f"{pair.effect:.2f}"]
-        lines.append([row.name, *span, *(p_value(p) if math.isfinite(p) else "" for p in tests), *against])
+            against = [format_p_value(pair.p), f"{pair.effect:.2f}"]
+        lines.append(
+            [row.name, *span, *(format_p_value(p) if math.isfinite(p) else "" for p in tests), *against]
+        )
     return [f"| {' | '.join(line)} |" for line in lines]
 
 

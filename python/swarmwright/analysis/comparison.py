@@ -27,9 +27,9 @@ from swarmwright.analysis.indicators import FITNESS, By, Indicator, measure, qui
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
 from swarmwright.analysis.sweep_folders import runs_of_all, variant_of
 from swarmwright.analysis.tasks import TaskGroups, by_task
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import format_value
 from swarmwright.common.values import sort_key
 from swarmwright.runs.failures import failed_within
 from swarmwright.runs.metric_curves import MetricCurves, Names, names_of
@@ -63,7 +63,7 @@ def check_options(
         )
     kinds = get_args(By)
     if by not in kinds:
-        raise InputError(f"by: must be one of {', '.join(kinds)}, not {shown(by)}")
+        raise InputError(f"by: must be one of {', '.join(kinds)}, not {format_value(by)}")
     if held_out and by != "fitness":
         raise InputError(
             "held_out: compares fitness, which validations have; leave out held_out, or leave out by"
@@ -126,10 +126,10 @@ def check_order(order: object, groups: "Sequence[Group]") -> None:
     if isinstance(order, str):
         if order not in get_args(Named):
             names = ", ".join(get_args(Named))
-            raise InputError(f"order: must be one of {names}, or a list of labels, not {shown(order)}")
+            raise InputError(f"order: must be one of {names}, or a list of labels, not {format_value(order)}")
         return
     if not isinstance(order, Sequence):
-        raise InputError(f"order: must be a name or a list of labels, not {shown(order)}")
+        raise InputError(f"order: must be a name or a list of labels, not {format_value(order)}")
     labels = [known_group.label for known_group in groups]
     unknown = [name for name in order if name not in labels]
     if unknown:
@@ -319,7 +319,7 @@ class Comparison:
 
         return to_mapping(self)
 
-    @checked
+    @check_arguments
     def figure(
         self,
         *,
@@ -365,7 +365,7 @@ class Comparison:
         names = names_of(runs, metrics)
         return of_groups(designs, [MetricCurves(run, names) for run in runs], title_of_groups(designs), x=x)
 
-    @checked
+    @check_arguments
     def plot(
         self,
         path: str | PathLike[str],
@@ -385,7 +385,7 @@ class Comparison:
         figure = self.figure(x=x, metrics=metrics, style=style, width=width, title=title)
         return save(figure, Path(path))
 
-    @checked
+    @check_arguments
     def export(self, path: str | PathLike[str]) -> Path:
         """Write a table; return its path. The ending of the file says which.
 
@@ -406,7 +406,7 @@ class Comparison:
         return write(self, Path(path))
 
 
-@checked
+@check_arguments
 def compare(
     runs: Iterable[Run | str | os.PathLike[str]] | str | os.PathLike[str],
     *,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from swarmwright.analysis.groups import names_of, number_of
 from swarmwright.analysis.labels import name_of
 from swarmwright.analysis.tasks import identity
-from swarmwright.common.formatting import counted, shortened
+from swarmwright.common.formatting import format_count, shorten
 from swarmwright.common.values import sort_key
 from swarmwright.experiment.settings import SIZES
 
@@ -35,7 +35,7 @@ class Design:
         few = "" if len(counts) == 1 else f"{counts[0]} to "
         lacking = sum(len(group.left_out) for group in self.groups)
         without = f", {lacking:,} left out" if lacking else ""
-        return f"{self.name} ({few}{counted(counts[-1], 'run')}{without})"
+        return f"{self.name} ({few}{format_count(counts[-1], 'run')}{without})"
 
 
 def designs_of(tasks: "Sequence[Task]", labels: Mapping[str, str] | None = None) -> list[Design]:
@@ -62,7 +62,7 @@ def designs_of(tasks: "Sequence[Task]", labels: Mapping[str, str] | None = None)
         names = names_of([(differs, members[0].runs[0]) for differs, members in ordered])
     renamed = [(labels or {}).get(name, name) for name in names]
     found_designs = [
-        Design(number, shortened(name, _NAME_CHARACTERS), tuple(members))
+        Design(number, shorten(name, _NAME_CHARACTERS), tuple(members))
         for number, (name, (_, members)) in enumerate(zip(renamed, ordered, strict=True))
     ]
     places = {id(group): place for place, group in enumerate(groups)}

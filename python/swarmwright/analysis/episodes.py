@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.runs.failures import taken as taken_by
 from swarmwright.runs.failures import taken_in
@@ -175,7 +175,7 @@ def left_out(
         state = "opened before it ended"
     else:
         return None
-    reason = f"{state}, {counted(done, 'evaluation')}"
+    reason = f"{state}, {format_count(done, 'evaluation')}"
     return LeftOut(run.path, "unfinished", reason, label, seed, done)
 
 
@@ -196,7 +196,7 @@ def notes(left: Sequence[LeftOut]) -> list[str]:
 
 
 def _runs(left: Sequence[LeftOut]) -> str:
-    return f"{counted(len(left), 'run')} {'is' if len(left) == 1 else 'are'}"
+    return f"{format_count(len(left), 'run')} {'is' if len(left) == 1 else 'are'}"
 
 
 def _named(left: Sequence[LeftOut]) -> str:

@@ -9,8 +9,8 @@ from typing import Any
 from swarmwright.analysis.labels import Wording, kind_of, name_of, telling
 from swarmwright.analysis.sweep_folders import keys_of_grid
 from swarmwright.common.errors import InputError
-from swarmwright.common.formatting import shortened
-from swarmwright.common.values import flat
+from swarmwright.common.formatting import shorten
+from swarmwright.common.values import flatten
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.robots import mission_name, mission_of, robot_of
 from swarmwright.runs.run import Run
@@ -82,8 +82,8 @@ def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[R
     names = names_in_sweep(found) or names_of([(differs, members[0]) for differs, members in found])
     labels = names
     if max(map(len, names)) > _NAME_CHARACTERS:
-        labels = [f"group {number}: {shortened(name, _BEGINNING)}" for number, name in enumerate(names, 1)]
-        notes += [f"group {number} has {shortened(name, _TOLD)}" for number, name in enumerate(names, 1)]
+        labels = [f"group {number}: {shorten(name, _BEGINNING)}" for number, name in enumerate(names, 1)]
+        notes += [f"group {number} has {shorten(name, _TOLD)}" for number, name in enumerate(names, 1)]
     groups = [
         RunGroup(label, differs, tuple(members))
         for label, (differs, members) in zip(labels, found, strict=True)
@@ -292,7 +292,7 @@ def flattened_of(run: Run, *, missions: bool = False, parts: bool = True) -> dic
         parameters["mission"] = (mission_of(given) if missions else None) or mission_name(given)
     mapping["parameters"] = parameters
     kept = {key: value for key, value in mapping.items() if key not in _NO_GROUP}
-    return {name: _plain(value) for name, value in flat(kept).items()}
+    return {name: _plain(value) for name, value in flatten(kept).items()}
 
 
 def _code_parts(run: Run) -> dict[str, str] | None:

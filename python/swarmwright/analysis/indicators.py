@@ -10,7 +10,7 @@ import numpy as np
 
 from swarmwright.common.arguments import mapping, number
 from swarmwright.common.errors import InputError
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import format_value
 from swarmwright.methods.archive import Values, ranks
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
@@ -292,7 +292,7 @@ def _reference(given: Mapping[str, float], run: Run) -> dict[str, float]:
     wrong = [name for name in found if name not in names]
     if wrong:
         raise InputError(
-            f"reference: {shown(wrong[0])} is not an objective of {run.path}; the reference point has "
+            f"reference: {format_value(wrong[0])} is not an objective of {run.path}; the reference point has "
             f"{example}"
         )
     missing = [name for name in names if name not in found]

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from swarmwright.common.simulation_names import label_of
-from swarmwright.common.values import flat
+from swarmwright.common.values import flatten
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations.user_code.parts import SECTIONS
 
@@ -187,7 +187,7 @@ def _text(key: str, value: Any) -> str:  # noqa: ANN401 - any value of a file
     if key == "parameters.robots" and isinstance(value, list):
         return _kinds(value)
     if isinstance(value, Mapping):
-        return _leaves(flat(value))
+        return _leaves(flatten(value))
     return _identity(value)
 
 
@@ -196,7 +196,7 @@ def _mapping_texts(values: Mapping[str, Any]) -> dict[str, str]:
     names = {identity: ", ".join(map(str, value)) or "{}" for identity, value in values.items()}
     if len(set(names.values())) == len(names):
         return names
-    flattened = {identity: flat(value) for identity, value in values.items()}
+    flattened = {identity: flatten(value) for identity, value in values.items()}
     found: dict[str, set[str]] = defaultdict(set)
     for leaves in flattened.values():
         for name, value in leaves.items():

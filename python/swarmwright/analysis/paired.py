@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from swarmwright.analysis.groups import flattened_of
 from swarmwright.analysis.significance import LEVEL, SignedRank, signed_rank
 from swarmwright.analysis.table import CSV, check, columns, number
-from swarmwright.common.arguments import checked, path_of
+from swarmwright.common.arguments import check_arguments, path_of
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_text
-from swarmwright.common.formatting import counted, p_value
-from swarmwright.common.html import preformatted
-from swarmwright.common.problems import shown
+from swarmwright.common.formatting import format_count, format_p_value
+from swarmwright.common.html import render_preformatted
+from swarmwright.common.problems import format_value
 from swarmwright.common.statistics import Estimate, estimate
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.experiment import Experiment, experiment_of
@@ -154,10 +154,10 @@ class ControllerComparison(ComparedByValue):
 
     def _repr_html_(self) -> str:
         """Return what is printed, for notebooks."""
-        return preformatted(str(self))
+        return render_preformatted(str(self))
 
     def __str__(self) -> str:
-        return "\n".join([*_lines(self), *(f"Note: {one_line(note)}." for note in self.caveats)])
+        return "\n".join([*_lines(self), *(f"Note: {escape_line(note)}." for note in self.caveats)])
 
     def to_mapping(self) -> dict[str, Any]:
         """Return everything as plain values, for JSON; NaN is left as it is."""
@@ -184,7 +184,7 @@ class ControllerComparison(ComparedByValue):
 
         return draw(self)
 
-    @checked
+    @check_arguments
     def plot(self, path: str | PathLike[str]) -> Path:
         """Draw `figure` into a file (.png, .svg or .pdf); return its path.
 
@@ -281,7 +281,7 @@ class Match(NamedTuple):
         ]
         names = self.first.name, self.second.name
         shown_names = [
-            letter if letter == name else f"{letter} ({one_line(name)})"
+            letter if letter == name else f"{letter} ({escape_line(name)})"
             for letter, name in zip("AB", names, strict=True)
         ]
         first, second = of_controllers(
@@ -304,7 +304,7 @@ class Match(NamedTuple):
         )
 
 
-@checked
+@check_arguments
 def compare_controllers(
     first: Run | Controller | str | PathLike[str],
     second: Run | Controller | str | PathLike[str],
@@ -376,7 +376,8 @@ def _unlike(both: tuple[Contender, Contender], one: Run, other: Run) -> Iterator
     ]
     if keys:
         named = "; ".join(
-            f"{key}: A {shown(here.get(key))}, B {shown(there.get(key))}" for key in keys[:_NAMED]
+            f"{key}: A {format_value(here.get(key))}, B {format_value(there.get(key))}"
+            for key in keys[:_NAMED]
         )
         more = f"; and {len(keys) - _NAMED} more" if len(keys) > _NAMED else ""
         yield (
@@ -400,7 +401,10 @@ def _lines(found: ControllerComparison) -> Iterator[str]:
     count = len(found.seeds)
     seeds = f"seeds {found.seeds[0]} to {found.seeds[-1]}" if count > 1 else f"seed {found.seeds[0]}"
     seeds = f"held-out {seeds}" if found.held_out else seeds
-    yield f"{counted(count, 'episode')} of {one_line(found.experiment.subject)}, the same for both ({seeds}):"
+    yield (
+        f"{format_count(count, 'episode')} of {escape_line(found.experiment.subject)}, the same for both "
+        f"({seeds}):"
+    )
     failed = bool(found.first.failed or found.second.failed)
     rows = [["", "controller", "mean fitness", "95 % interval", *["failed episodes"] * failed]]
     for letter, name, evaluation in zip("AB", found.names, (found.first, found.second), strict=True):
@@ -418,10 +422,13 @@ def _lines(found: ControllerComparison) -> Iterator[str]:
     test = found.test
     if test is None:
         return
-    yield f"A is better in {counted(test.better, 'episode')}, B in {test.worse:,}; equal in {test.equal:,}"
+    yield (
+        f"A is better in {format_count(test.better, 'episode')}, B in {test.worse:,}; equal in {test.equal:,}"
+    )
     if test.better or test.worse:
         yield (
-            f"Wilcoxon signed-rank test: W {test.w:g}, p {p_value(test.p)} ({test.method}); effect size "
+            f"Wilcoxon signed-rank test: W {test.w:g}, p {format_p_value(test.p)} ({test.method}); effect "
+            "size "
             f"(matched-pairs rank-biserial correlation) {test.effect:.2f}"
         )
     if found.is_reportable:
@@ -452,8 +459,9 @@ def _caveats(found: ControllerComparison) -> Iterator[str]:
         yield f"the difference is the same in all {count:,} episodes, so there is no interval"
     elif test is not None and test.least > LEVEL:
         yield (
-            f"{counted(test.better + test.worse, 'difference')} cannot be significant, since the test's p is "
-            f"at least {p_value(test.least)}; take more episodes"
+            f"{format_count(test.better + test.worse, 'difference')} cannot be significant, since the "
+            "test's p is "
+            f"at least {format_p_value(test.least)}; take more episodes"
         )
     elif test is not None and _contradicts(found.difference, test):
         yield (

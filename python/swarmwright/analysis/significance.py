@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.statistics import doubled_midranks
+from swarmwright.common.statistics import compute_doubled_midranks
 
 Values = NDArray[np.float64]
 
@@ -108,7 +108,7 @@ def mann_whitney(one: Values, two: Values, u: float) -> float:
         from scipy.stats import mannwhitneyu
 
         return float(mannwhitneyu(one, two, alternative="two-sided", method="asymptotic").pvalue)
-    counts = _rank_sums(doubled_midranks(pooled), n)
+    counts = _rank_sums(compute_doubled_midranks(pooled), n)
     distance = np.abs(np.arange(len(counts)) - n * (n + m + 1))  # of doubled sums, from their mean
     seen = abs(2 * u - n * m)
     return float(min(1.0, counts[distance >= seen - 1e-9].sum() / counts.sum()))
@@ -182,7 +182,7 @@ def kruskal_wallis(groups: Sequence[Values]) -> Kruskal:
     from scipy.stats import kruskal
 
     # Computed from ranks, which are finite for infinite values too.
-    ranks = doubled_midranks(pooled)
+    ranks = compute_doubled_midranks(pooled)
     sizes = np.array([len(values) for values in ordered], dtype=np.int64)
     found = kruskal(*np.split(ranks, np.cumsum(sizes)[:-1]))
     h = float(found.statistic)
@@ -285,7 +285,7 @@ def signed_rank(differences: Values) -> SignedRank:
     worse, equal = len(apart) - better, len(differences) - len(apart)
     if not len(apart):
         return SignedRank(0.0, 1.0, 0.0, better, worse, equal)
-    ranks = doubled_midranks(np.abs(apart))
+    ranks = compute_doubled_midranks(np.abs(apart))
     total = int(ranks.sum())
     doubled = int(ranks[apart > 0].sum())
     w, effect = doubled / 2, (2 * doubled - total) / total

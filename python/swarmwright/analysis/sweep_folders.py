@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.analysis.episodes import LeftOut
-from swarmwright.common.arguments import listed, path_of
+from swarmwright.common.arguments import path_of, require_list
 from swarmwright.common.errors import InputError
-from swarmwright.common.files import contents
+from swarmwright.common.files import read_contents
 from swarmwright.common.json_text import loads
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import FILE as STORE
@@ -28,7 +28,7 @@ def runs_of(folder: Path) -> list[Path] | None:
     if not file.is_file() or (folder / STORE).exists():
         return None
     try:
-        names = [names_of(variant["runs"]) for variant in loads(contents(file))["variants"]]
+        names = [names_of(variant["runs"]) for variant in loads(read_contents(file))["variants"]]
     except (ValueError, KeyError, TypeError) as error:
         raise no_record(file) from error
     return [folder / name for some in names for name in some]
@@ -46,7 +46,7 @@ def keys_of_grid(runs: Sequence[Run]) -> list[tuple[str, ...]] | None:
     try:
         keys = {
             name: tuple(map(str, variant["keys"]))
-            for variant in loads(contents(file))["variants"]
+            for variant in loads(read_contents(file))["variants"]
             for name in names_of(variant["runs"])
         }
         return [keys[place.name] for place in places]
@@ -109,7 +109,7 @@ def variant_of(folder: Path) -> tuple[str, list[Path]] | None:
     try:
         if not file.is_file():
             return None
-        for variant in loads(contents(file))["variants"]:
+        for variant in loads(read_contents(file))["variants"]:
             names = names_of(variant["runs"])
             if folder.name in names:
                 return str(variant["label"]), [file.parent / name for name in names]
@@ -129,9 +129,9 @@ def runs_of_all(
     """
     if isinstance(runs, str | os.PathLike):
         if runs_of(path_of("runs", runs, "a folder")) is None:
-            listed("runs", runs, "run folders")  # raises: one run is no list
+            require_list("runs", runs, "run folders")  # raises: one run is no list
         runs = [runs]
-    listed("runs", runs, "run folders")
+    require_list("runs", runs, "run folders")
     given = [run if isinstance(run, Run) else path_of("runs", run, "a run folder") for run in runs]
     files = [source for source in given if isinstance(source, Path) and source.is_file()]
     found: list[Run] = []

@@ -13,8 +13,8 @@ from swarmwright.analysis.groups import flattened_of
 from swarmwright.common import html
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_text
-from swarmwright.common.formatting import p_value
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.formatting import format_p_value
+from swarmwright.common.untrusted import escape_line
 from swarmwright.methods import MethodOptions
 from swarmwright.methods.plug_ins import REGISTRIES
 from swarmwright.methods.rankings import RankingOptions
@@ -73,7 +73,7 @@ def table(comparison: "Comparison") -> str:
     lines: list[str] = []
     for task in comparison.tasks:
         if several:
-            lines += [""] * bool(lines) + [f"Task: {one_line(task.label)}", ""]
+            lines += [""] * bool(lines) + [f"Task: {escape_line(task.label)}", ""]
         lines += columns(_group_rows(task.groups, comparison))
         if task.kruskal is not None:
             which = "All groups of the task" if several else "All groups"
@@ -89,8 +89,8 @@ def table(comparison: "Comparison") -> str:
         lines = ["Mean fitness of each run's best candidate on held-out seeds:", "", *lines]
     heading = comparison.heading or comparison.indicator.heading
     if heading:
-        lines = [one_line(heading), "", *lines]
-    return "\n".join([*lines, *(f"Note: {one_line(note)}." for note in comparison.notes)])
+        lines = [escape_line(heading), "", *lines]
+    return "\n".join([*lines, *(f"Note: {escape_line(note)}." for note in comparison.notes)])
 
 
 def html_of(comparison: "Comparison") -> str:
@@ -113,7 +113,7 @@ def html_of(comparison: "Comparison") -> str:
             parts.append(html.facts(f"and {hidden} pairs with larger p", []) if hidden else "")
     lacking = lacking_rows(comparison) if several else []
     parts.append(html.table(["group", "runs", "left out"], lacking) if lacking else "")
-    notes = [("Note", f"{one_line(note)}.") for note in comparison.notes]
+    notes = [("Note", f"{escape_line(note)}.") for note in comparison.notes]
     return "".join([*parts, html.facts("", notes) if notes else ""])
 
 
@@ -164,7 +164,7 @@ def span(counts: Sequence[int]) -> str:
 
 def kruskal_words(test: "Kruskal") -> str:
     """Return Kruskal and Wallis' test of several groups in words."""
-    return f"Kruskal-Wallis H {number(test.h)}, p {p_value(test.p)} ({_METHODS[test.method]})"
+    return f"Kruskal-Wallis H {number(test.h)}, p {format_p_value(test.p)} ({_METHODS[test.method]})"
 
 
 def pairs_table(pairs: Sequence[Tested], *, what: str = "") -> list[str]:
@@ -186,9 +186,9 @@ def _pair_rows(pairs: Sequence[Tested], *, what: str = "") -> list[list[str]]:
         rows.append(
             [
                 pair.first.label, pair.second.label, f"{found.effect:.2f}", effect_words(pair),
-                number(found.shift), _interval(found.interval), f"{found.u:g}", p_value(found.p),
+                number(found.shift), _interval(found.interval), f"{found.u:g}", format_p_value(found.p),
             ]
-            + [p_value(pair.p_holm)] * several
+            + [format_p_value(pair.p_holm)] * several
         )  # fmt: skip
     return rows
 
@@ -211,7 +211,7 @@ def number(value: float) -> str:
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return rows as lines with aligned columns: words to the left, the rest to the right."""
-    rows = [[one_line(cell) for cell in row] for row in rows]
+    rows = [[escape_line(cell) for cell in row] for row in rows]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     # A column whose cells all begin with a letter holds words.
     words = [all(row[i][:1].isalpha() for row in rows) for i in range(len(rows[0]))]
@@ -422,13 +422,13 @@ def latex_text(comparison: "Comparison") -> str:
     lines.append(f"% {_compared_value(comparison)}, {_when(comparison)}")
     for task in comparison.tasks:
         if task.label:
-            lines.append(f"% task: {one_line(task.label)}")
+            lines.append(f"% task: {escape_line(task.label)}")
         if task.kruskal is not None:
             lines.append(f"% {kruskal_words(task.kruskal)}")
         lines += _groups(task.groups, comparison)
         if task.pairs:
             lines += _pairs(task.pairs)
-    lines += [f"% {one_line(note)}" for note in comparison.notes]
+    lines += [f"% {escape_line(note)}" for note in comparison.notes]
     return "\n".join(lines) + "\n"
 
 
@@ -438,7 +438,7 @@ def _compared_value(comparison: "Comparison") -> str:
         return "mean fitness of each run's best candidate on held-out seeds"
     if comparison.indicator.by == "fitness":
         return "best recorded fitness of each run"
-    return one_line(comparison.indicator.heading or comparison.indicator.words).rstrip(":.")
+    return escape_line(comparison.indicator.heading or comparison.indicator.words).rstrip(":.")
 
 
 def _when(comparison: "Comparison") -> str:
@@ -478,8 +478,8 @@ def _pairs(pairs: Sequence["Pair"]) -> list[str]:
         rows.append(
             [
                 pair.first.label, pair.second.label, effect_words(pair), f"{found.effect:.2f}",
-                number(found.shift), low, high, f"{found.u:g}", p_value(found.p),
-                *([p_value(pair.p_holm)] if several else []),
+                number(found.shift), low, high, f"{found.u:g}", format_p_value(found.p),
+                *([format_p_value(pair.p_holm)] if several else []),
             ]
         )  # fmt: skip
     head = ["first", "second", "effect", "A12", "difference", "95 % from", "95 % to", "U", "p", "p (Holm)"]
@@ -497,4 +497,4 @@ def _tabular(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int) 
 
 
 def _escaped(text: str) -> str:
-    return re.sub(r"[\\~^<>&%$#_{}]", lambda found: _SPECIAL[found[0]], one_line(text))
+    return re.sub(r"[\\~^<>&%$#_{}]", lambda found: _SPECIAL[found[0]], escape_line(text))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from swarmwright.analysis.groups import RunGroup, names_of
-from swarmwright.common.formatting import shortened
+from swarmwright.common.formatting import shorten
 from swarmwright.experiment.robots import robot_of
 from swarmwright.experiment.settings import ANNOUNCED
 from swarmwright.runs.run import Run
@@ -85,7 +85,7 @@ def by_task(groups: Sequence[RunGroup], *, by: str, held_out: bool) -> list[Task
         [(of, groups[indices[0]].runs[0]) for of, (_, indices) in zip(telling, found, strict=True)]
     )
     return [
-        TaskGroups(shortened(label, _LABEL_CHARACTERS), differs, tuple(indices))
+        TaskGroups(shorten(label, _LABEL_CHARACTERS), differs, tuple(indices))
         for label, (differs, indices) in zip(labels, found, strict=True)
     ]
 

@@ -15,7 +15,7 @@ import click
 
 from swarmwright.common.errors import InputError, PlugInError, SwarmwrightError
 from swarmwright.common.suggestions import unknown
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -127,9 +127,9 @@ class Group(click.Group):
         """Entry points of commands by name, not imported."""
         if self._plug_ins is None:
             return {}
-        from swarmwright.common.entry_points import announced
+        from swarmwright.common.entry_points import find_entry_points
 
-        return announced(self._plug_ins)
+        return find_entry_points(self._plug_ins)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order of the table, then those from other packages."""
@@ -155,18 +155,28 @@ class Group(click.Group):
 
     def _plug_in(self, ctx: click.Context | None, name: str) -> click.Command | None:
         """Import the command of an entry point; during shell completion, None for a broken one."""
-        from swarmwright.common.entry_points import OWN, described, distribution, load, only
+        from swarmwright.common.entry_points import (
+            OWN,
+            choose_entry_point,
+            describe_plug_in,
+            distribution,
+            load_plug_in,
+        )
 
         try:
-            point = only("command", self._entry_points[name])
-            command = load("command", point)
+            point = choose_entry_point("command", self._entry_points[name])
+            command = load_plug_in("command", point)
             if not isinstance(command, click.Command):
-                raise InputError(f"{described('command', point)} is not a click.Command")
+                raise InputError(f"{describe_plug_in('command', point)} is not a click.Command")
         except SwarmwrightError:
             if ctx is not None and ctx.resilient_parsing:
                 return None
             raise
-        return command if distribution(point) == OWN else _report_errors(command, described("command", point))
+        return (
+            command
+            if distribution(point) == OWN
+            else _report_errors(command, describe_plug_in("command", point))
+        )
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -220,7 +230,7 @@ def _report_errors(command: click.Command, name: str) -> click.Command:
         except Exception as error:
             if os.environ.get("SWARMWRIGHT_DEBUG"):
                 raise
-            raise PlugInError(f"{name}: {type(error).__name__}: {one_line(str(error))}") from error
+            raise PlugInError(f"{name}: {type(error).__name__}: {escape_line(str(error))}") from error
 
     command.invoke = invoke_reporting  # type: ignore[method-assign]
     return command

@@ -23,14 +23,14 @@ class EscapingConsole(Console):
 
 
 def _escape(text: str) -> str:
-    return "\n".join(map(untrusted.one_line, text.split("\n")))
+    return "\n".join(map(untrusted.escape_line, text.split("\n")))
 
 
 def text(words: str, style: str = "") -> "Text":
     """Return one line of text, escaped."""
     from rich.text import Text
 
-    return Text(untrusted.one_line(words), style)
+    return Text(untrusted.escape_line(words), style)
 
 
 def add_row(table: "Table", cells: Sequence["str | Text"]) -> None:

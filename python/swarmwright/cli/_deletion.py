@@ -11,7 +11,7 @@ import click
 
 from swarmwright.analysis.sweep_folders import WRITTEN, runs_of
 from swarmwright.common.errors import InputError
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.runs.folders import is_run, remove_run
 from swarmwright.runs.run import Run
 from swarmwright.runs.store.lock import is_locked
@@ -49,7 +49,7 @@ class Deletion:
         for run in runs:
             with suppress(InputError):  # damaged runs are deleted, too
                 evaluations += Run.open(run).evaluations
-        words = f"{folder}: a sweep of {counted(len(runs), 'run')}, {evaluations} evaluations"
+        words = f"{folder}: a sweep of {format_count(len(runs), 'run')}, {evaluations} evaluations"
         return cls(folder, runs, True, words)
 
     def delete(self) -> Iterator[tuple[Path, list[str]]]:

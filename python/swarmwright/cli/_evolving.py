@@ -24,7 +24,7 @@ from swarmwright.cli._validation import (
     validation_lines,
 )
 from swarmwright.common.errors import RunError
-from swarmwright.common.formatting import duration, rate
+from swarmwright.common.formatting import format_duration, format_rate
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
@@ -271,8 +271,8 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
         output.text(
             f"Ended because {run.experiment.budget.words(run.ended, run.generations, run.evaluations)}."
         )
-    speed = rate(run.evaluations / max(run.seconds, 1e-3))
-    output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({speed} a second).")
+    speed = format_rate(run.evaluations / max(run.seconds, 1e-3))
+    output.text(f"{run.evaluations} evaluations in {format_duration(run.seconds)} ({speed} a second).")
     output.text()
     output.text(f"Everything is in {run.path}:")
     being_drawn = {picture.FILE} if picture.wanted() and run.history else set()

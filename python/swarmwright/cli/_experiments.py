@@ -40,13 +40,13 @@ def experiment_of(file: Path, settings: Sequence[str]) -> "Experiment":
 def importer_of(files: Sequence[Path]) -> "Importer":
     """Return the importer that reads these files. Raises InputError if there is none."""
     from swarmwright import InputError, PlugInError
-    from swarmwright.common.plug_in_code import reported
+    from swarmwright.common.plug_in_code import report_failures
 
     descriptions = []
     for importer in importers():
         descriptions.append(importer.words)
         try:
-            with reported():
+            with report_failures():
                 is_recognised = importer.recognises(files)
         except PlugInError as error:
             complain(str(error))

@@ -14,7 +14,7 @@ from swarmwright.cli import _output
 from swarmwright.cli._commands import program
 from swarmwright.cli._signals import INTERRUPTED, terminate_like_interrupt
 from swarmwright.common import untrusted
-from swarmwright.common.processes import more_open_files
+from swarmwright.common.processes import advise_open_files
 from swarmwright.simulations.user_code.trust import asking
 
 FAILED = 1
@@ -81,9 +81,9 @@ def _status(arguments: Sequence[str] | None) -> int:
             _complain("interrupted")
             return INTERRUPTED
         if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
-            from swarmwright.common.files import not_utf8
+            from swarmwright.common.files import explain_not_utf8
 
-            _complain(not_utf8(error))
+            _complain(explain_not_utf8(error))
             return click.UsageError.exit_code
         # Users never see a traceback.
         if os.environ.get("SWARMWRIGHT_DEBUG"):
@@ -106,7 +106,7 @@ def _ask(question: str) -> bool:
     """Ask the user at a terminal; return False without a terminal."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
-    first, *rest = untrusted.lines(question)
+    first, *rest = untrusted.escape_lines(question)
     return click.confirm("\n".join([first, *(f"  {line}" for line in rest)]), err=True)
 
 
@@ -234,7 +234,7 @@ def _remedy(number: int) -> str:
     if number == errno.ENOSPC:
         return "; free some space and run again"
     if number == errno.EMFILE:
-        return f"; {more_open_files()}"
+        return f"; {advise_open_files()}"
     return ""
 
 

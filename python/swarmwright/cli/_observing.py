@@ -14,7 +14,7 @@ import click
 from swarmwright.cli._log import Log, log_options
 from swarmwright.cli._output import Output, complain
 from swarmwright.common.message_kinds import kind_of
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
@@ -95,7 +95,7 @@ class _Kind:
 
 
 def _show(text: str) -> None:
-    complain(one_line(text))
+    complain(escape_line(text))
 
 
 class Endpoint(click.ParamType[tuple[str, int]]):

@@ -168,20 +168,20 @@ def complain(message: str, *, hint: str = "") -> None:
 
     hint: a separate line after it.
     """
-    first, *rest = untrusted.lines(message)
+    first, *rest = untrusted.escape_lines(message)
     _print([f"swarmwright: {first}", *(f"  {line}" for line in rest), *([hint] if hint else [])], errors=True)
 
 
 def print_note(line: str, below: Iterable[str] = ()) -> None:
     """Print a line on standard error, and others indented below it."""
-    _print([untrusted.one_line(line), *(f"  {untrusted.one_line(row)}" for row in below)], errors=True)
+    _print([untrusted.escape_line(line), *(f"  {untrusted.escape_line(row)}" for row in below)], errors=True)
 
 
 def print_document(text: str) -> None:
     """Print a document to standard output; on a terminal, escaped."""
     stream = get_stdout()
     if stream.isatty():
-        text = "".join(f"{line}\n" for line in untrusted.lines(text))
+        text = "".join(f"{line}\n" for line in untrusted.escape_lines(text))
     stream.write(text)
     stream.flush()
 
@@ -273,31 +273,31 @@ class Output:
     def text(self, line: str = "") -> None:
         r"""Print a line for people immediately; a line break is shown as `\n`."""
         if not self.as_json:
-            _print([untrusted.one_line(line)])
+            _print([untrusted.escape_line(line)])
 
     def item(self, text: str, indent: str = "  ") -> None:
         """Print a text, its further lines indented below the first."""
         if not self.as_json:
-            first, *rest = untrusted.lines(text)
+            first, *rest = untrusted.escape_lines(text)
             _print([first, *(f"{indent}{line}" for line in rest)])
 
     def block(self, text: str, indent: str = "") -> None:
         """Print a multi-line block, indented.
 
-        indent: if empty, foreign text in the block must have been escaped by `untrusted.one_line`.
+        indent: if empty, foreign text in the block must have been escaped by `untrusted.escape_line`.
         """
         if not self.as_json:
-            _print([f"{indent}{line}".rstrip() for line in untrusted.lines(text)])
+            _print([f"{indent}{line}".rstrip() for line in untrusted.escape_lines(text)])
 
     def cells(self, row: Sequence[str]) -> None:
         """Print a table row for other programs, separated by tabs."""
         if not self.as_json:
-            _print(["\t".join(map(untrusted.one_line, row))], whole=True)
+            _print(["\t".join(map(untrusted.escape_line, row))], whole=True)
 
     @staticmethod
     def status(text: str) -> None:
         """Overwrite the last line of the terminal, on standard error."""
-        sys.stderr.write(f"\r\x1b[K{untrusted.one_line(text)}")
+        sys.stderr.write(f"\r\x1b[K{untrusted.escape_line(text)}")
         sys.stderr.flush()
 
     @staticmethod
@@ -309,7 +309,7 @@ class Output:
         """Print an object for programs immediately."""
         if self.as_json:
             encoded = json.dumps(replace_nonfinite(record), allow_nan=False, ensure_ascii=not self.unicode)
-            _print([untrusted.in_json(encoded)], whole=True)
+            _print([untrusted.escape_json(encoded)], whole=True)
 
     def console(self) -> "Console":
         """Return a rich console on standard output; it reads NO_COLOR and the terminal's width itself.

@@ -8,7 +8,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Protocol
 
 from swarmwright.cli._output import Output
-from swarmwright.common.formatting import duration, rate
+from swarmwright.common.formatting import format_duration, format_rate
 from swarmwright.experiment.budget import Budget
 
 if TYPE_CHECKING:
@@ -103,13 +103,13 @@ class PlainProgress:
         self._due = time.monotonic() + LINE_INTERVAL_S
         from swarmwright.runs.optimization.generation import how_far
 
-        speed = f"{rate(generation.evaluations_per_second)}/s"
+        speed = f"{format_rate(generation.evaluations_per_second)}/s"
         if generation.budget != "evaluations":  # otherwise the progress shows their number
             speed = f"{generation.evaluations} evaluations ({speed})"
         self._output.text(
             f"{how_far(self._budget, generation)}  best {generation.best_so_far:.6g}  "
             f"mean {generation.mean:.6g}  {speed}{_format_failed(generation)}  "
-            f"{duration(generation.seconds_left)} left"
+            f"{format_duration(generation.seconds_left)} left"
         )
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
@@ -163,7 +163,7 @@ class BarProgress:
 
         last = self._last
         done = how_far(self._budget, last, short=options.max_width < 50)
-        left = "" if last is None else f"{duration(last.seconds_left)} left"
+        left = "" if last is None else f"{format_duration(last.seconds_left)} left"
         line = Table.grid(padding=(0, 1), expand=True)
         line.add_column(no_wrap=True)
         line.add_column(ratio=1)
@@ -186,7 +186,7 @@ class BarProgress:
             numbers.append(f"  mean {last.mean:.6g}")
             if last.budget != "evaluations":  # else the line above says their number
                 numbers.append(f"  {last.evaluations} evaluations")
-            numbers.append(f"  {rate(last.evaluations_per_second)}/s", style="cyan")
+            numbers.append(f"  {format_rate(last.evaluations_per_second)}/s", style="cyan")
             numbers.append(_format_failed(last), style="yellow")
             yield numbers
         if self._waiting:

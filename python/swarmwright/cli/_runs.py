@@ -16,9 +16,9 @@ from swarmwright.cli._validation import (
     validation_facts,
     validation_lines,
 )
-from swarmwright.common.formatting import counted, duration
+from swarmwright.common.formatting import format_count, format_duration
 from swarmwright.common.simulation_names import label_of
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -141,15 +141,15 @@ def failure_lines(run: "Run") -> Iterator[str]:
         return
     ranking = run.experiment.ranking
     episodes = run.failed_episodes
-    made_of = f" ({counted(episodes, 'failed episode')})" if episodes and ranking.episodes > 1 else ""
+    made_of = f" ({format_count(episodes, 'failed episode')})" if episodes and ranking.episodes > 1 else ""
     value = ranking.failure_fitness
     how = "they rank below all others" if value is None else f"a failed episode counts as {value:g}"
-    yield f"{failed:,} of {counted(run.evaluations, 'evaluation')} failed{made_of}: {how}."
+    yield f"{failed:,} of {format_count(run.evaluations, 'evaluation')} failed{made_of}: {how}."
 
 
 def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
     """Print aligned rows, the first of which is the heading."""
-    shown_rows = [tuple(map(one_line, row)) for row in rows]
+    shown_rows = [tuple(map(escape_line, row)) for row in rows]
     widths = [max(len(row[column]) for row in shown_rows) for column in range(len(rows[0]))]
     for row in shown_rows:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
@@ -199,7 +199,10 @@ def elites_line(elites: "Elites", offset: float = 0.0) -> str:
     count = len(elites.candidates)
     if elites.grid is None:
         goals = ", ".join(f"{name} ({goal}d)" for name, goal in elites.goals.items())
-        return f"The front has {counted(count, 'candidate')} not dominated in fitness, {one_line(goals)}."
+        return (
+            f"The front has {format_count(count, 'candidate')} not dominated in fitness, "
+            f"{escape_line(goals)}."
+        )
     cells, share = elites.grid.cells, 100 * (elites.coverage or 0.0)
     less = f" (offset {offset:g})" if offset else ""
     return (
@@ -270,7 +273,7 @@ def _list_sessions(output: Output, run: "Run") -> None:
     from swarmwright.servers.rows import NOTHING_LEFT
 
     for session in run.sessions:
-        took = "?" if session.seconds is None else duration(session.seconds)
+        took = "?" if session.seconds is None else format_duration(session.seconds)
         output.text()
         outcome = session.outcome or run.state
         output.text(f"session {session.session}: {local_time(session.started)}, {took}, {outcome}")
@@ -286,17 +289,19 @@ def _list_servers(output: Output, servers: list[dict[str, Any]]) -> None:
     if servers:
         output.text()
     for server in servers:
-        text = f"server {server['server']}: {counted(server['evaluations'], 'episode')}"
+        text = f"server {server['server']}: {format_count(server['evaluations'], 'episode')}"
         text += " (failed ones included)" * server["with_failed"]
-        text += f", busy for {duration(server['seconds'])}"
+        text += f", busy for {format_duration(server['seconds'])}"
         if server["failed"]:
-            text += f", {counted(server['failed'], 'attempt')} failed"
+            text += f", {format_count(server['failed'], 'attempt')} failed"
         if server["lost"]:
             text += f", {server['lost']:,} more lost with it"
         if server["handed_back"]:
-            text += f", {counted(server['handed_back'], 'attempt')} handed back for another tool"
+            text += f", {format_count(server['handed_back'], 'attempt')} handed back for another tool"
         if server["slower"]:
-            text += f", {counted(server['slower'], 'attempt')} stopped as another server was faster (backup)"
+            text += (
+                f", {format_count(server['slower'], 'attempt')} stopped as another server was faster (backup)"
+            )
         output.text(text)
 
 
@@ -316,12 +321,12 @@ def _list_failures(output: Output, failures: list[dict[str, Any]]) -> None:
         reason = failure["reason"]
         if len(servers) > 1:  # the reason names only the first
             reason = _SERVER.sub("the server", reason)
-        output.item(f"  {counted(failure['attempts'], 'attempt')} ({named}): {reason}", indent="    ")
+        output.item(f"  {format_count(failure['attempts'], 'attempt')} ({named}): {reason}", indent="    ")
         if failure["lost"]:
-            lost = counted(failure["lost"], "attempt")
+            lost = format_count(failure["lost"], "attempt")
             output.item(f"    {lost} at other evaluations, lost with the server and repeated", indent="    ")
     if len(failures) > _FAILURES:
-        output.text(f".. and {counted(len(failures) - _FAILURES, 'more reason')}: --json shows all")
+        output.text(f".. and {format_count(len(failures) - _FAILURES, 'more reason')}: --json shows all")
 
 
 def _generation(event: dict[str, Any]) -> str:
@@ -340,7 +345,7 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     instance = " (an instance each)" if by_instance(run.experiment) else ""
     output.text(
         f"  {run.generations}{whole} generations{instance}, {run.evaluations} evaluations, "
-        f"{duration(run.seconds)}"
+        f"{format_duration(run.seconds)}"
     )
     for line in (*failure_lines(run), *extra_lines(run)):
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
@@ -377,9 +382,11 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
 
 def _audit_words(audit: Mapping[str, int]) -> str:
     """Return a line on the evaluations repeated at the end of a run, and their results."""
-    repeated = f"{counted(audit['evaluations'], 'evaluation')} ({counted(audit['episodes'], 'episode')})"
+    repeated = (
+        f"{format_count(audit['evaluations'], 'evaluation')} ({format_count(audit['episodes'], 'episode')})"
+    )
     where = f", {audit['elsewhere']} of the episodes on another server" if audit["elsewhere"] else ""
-    failed = f", {counted(audit['failed'], 'episode')} failed" if audit["failed"] else ""
+    failed = f", {format_count(audit['failed'], 'episode')} failed" if audit["failed"] else ""
     differ = audit["differ"]
     came_out = f"{differ} differ" if differ else "all results are identical"
     return f"audit: {repeated} repeated{where}{failed}: {came_out}"
@@ -395,7 +402,7 @@ def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
     if is_modules(specification):
         yield from controller_text(specification).splitlines()
     for name, part in parts_of(specification).items():
-        yield f"{one_line(name)}: {words_of(part)}"
+        yield f"{escape_line(name)}: {words_of(part)}"
         yield from (f"  {row}" for row in _controller(part))
 
 
@@ -415,7 +422,7 @@ def extra_lines(run: "Run") -> Iterator[str]:
         yield f"Races saved {saved:,} of {every:,} episodes ({share:.0f} %), of clearly worse candidates."
     slow = slow_of(run.experiment)
     if slow is not None:
-        evaluations, name = run.slow_evaluations, one_line(slow.name)
+        evaluations, name = run.slow_evaluations, escape_line(slow.name)
         yield f"{evaluations:,} of {run.evaluations:,} candidates were also evaluated in {name}."
 
 
@@ -433,7 +440,7 @@ def print_verification(output: Output, run: "Path", verification: "Verified") ->
         }
     )
     for difference in verification.not_compared:
-        output.text(f"{run}: not compared: {one_line(difference)}")
+        output.text(f"{run}: not compared: {escape_line(difference)}")
     if not verification.problems:
         whole = f"{len(verification.good)} generations, {verification.evaluations} evaluations"
         output.text(f"{run}: ok, {whole}")

@@ -14,7 +14,7 @@ from swarmwright.cli._output import Output
 from swarmwright.cli._progress import PATIENCE_S
 from swarmwright.cli._signals import check
 from swarmwright.cli._validation import unseen_facts, with_error
-from swarmwright.common.formatting import counted, duration
+from swarmwright.common.formatting import format_count, format_duration
 from swarmwright.runs.callbacks import TensorBoard
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def _format_totals(status: "Status") -> str:
     failed = f", {status.failures} failed" if status.failures else ""
     elsewhere = f", {status.elsewhere} left to other processes" if status.elsewhere else ""
     left = status.seconds_left()
-    time_left = "" if left is None else f", {duration(left)} left"
+    time_left = "" if left is None else f", {format_duration(left)} left"
     return f"{status.finished} of {status.total} runs done{failed}{elsewhere}{time_left}"
 
 
@@ -68,7 +68,7 @@ def _format_run(run: "UnderWay") -> str:
     if run.generation is None:
         return run.words
     failed = run.generation.failed_so_far
-    lost = f", {counted(failed, 'evaluation')} failed" if failed else ""
+    lost = f", {format_count(failed, 'evaluation')} failed" if failed else ""
     return f"{run.words}, best {run.generation.best_so_far:.6g}{lost}"
 
 

@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
     from swarmwright import ControllerEvaluation, PostEvaluation, Run, Transfer, Validation
@@ -35,7 +35,7 @@ def validation_lines(validation: "Validation", run: "Run") -> Iterator[str]:
         made_of = f"mean of the {used:,} instances it was evaluated on"
     elif not options.reevaluate:
         made_of = f"{_episodes(options.episodes)} of {made_of}"
-    where = "" if validation.slow is None else f" in {one_line(validation.slow)}"
+    where = "" if validation.slow is None else f" in {escape_line(validation.slow)}"
     yield f"Recorded fitness {best.recorded + 0.0:.6g} ({made_of}); selection biases it upwards."
     measured = f"Fitness on {_episodes(count)} with held-out seeds{where}{_describe_failed(best)}"
     if best.is_reportable:

@@ -5,7 +5,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from swarmwright.cli._output import Output
-from swarmwright.common.formatting import duration
+from swarmwright.common.formatting import format_duration
 from swarmwright.servers.broker.watching import (
     SILENCE_S,
     ServerRow,
@@ -49,14 +49,14 @@ def cells(server: ServerRow) -> tuple[str, ...]:
     speed = use.get("speed")
     failures = str(use["failures"]) if use.get("failures") else "-"
     if use.get("benched") is not None:
-        failures += f", paused for {duration(use['benched'])}"
+        failures += f", paused for {format_duration(use['benched'])}"
     return (
         str(server.server),
         server.state or "-",
         ", ".join(server.simulations) or "-",
         server.tool or "-",
         describe_work(server),
-        duration(server.silent) if server.silent >= SILENCE_S else "-",
+        format_duration(server.silent) if server.silent >= SILENCE_S else "-",
         "-" if speed is None else f"{speed:.3g}/s",
         failures,
     )

@@ -26,7 +26,7 @@ from swarmwright.cli._options import (
     trust_option,
 )
 from swarmwright.cli._output import Output, show_warnings
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
     from swarmwright import ControllerEvaluation, Experiment, PostEvaluation, Repetition, Run
@@ -498,7 +498,7 @@ def show_repetition(
         )
     if repetition.failed_again:
         for when, errors in (("as recorded", repetition.recorded_errors), ("now", repetition.errors)):
-            output.text(f"Failed {when}: {'; '.join(map(one_line, errors)) or 'the reason is not known'}")
+            output.text(f"Failed {when}: {'; '.join(map(escape_line, errors)) or 'the reason is not known'}")
     output.text(_compare_repetition(repetition))
     return 0 if repetition.same else 1
 

@@ -105,7 +105,7 @@ def _parse_metrics(metrics: tuple[str, ...]) -> "Names | None":
 
 def _draw_single(output: Output, folder: Path, file: Path, x: str, metrics: "Names | None") -> None:
     from swarmwright import InputError, Run
-    from swarmwright.common.formatting import counted
+    from swarmwright.common.formatting import format_count
     from swarmwright.display.figures import style
     from swarmwright.display.figures.metrics import draw as of_metrics
     from swarmwright.display.figures.run import draw
@@ -124,7 +124,8 @@ def _draw_single(output: Output, folder: Path, file: Path, x: str, metrics: "Nam
     spread = [float(value) for value in values]
     last = run.history[-1]
     output.text(
-        f"{counted(run.evaluations, 'evaluation')} in {counted(run.generations, 'generation')}: best fitness "
+        f"{format_count(run.evaluations, 'evaluation')} in {format_count(run.generations, 'generation')}: "
+        "best fitness "
         f"{last.best_so_far + 0.0:.6g}, diversity {spread[-1]:.3g} at the end. The figure is in {file}"
     )
     output.json(

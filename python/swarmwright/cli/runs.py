@@ -24,7 +24,7 @@ from swarmwright.cli._options import (
 from swarmwright.cli._output import Output, complain, print_note
 from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
 from swarmwright.common.errors import InputError
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.common.suggestions import unknown_key
 
 if TYPE_CHECKING:
@@ -210,7 +210,7 @@ def list_(
     and the number of failed evaluations if there are any.
     """
     from swarmwright import InputError, Run
-    from swarmwright.common.values import flat
+    from swarmwright.common.values import flatten
     from swarmwright.runs.folders import RUNS
     from swarmwright.runs.store import FILE, StoreReader
 
@@ -225,7 +225,7 @@ def list_(
                 with StoreReader.opened(store.parent) as reader:  # one connection for all facts saves time
                     run = Run(store.parent, reader)
                     runs.append(facts_of(run))
-                    experiments.append(flat(run.experiment.to_mapping()) if conditions else {})
+                    experiments.append(flatten(run.experiment.to_mapping()) if conditions else {})
             except InputError as error:
                 broken.append(str(error))
     shown = sort_runs(filter_runs(runs, experiments, conditions), sort, reverse=reverse)
@@ -241,7 +241,7 @@ def list_(
         output.text(f"No runs in {root}. {cure}{' the working folder' * beside}.")
     elif not as_json:
         if runs and not shown:
-            output.text(f"None of the {counted(len(runs), 'run')} in {root} matches.")
+            output.text(f"None of the {format_count(len(runs), 'run')} in {root} matches.")
         else:
             list_table(output, shown)
         for reason in broken:
@@ -547,7 +547,7 @@ def _is_confirmed(deletions: "Sequence[Deletion]") -> bool:
     for deletion in deletions:
         print_note(deletion.words)
     runs = sum(len(deletion.runs) for deletion in deletions)
-    subject = "this run" if runs == len(deletions) == 1 else f"these {counted(runs, 'run')}"
+    subject = "this run" if runs == len(deletions) == 1 else f"these {format_count(runs, 'run')}"
     try:
         confirmed = click.confirm(f"Delete {subject} permanently?", err=True)
     except click.Abort:
@@ -596,7 +596,7 @@ def export_records(output: Output, folder: Path, file: Path) -> int:
     if not runs:
         raise InputError(f"{folder}: none of its runs holds a finished generation to write")
     write_records(runs, file)
-    output.text(f"The records of {counted(len(runs), 'run')} are in {file}")
+    output.text(f"The records of {format_count(len(runs), 'run')} are in {file}")
     output.json({"run": str(folder), "file": str(file), "runs": [str(run.path) for run in runs]})
     return INCOMPLETE if missing or unreadable or empty else 0
 
@@ -621,7 +621,7 @@ def show_differences(output: Output, first_sweep: Sequence[Path], second_sweep: 
         output.json({"run": name, "same": False, "difference": "only the second sweep has it"})
         output.item(f"{name}: only the second sweep has it")
     whole = len(first_sweep) + len(second_runs)
-    output.text(f"The records of {same} of {counted(whole, 'run')} are the same, byte for byte.")
+    output.text(f"The records of {same} of {format_count(whole, 'run')} are the same, byte for byte.")
     return 0 if same == whole else 1
 
 

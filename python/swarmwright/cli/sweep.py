@@ -25,7 +25,7 @@ from swarmwright.cli._options import (
 )
 from swarmwright.cli._output import Output, complain, show_warnings
 from swarmwright.cli._signals import INTERRUPTED
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 
 if TYPE_CHECKING:
     from swarmwright.analysis.sweep import Outcome
@@ -121,11 +121,11 @@ def command(
 
         require_writer()
     output.text(
-        f"{counted(len(sweep.variants), 'variant')} with {counted(len(sweep.seeds), 'seed')} each: "
-        f"{counted(len(todo), 'run')} in {sweep.out}"
+        f"{format_count(len(sweep.variants), 'variant')} with {format_count(len(sweep.seeds), 'seed')} each: "
+        f"{format_count(len(todo), 'run')} in {sweep.out}"
     )
     if longer:
-        output.text(f"{counted(longer, 'run')} had a smaller budget and will continue.")
+        output.text(f"{format_count(longer, 'run')} had a smaller budget and will continue.")
     try:
         with observe_run(output, Observing(log, log_level, metrics, log_size)) as observer:
             report = Report(output, observer, todo, tensorboard)

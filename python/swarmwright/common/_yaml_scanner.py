@@ -153,7 +153,7 @@ class YamlScanner(Scanner):
                 raise self._error(
                     "expected a handle and a prefix after %TAG, such as %TAG !e! tag:example.com,2000:"
                 )
-            value = (words[0], _decoded(words[1]))
+            value = (words[0], _decode(words[1]))
         elif not name or name[0] == "#":
             raise self._error("expected the name of a directive after %")
         reader.forward(length)
@@ -186,7 +186,7 @@ class YamlScanner(Scanner):
         if after not in _END_OR_WHITE and not (self.flow_level and after in ",]}"):
             raise self._error(f"expected a space after a tag, but found {after!r}")
         reader.forward(length)
-        return TagToken((handle, _decoded(suffix)), start, reader.get_mark())
+        return TagToken((handle, _decode(suffix)), start, reader.get_mark())
 
     def scan_block_scalar_indicators(self, start_mark: Any) -> tuple[bool | None, int | None]:  # noqa: ANN401
         reader = self.reader
@@ -321,6 +321,6 @@ class YamlParser(Parser):
         return super().parse_implicit_document_start()
 
 
-def _decoded(uri: str) -> str:
+def _decode(uri: str) -> str:
     """Return a part of a tag without escapes such as %21."""
     return unquote(uri, errors="replace")

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 
 _UNPACKED_BYTES = 1 << 28
 """That any archive may unpack to."""
@@ -25,7 +25,7 @@ DAMAGED = (
 
 
 @contextmanager
-def opened(path: Path, kind: str) -> Iterator[zipfile.ZipFile]:
+def open_archive(path: Path, kind: str) -> Iterator[zipfile.ZipFile]:
     """Open an archive that has been checked; all that its entries unpack to is within the limits.
 
     kind: what it is to be, for messages, such as "an FMU".
@@ -40,7 +40,7 @@ def opened(path: Path, kind: str) -> Iterator[zipfile.ZipFile]:
                 _check(path, info)
             if len(infos) > _MOST_ENTRIES:
                 raise InputError(f"{path}: has {len(infos):,} entries, more than {_MOST_ENTRIES:,}")
-            check_size(path, unpacked_bytes(archive), "unpacks to")
+            check_size(path, count_unpacked_bytes(archive), "unpacks to")
             yield archive
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
@@ -48,7 +48,7 @@ def opened(path: Path, kind: str) -> Iterator[zipfile.ZipFile]:
         raise InputError(f"{path}: is not {kind}, or is damaged: {error}") from error
 
 
-def unpacked_bytes(archive: zipfile.ZipFile) -> int:
+def count_unpacked_bytes(archive: zipfile.ZipFile) -> int:
     """Return the bytes that an archive unpacks to; `zipfile` stops where an entry has more than it says."""
     return sum(info.file_size for info in archive.infolist())
 
@@ -69,7 +69,7 @@ def check_size(path: Path, size: int, what: str) -> None:
         )
 
 
-def content(archive: zipfile.ZipFile, path: Path, name: str, largest: int) -> bytes:
+def read_entry(archive: zipfile.ZipFile, path: Path, name: str, largest: int) -> bytes:
     """Return an entry of an archive. Raises InputError where it is missing or larger than so many bytes."""
     try:
         info = archive.getinfo(name)
@@ -90,7 +90,7 @@ def is_outside(name: str) -> bool:
 
 
 def _check(path: Path, info: zipfile.ZipInfo) -> None:
-    name = one_line(info.filename)
+    name = escape_line(info.filename)
     if is_outside(info.filename):
         raise InputError(
             f"{path}: {name}: is not a name inside a folder (absolute, with .., a backslash or a drive "

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.problems import shown
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.problems import format_value
+from swarmwright.common.untrusted import escape_line
 
 _LARGEST_SEED = 2**63 - 1
 """Of an experiment."""
@@ -21,7 +21,7 @@ _Parameters = ParamSpec("_Parameters")
 _Result = TypeVar("_Result")
 
 
-def checked(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
+def check_arguments(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
     """Check the arguments of a public function by their names, which mean the same in all of them.
 
     Those that are not in `_CHECKS` are left to the function, and so are defaults. Numbers of other libraries
@@ -60,17 +60,17 @@ def path_of(name: str, given: object, what: str) -> Path:
     if isinstance(given, str | os.PathLike):
         path = os.fspath(given)
         if isinstance(path, str) and "\0" in path:
-            raise InputError(f"{name}: a path cannot hold the character NUL, as {shown(path)} does")
+            raise InputError(f"{name}: a path cannot hold the character NUL, as {format_value(path)} does")
         if isinstance(path, str):
             return Path(path)
-    raise InputError(f"{name}: must be the path of {what}, not {described(given)}")
+    raise InputError(f"{name}: must be the path of {what}, not {describe_value(given)}")
 
 
 def text(name: str, given: object, what: str) -> str:
     """Return an argument that is a text. Raises InputError for others; what: it is, as "a name"."""
     if isinstance(given, str):
         return str(given)
-    raise InputError(f"{name}: must be {what}, not {described(given)}")
+    raise InputError(f"{name}: must be {what}, not {describe_value(given)}")
 
 
 def integer(name: str, given: object) -> int:
@@ -81,7 +81,7 @@ def integer(name: str, given: object) -> int:
             return operator.index(found)
         except TypeError:
             pass
-    raise InputError(f"{name}: must be an integer, not {described(given)}")
+    raise InputError(f"{name}: must be an integer, not {describe_value(given)}")
 
 
 def simulation_seed(name: str, given: object) -> int:
@@ -97,14 +97,14 @@ def number(name: str, given: object) -> float:
     found: Any = given
     if _is_finite(given):
         return found if type(found) in {int, float} else float(found)
-    raise InputError(f"{name}: must be a finite number, not {described(given)}")
+    raise InputError(f"{name}: must be a finite number, not {describe_value(given)}")
 
 
 def flag(name: str, given: object) -> bool:
     """Return an argument that is True or False, also NumPy's. Raises InputError for others."""
     if isinstance(given, bool) or type(given).__name__ in {"bool", "bool_"}:
         return bool(given)
-    raise InputError(f"{name}: must be True or False, not {described(given)}")
+    raise InputError(f"{name}: must be True or False, not {describe_value(given)}")
 
 
 def function(name: str, given: object, arguments: Sequence[str]) -> Callable[..., Any]:
@@ -114,7 +114,7 @@ def function(name: str, given: object, arguments: Sequence[str]) -> Callable[...
     """
     expected = f"{name}: must be a function that takes ({', '.join(arguments)})"
     if not callable(given):
-        raise InputError(f"{expected}, not {described(given)}")
+        raise InputError(f"{expected}, not {describe_value(given)}")
     try:
         signature = inspect.signature(given)
     except (TypeError, ValueError):  # one that is written in C
@@ -140,33 +140,35 @@ def mapping(name: str, given: object, instead: str) -> Mapping[Any, Any]:
     """Return an argument that is a mapping. Raises InputError for others; instead: what to write."""
     if isinstance(given, Mapping):
         return given
-    raise InputError(f"{name}: must be a mapping, not {described(given)}; write {instead}")
+    raise InputError(f"{name}: must be a mapping, not {describe_value(given)}; write {instead}")
 
 
-def listed(name: str, given: object, what: str) -> None:
+def require_list(name: str, given: object, what: str) -> None:
     """Raise InputError unless an argument is a list, or another iterable but a text or a mapping.
 
     A text would be taken for its characters. what: its items, as "run folders".
     """
     if isinstance(given, str | os.PathLike):
-        raise InputError(f"{name}: must be a list of {what}, not {described(given)}; write [{str(given)!r}]")
+        raise InputError(
+            f"{name}: must be a list of {what}, not {describe_value(given)}; write [{str(given)!r}]"
+        )
     if isinstance(given, bytes | Mapping) or not isinstance(given, Iterable):
-        raise InputError(f"{name}: must be a list of {what}, not {described(given)}")
+        raise InputError(f"{name}: must be a list of {what}, not {describe_value(given)}")
 
 
 def instance(name: str, given: object, kind: type, instead: str) -> None:
     """Raise InputError unless an argument is of a class; instead: what to write, as "Run.open(folder)"."""
     if not isinstance(given, kind):
         raise InputError(
-            f"{name}: must be of the class {kind.__name__}, not {described(given)}; write {instead}"
+            f"{name}: must be of the class {kind.__name__}, not {describe_value(given)}; write {instead}"
         )
 
 
-def described(given: object) -> str:
+def describe_value(given: object) -> str:
     """Return what an object is, in a line: short values as they are written, others by their class."""
     with suppress(Exception):  # a representation may fail, as that of an integer of 5,000 digits does
         if given is None or isinstance(given, str | int | float | list | dict):
-            return one_line(shown(given))
+            return escape_line(format_value(given))
     return f"an object of the class {type(given).__name__}"
 
 
@@ -187,7 +189,7 @@ def _servers(name: str, given: object) -> object:
         return integer(name, given)
     except InputError:
         raise InputError(
-            f"{name}: must be auto, local, in-process or a number from 1 on, not {described(given)}"
+            f"{name}: must be auto, local, in-process or a number from 1 on, not {describe_value(given)}"
         ) from None
 
 
@@ -195,19 +197,19 @@ def _wait(name: str, given: object) -> float:
     found: Any = given
     if _is_finite(given) and found >= 0:
         return float(found)
-    raise InputError(f"{name}: is {described(given)}, expected seconds: a finite number, at least 0")
+    raise InputError(f"{name}: is {describe_value(given)}, expected seconds: a finite number, at least 0")
 
 
 def _axis(name: str, given: object) -> object:
     if isinstance(given, str) and given in {"evaluations", "generations"}:
         return given
-    raise InputError(f"{name}: must be one of evaluations, generations, not {described(given)}")
+    raise InputError(f"{name}: must be one of evaluations, generations, not {describe_value(given)}")
 
 
 def _simulation(name: str, given: object) -> object:
     if isinstance(given, str | type):
         return given
-    raise InputError(f"{name}: must be a class, or 'FILE:Class', not {described(given)}")
+    raise InputError(f"{name}: must be a class, or 'FILE:Class', not {describe_value(given)}")
 
 
 def _each(check: Callable[..., object], names: str, *more: object) -> dict[str, Callable[..., object]]:

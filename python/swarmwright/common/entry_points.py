@@ -9,13 +9,13 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from swarmwright.common.errors import InputError, SwarmwrightError
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 
 OWN = "swarmwright"
 """Name of our own distribution."""
 
 
-def announced(group: str) -> dict[str, list[EntryPoint]]:
+def find_entry_points(group: str) -> dict[str, list[EntryPoint]]:
     """Return the entry points of a group by name; nothing is imported."""
     found: dict[str, list[EntryPoint]] = {}
     for point in entry_points(group=group):
@@ -25,15 +25,17 @@ def announced(group: str) -> dict[str, list[EntryPoint]]:
 
 def distribution(point: EntryPoint) -> str:
     """Return the name of the package that announces an entry point."""
-    return one_line(point.dist.name) if point.dist is not None else "unknown"
+    return escape_line(point.dist.name) if point.dist is not None else "unknown"
 
 
-def described(what: str, point: EntryPoint) -> str:
+def describe_plug_in(what: str, point: EntryPoint) -> str:
     """Return how messages name a plug-in: method 'climb' (climber:Climb, announced by climber)."""
-    return f"{what} {point.name!r} ({one_line(point.value)}, announced by the package {distribution(point)})"
+    return (
+        f"{what} {point.name!r} ({escape_line(point.value)}, announced by the package {distribution(point)})"
+    )
 
 
-def only(what: str, points: Sequence[EntryPoint]) -> EntryPoint:
+def choose_entry_point(what: str, points: Sequence[EntryPoint]) -> EntryPoint:
     """Return the entry point of a name; ours where another package announces the same name.
 
     Raises InputError where two packages announce different ones.
@@ -41,7 +43,9 @@ def only(what: str, points: Sequence[EntryPoint]) -> EntryPoint:
     points = [point for point in points if distribution(point) == OWN] or list(points)
     if len({point.value for point in points}) > 1:
         origins = " and ".join(
-            sorted(f"{one_line(entry_point.value)} by {distribution(entry_point)}" for entry_point in points)
+            sorted(
+                f"{escape_line(entry_point.value)} by {distribution(entry_point)}" for entry_point in points
+            )
         )
         raise InputError(
             f"{what} {points[0].name!r} is announced twice, as {origins}; uninstall one of the packages"
@@ -49,11 +53,13 @@ def only(what: str, points: Sequence[EntryPoint]) -> EntryPoint:
     return points[0]
 
 
-def load(what: str, point: EntryPoint) -> Any:  # noqa: ANN401 - whatever a package announces
+def load_plug_in(what: str, point: EntryPoint) -> Any:  # noqa: ANN401 - whatever a package announces
     """Import a plug-in. Raises InputError that names it and its package where that fails."""
     try:
         return point.load()
     except SwarmwrightError:
         raise
     except (Exception, SystemExit) as error:  # a plug-in may fail in any way while it is imported
-        raise InputError(f"{described(what, point)} cannot be imported: {one_line(repr(error))}") from error
+        raise InputError(
+            f"{describe_plug_in(what, point)} cannot be imported: {escape_line(repr(error))}"
+        ) from error

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import ClassVar, TypeVar
 
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 
 Reworded = TypeVar("Reworded", bound="SwarmwrightError")
 
@@ -55,7 +55,7 @@ class EpisodeError(SimulationError):
     """An episode failed outside of Python's code, which needs no place in it. `stack` is what was printed."""
 
 
-def explained(error: BaseException) -> str:
+def describe_exception(error: BaseException) -> str:
     """Return kind and text of an exception raised by third-party code; or the line that raised it."""
     kind, words = type(error).__name__, str(error).strip()
     if words:
@@ -68,7 +68,7 @@ def explained(error: BaseException) -> str:
     return f"{kind} ({last.filename}:{last.lineno}{line})"
 
 
-def reworded(error: Reworded, message: str) -> Reworded:
+def with_message(error: Reworded, message: str) -> Reworded:
     """Return a copy of an error with another message, of the same class and with the same attributes."""
     copy = type(error).__new__(type(error))
     vars(copy).update(vars(error))
@@ -105,11 +105,11 @@ class engine_errors:  # noqa: N801 - used like a function
         from swarmwright import _engine  # noqa: PLC0415 - loads in 10 ms, not for --help
 
         if isinstance(error, _engine.InputError):
-            text = one_line(str(error))
+            text = escape_line(str(error))
             named = text.startswith(self._where)  # by the engine itself
             raise InputError(text if named else f"{self._where}{text}") from error
         if isinstance(error, _engine.EngineError):
             words, failure = str(error), self._failure and self._failure()
             if failure is not None and str(failure) in words:
-                raise SimulationError(one_line(words), failure.stack) from failure.__cause__ or error
-            raise RunError(one_line(words)) from error
+                raise SimulationError(escape_line(words), failure.stack) from failure.__cause__ or error
+            raise RunError(escape_line(words)) from error

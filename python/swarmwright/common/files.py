@@ -28,7 +28,7 @@ _KINDS = (
 )
 
 
-def near_file(path: Path) -> str:
+def suggest_file(path: Path) -> str:
     """Return "; did you mean 'x.yaml'?" for a file of the same kind beside one that is not there, or ""."""
     try:
         beside = sorted(
@@ -73,7 +73,7 @@ def read_bytes(path: Path, largest: int) -> bytes:
     raise InputError(f"{path}: is larger than {largest >> 20} MiB")
 
 
-def contents(path: Path) -> bytes:
+def read_contents(path: Path) -> bytes:
     """Return what a file that a person named holds.
 
     Raises InputError when it cannot be read, is not a regular file, or is larger than 256 MiB.
@@ -89,9 +89,9 @@ def contents(path: Path) -> bytes:
 def first_character(path: Path) -> str:
     """Return the first character of a text that is not white space, none of an empty one.
 
-    The text may be in UTF-16, as XML can be. Raises InputError as `contents` does.
+    The text may be in UTF-16, as XML can be. Raises InputError as `read_contents` does.
     """
-    return first_character_of(contents(path))
+    return first_character_of(read_contents(path))
 
 
 def first_character_of(data: bytes) -> str:
@@ -149,10 +149,10 @@ def check_utf8(text: str) -> None:
     try:
         text.encode()
     except UnicodeEncodeError as error:
-        raise InputError(not_utf8(error)) from None
+        raise InputError(explain_not_utf8(error)) from None
 
 
-def not_utf8(error: UnicodeEncodeError) -> str:
+def explain_not_utf8(error: UnicodeEncodeError) -> str:
     """Return what is said of a text that cannot be written: which part of it, and how to avoid that."""
     text, start = error.object, error.start
     begin = max(text.rfind(sign, 0, start) for sign in '"\n') + 1

@@ -6,7 +6,7 @@ from itertools import accumulate
 from unicodedata import east_asian_width
 
 
-def duration(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Return seconds as text: 8.2 s, 3 min 05 s, 2 h 07 min."""
     if not math.isfinite(seconds):
         return "?"
@@ -20,29 +20,29 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60:02} min"
 
 
-def rate(per_second: float) -> str:
+def format_rate(per_second: float) -> str:
     """Return a rate as a whole number, or with two digits where it is small."""
     return f"{per_second:.0f}" if per_second >= 10 else f"{per_second:.2g}"
 
 
-def counted(count: int, noun: str) -> str:
+def format_count(count: int, noun: str) -> str:
     """Return how many there are of something: 1 generation, 2,000 generations."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
-def amount(value: float) -> str:
+def format_amount(value: float) -> str:
     """Return an amount of at least 0 with two decimals, a small one with two digits: 12.30, 0.0033."""
     if value == 0 or value >= 0.095:
         return f"{value:.2f}"
     return f"{value:.2g}" if value >= 1e-4 else f"{value:.6f}".rstrip("0").rstrip(".")
 
 
-def p_value(value: float) -> str:
+def format_p_value(value: float) -> str:
     """Return a p-value in two significant digits."""
     return "< 0.0001" if value < 1e-4 else f"{value:.2g}" if value < 0.1 else f"{value:.2f}"
 
 
-def shortened(text: str, most: int) -> str:
+def shorten(text: str, most: int) -> str:
     """Return text of at most so many letters, of which East Asian wide ones count two; the rest is '…'."""
     text = " ".join(text.split())
     ends = list(accumulate(2 if east_asian_width(letter) in "FW" else 1 for letter in text))

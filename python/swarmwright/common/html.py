@@ -8,8 +8,8 @@ import time
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.common.plain_figures import plain
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.plain_figures import use_plain_settings
+from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,7 +39,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return f"<table><thead><tr>{top}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
 
 
-def preformatted(text: str) -> str:
+def render_preformatted(text: str) -> str:
     """Return a text of several lines as it is printed."""
     return f"<pre>{html.escape(text)}</pre>"
 
@@ -50,7 +50,7 @@ def picture(png: bytes, width: int, words: str) -> str:
     return f'<img width="{width}" alt="{html.escape(words)}" src="data:image/png;base64,{data}">'
 
 
-@plain()
+@use_plain_settings()
 def png_of(figure: "Figure") -> bytes:
     """Return a figure as PNG."""
     buffer = io.BytesIO()
@@ -62,7 +62,7 @@ INTERVAL_S = 0.25
 """Seconds between two changes."""
 
 
-def in_notebook() -> bool:
+def is_notebook() -> bool:
     """Whether this process is the kernel of a notebook."""
     ipython = sys.modules.get("IPython")
     if ipython is None or "ipykernel" not in sys.modules:
@@ -75,7 +75,7 @@ class Text:
 
     def __init__(self) -> None:
         self._handle: Any = None
-        self._notebook = in_notebook()
+        self._notebook = is_notebook()
         self._shown = 0.0
         self._width = 0
 
@@ -85,7 +85,7 @@ class Text:
         if not at_once and now - self._shown < INTERVAL_S:
             return
         self._shown = now
-        text = one_line(text)
+        text = escape_line(text)
         if not self._notebook:
             sys.stderr.write("\r" + text.ljust(self._width))
             sys.stderr.flush()

@@ -18,7 +18,7 @@ def loads(text: str | bytes) -> Any:  # noqa: ANN401 - any JSON value
     try:
         value = json.loads(text)
     except RecursionError:
-        raise _too_deep() from None
+        raise _depth_error() from None
     shown = text if isinstance(text, str) else text.decode("latin-1")
     if shown.count("[") + shown.count("{") > _DEEPEST_NESTING:
         _check_depth(value)
@@ -31,7 +31,7 @@ def _check_depth(value: Any) -> None:  # noqa: ANN401 - any JSON value
         level = [inner for item in level for inner in _inside(item) if isinstance(inner, dict | list)]
         if not level:
             return
-    raise _too_deep()
+    raise _depth_error()
 
 
 def _inside(value: Any) -> Iterable[Any]:  # noqa: ANN401 - any JSON value
@@ -40,7 +40,7 @@ def _inside(value: Any) -> Iterable[Any]:  # noqa: ANN401 - any JSON value
     return value if isinstance(value, list) else ()
 
 
-def _too_deep() -> ValueError:
+def _depth_error() -> ValueError:
     return ValueError(f"it is nested more than {_DEEPEST_NESTING} deep")
 
 

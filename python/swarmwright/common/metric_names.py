@@ -35,7 +35,7 @@ def _wrong_in(name: object) -> str:
     return f"has {', '.join(map(repr, others))}" if others else "begins with a digit"
 
 
-def suggested(name: str) -> str:
+def suggest_name(name: str) -> str:
     """Return the name that is most like this one."""
     word = re.sub(r"[^A-Za-z0-9_]", "_", name)
     return f"_{word}" if not word or word[0].isdigit() else word

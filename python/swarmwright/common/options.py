@@ -38,7 +38,7 @@ class Options(BaseModel, metaclass=Frozen):
 Model = TypeVar("Model", bound=Options)
 
 
-def described(model: type[Model]) -> type[Model]:
+def add_descriptions(model: type[Model]) -> type[Model]:
     """Give every field of a model, and of models in it, its description, and return the model.
 
     A description given by `Field(description=..)` stays.
@@ -50,7 +50,7 @@ def described(model: type[Model]) -> type[Model]:
     changed = False
     for name, field in model.model_fields.items():
         for inner in _models(field.annotation):
-            described(inner)
+            add_descriptions(inner)
             changed = True
         if field.description is None and name in texts:
             field.description = texts[name]

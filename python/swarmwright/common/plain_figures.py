@@ -43,7 +43,7 @@ _inside = 0
 
 
 @contextmanager
-def plain() -> Iterator[None]:
+def use_plain_settings() -> Iterator[None]:
     """Within the block, or the function that this decorates, Matplotlib has its default settings.
 
     A matplotlibrc may ask for LaTeX, which is not installed everywhere, and MPLBACKEND may be wrong: figures
@@ -53,7 +53,7 @@ def plain() -> Iterator[None]:
     if _inside:
         yield
         return
-    matplotlib = _imported()
+    matplotlib = _import_matplotlib()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # settings that are out of use
         context = matplotlib.rc_context(_defaults())
@@ -66,7 +66,7 @@ def plain() -> Iterator[None]:
         context.__exit__(None, None, None)
 
 
-def _imported() -> Any:  # noqa: ANN401 - a module
+def _import_matplotlib() -> Any:  # noqa: ANN401 - a module
     """Import Matplotlib, whose import would fail with an unknown MPLBACKEND."""
     wanted = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
     try:
@@ -103,7 +103,7 @@ def _is_of_interest(record: LogRecord) -> bool:
 
 
 @contextmanager
-def warning_of_letters() -> Iterator[None]:
+def warn_of_missing_letters() -> Iterator[None]:
     """Warn once of the letters that are drawn as boxes within the block, since no font has them."""
     letters: dict[str, None] = {}
     with warnings.catch_warnings():

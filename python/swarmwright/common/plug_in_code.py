@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import PlugInError, SwarmwrightError
-from swarmwright.common.tracebacks import is_installed, shown
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.tracebacks import is_installed, shorten_path
+from swarmwright.common.untrusted import escape_line
 
 _PACKAGE = "swarmwright"
 _SORTS = (
@@ -35,7 +35,7 @@ def _is_component(kind: type) -> bool:
     return any(f"{base.__module__}.".startswith(f"{sort}.") for base in kind.__mro__ for sort in _SORTS)
 
 
-def failure(error: BaseException) -> PlugInError | None:
+def find_failure(error: BaseException) -> PlugInError | None:
     """Return what is reported of an exception that a plug-in's code raised; None for any other exception.
 
     It names the class and its method, the exception, and the last line of the plug-in's code.
@@ -53,10 +53,10 @@ def failure(error: BaseException) -> PlugInError | None:
         return None
     kind, frame = found
     file, number = lines[-1]
-    words = one_line(str(error)).strip()
+    words = escape_line(str(error)).strip()
     return PlugInError(
         f"{kind.__name__}.{frame.f_code.co_name}: {type(error).__name__}{': ' if words else ''}{words} "
-        f"({shown(file)}:{number})"
+        f"({shorten_path(file)}:{number})"
     )
 
 
@@ -71,26 +71,26 @@ def _owner(frame: FrameType) -> type | None:
 
 
 @contextmanager
-def reported() -> Iterator[None]:
+def report_failures() -> Iterator[None]:
     """Within the block, what a plug-in's code raises becomes PlugInError; also `sys.exit`."""
     try:
         yield
     except SwarmwrightError:
         raise
     except (Exception, SystemExit) as error:
-        found = failure(error)
+        found = find_failure(error)
         if found is None:
             raise
         raise found from error
 
 
-def place(owner: object, method: str) -> str:
+def locate_method(owner: object, method: str) -> str:
     """Return how messages name a method of a plug-in: class, method, file and line."""
     kind = type(owner)
     code = getattr(getattr(kind, method, None), "__code__", None)
     if code is None:  # a property
         code = getattr(getattr(getattr(kind, method, None), "fget", None), "__code__", None)
-    where = f" ({shown(code.co_filename)}:{code.co_firstlineno})" if code is not None else ""
+    where = f" ({shorten_path(code.co_filename)}:{code.co_firstlineno})" if code is not None else ""
     return f"{kind.__name__}.{method}{where}"
 
 
@@ -124,7 +124,8 @@ def numbers(
         many = "1 or more" if some else "any"
         sizes = ", ".join(many if size is None else str(size) for size in shape)
         return PlugInError(
-            f"{place(owner, method)}: returned {found}; expected {what}: an array of {np.dtype(dtype)} with "
+            f"{locate_method(owner, method)}: returned {found}; expected {what}: an array of "
+            f"{np.dtype(dtype)} with "
             f"the shape ({sizes}{',' * (len(shape) == 1)})"
         )
 
@@ -133,7 +134,7 @@ def numbers(
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as error:  # rows of different length, for instance
-        raise wrong(f"a {type(value).__name__} that is not an array: {one_line(str(error))}") from error
+        raise wrong(f"a {type(value).__name__} that is not an array: {escape_line(str(error))}") from error
     if array.dtype.kind not in "fiu":
         raise wrong(f"a {type(value).__name__} of {array.dtype} instead of numbers")
     same = len(array.shape) == len(shape) and all(
@@ -156,5 +157,6 @@ def count(owner: object, method: str, value: Any, what: str) -> int:  # noqa: AN
             if value == int(value):
                 return int(value)
     raise PlugInError(
-        f"{place(owner, method)}: is {one_line(repr(value))}, expected {what}: an integer, at least 1"
+        f"{locate_method(owner, method)}: is {escape_line(repr(value))}, expected {what}: an integer, at "
+        "least 1"
     )

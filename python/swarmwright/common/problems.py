@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import check_utf8
 from swarmwright.common.suggestions import UnknownKey, did_you_mean, unknown_key
-from swarmwright.common.yaml import Path_, dotted_path, parse
+from swarmwright.common.yaml import Path_, format_path, parse
 
 Report = Callable[[Path_, str], None]
 """Takes a problem: where, what."""
@@ -35,7 +35,7 @@ _LIMITS = {
 _LENGTHS = {"too_short": ("min_length", "at least"), "too_long": ("max_length", "at most")}
 
 
-def shown(value: Any, limit: int = 60) -> str:  # noqa: ANN401 - any value of a file
+def format_value(value: Any, limit: int = 60) -> str:  # noqa: ANN401 - any value of a file
     """Return a value as it would be written in a YAML file, shortened."""
     if value is None:
         return "nothing"
@@ -56,7 +56,7 @@ class FieldError(InputError, ValueError):
     def __init__(self, path: Path_ | str, reason: str) -> None:
         self.path = (path,) if isinstance(path, str) else path
         self.reason = reason
-        super().__init__(f"{dotted_path(self.path)}: {reason}" if self.path else reason)
+        super().__init__(f"{format_path(self.path)}: {reason}" if self.path else reason)
 
     def __reduce__(self) -> tuple[type, tuple[Path_, str]]:
         """Return what `pickle` makes the same error of."""
@@ -120,16 +120,16 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
     if kind == "list_type":
         return _no_list(value, model_at(model, found["loc"][:-1]), str(found["loc"][-1]))
     if kind in _WANTED:
-        return f"must be {_WANTED[kind]}, not {shown(value)}"
+        return f"must be {_WANTED[kind]}, not {format_value(value)}"
     if kind in _LIMITS:
         name, words = _LIMITS[kind]
         limit = context[name]
         whole = int(limit) if isinstance(limit, float) and limit.is_integer() else limit
-        return f"must be {words} {whole}, not {shown(value)}"
+        return f"must be {words} {whole}, not {format_value(value)}"
     if kind == "literal_error":
         choices = str(context["expected"]).replace("'", "").replace(" or ", ", ").split(", ")
         hint = did_you_mean(value, choices) if isinstance(value, str) else ""
-        return f"must be one of {', '.join(choices)}, not {shown(value)}{hint}"
+        return f"must be one of {', '.join(choices)}, not {format_value(value)}{hint}"
     if kind == "string_too_short":
         return "must not be empty"
     if kind in _LENGTHS:
@@ -141,10 +141,10 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
         choices = str(context["expected_tags"]).replace("'", "").split(", ")
         hint = did_you_mean(str(context["tag"]), choices)
         key = str(context["discriminator"]).strip("'")
-        return f"{key} must be one of {', '.join(choices)}, not {shown(context['tag'])}{hint}"
+        return f"{key} must be one of {', '.join(choices)}, not {format_value(context['tag'])}{hint}"
     if kind in {"value_error", "assertion_error"}:
         return str(context["error"])
-    return _not_utf8(value) if kind == "string_unicode" else f"{found['msg']} (given: {shown(value)})"
+    return _not_utf8(value) if kind == "string_unicode" else f"{found['msg']} (given: {format_value(value)})"
 
 
 def _not_utf8(value: Any) -> str:  # noqa: ANN401 - any value of a file
@@ -153,20 +153,20 @@ def _not_utf8(value: Any) -> str:  # noqa: ANN401 - any value of a file
         check_utf8(str(value))
     except InputError as error:
         return str(error)
-    return f"must be text, not {shown(value)}"
+    return f"must be text, not {format_value(value)}"
 
 
 def _no_list(value: Any, section: type[BaseModel] | None, key: str) -> str:  # noqa: ANN401 - any value of a file
     """Say that a value is not a list, and how the key is written: with the value in it if that is valid."""
     field = None if section is None else section.model_fields.get(key)
     if section is None or field is None:  # an item of a list, or a section that is not known
-        return f"must be a list, not {shown(value)}"
+        return f"must be a list, not {format_value(value)}"
     names = ("min_length", "max_length")
     lengths = [getattr(limit, name) for limit in field.metadata for name in names if hasattr(limit, name)]
     count = f" of {lengths[0]} items" if len(lengths) == len(names) and len(set(lengths)) == 1 else ""
     forms = (items for items in _lists_of(value) if _is_valid(section, key, items))
-    form = next((f"; write [{', '.join(map(shown, items))}]" for items in forms), "")
-    return f"must be a list{count}, not {shown(value)}{form}"
+    form = next((f"; write [{', '.join(map(format_value, items))}]" for items in forms), "")
+    return f"must be a list{count}, not {format_value(value)}{form}"
 
 
 def _is_valid(section: type[BaseModel], key: str, value: Any) -> bool:  # noqa: ANN401 - any value of a file

@@ -38,22 +38,22 @@ _FIXED = "0"
 RANDOM = "random"
 
 
-def of_started(environment: Mapping[str, str] = os.environ) -> str:
+def child_hash_seed(environment: Mapping[str, str] = os.environ) -> str:
     """Return the hash seed of processes that are started in an environment."""
     given = environment.get(VARIABLE, "")
     return _FIXED if given in {"", RANDOM} else given
 
 
-def of_this_process() -> str:
+def current_hash_seed() -> str:
     """Return the hash seed of this process; `random` where it is not known."""
     if sys.flags.ignore_environment:
         return RANDOM
     return os.environ.get(VARIABLE) or RANDOM if sys.flags.hash_randomization else _FIXED
 
 
-def variables(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Return the environment variable by which a process has the seed of `of_started`."""
-    return {VARIABLE: of_started(environment)}
+def hash_seed_variables(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
+    """Return the environment variable by which a process has the seed of `child_hash_seed`."""
+    return {VARIABLE: child_hash_seed(environment)}
 
 
 _WANTED_FILES = 65536
@@ -69,7 +69,7 @@ def allow_more_open_files() -> None:
             resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
-def no_more_files() -> bool:
+def has_no_more_files() -> bool:
     """Whether this process has as many files open as it may."""
     try:
         os.close(os.open(os.devnull, os.O_RDONLY))
@@ -78,13 +78,13 @@ def no_more_files() -> bool:
     return False
 
 
-def more_open_files() -> str:
+def advise_open_files() -> str:
     """Return what to do where a file cannot be opened since too many are open."""
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
     return f"this process may open {most}: let it have more (ulimit -n 4096), or start fewer servers"
 
 
-class Place:
+class StablePath:
     """What a path named when it was given, wherever the process works later."""
 
     def __init__(self, given: Path) -> None:

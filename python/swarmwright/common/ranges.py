@@ -80,7 +80,7 @@ def ranges_of(value: Any, count: int) -> tuple[Range | None, ...]:  # noqa: ANN4
     return ranges
 
 
-def common(rows: Sequence[Sequence[Range | None]]) -> tuple[Range | None, ...]:
+def intersect_ranges(rows: Sequence[Sequence[Range | None]]) -> tuple[Range | None, ...]:
     """Return the ranges on which all rows that are long enough agree; None for the others."""
     columns = (
         {row[index] for row in rows if index < len(row)} for index in range(max(map(len, rows), default=0))

@@ -10,12 +10,17 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import create_model
 
-from swarmwright.common.entry_points import announced, described, load, only
+from swarmwright.common.entry_points import (
+    choose_entry_point,
+    describe_plug_in,
+    find_entry_points,
+    load_plug_in,
+)
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean, unknown
-from swarmwright.common.tracebacks import place_of, shown
+from swarmwright.common.tracebacks import locate_definition, shorten_path
 
 Component = TypeVar("Component")
 
@@ -46,7 +51,7 @@ class Registry(Generic[Component]):
 
     @cached_property
     def _entry_points(self) -> dict[str, list[EntryPoint]]:
-        return announced(self.group)
+        return find_entry_points(self.group)
 
     def names(self) -> list[str]:
         """Return all kinds there are, sorted."""
@@ -112,17 +117,17 @@ class Registry(Generic[Component]):
             # A built-in name cannot be taken over: an experiment file must mean the same everywhere.
             return _resolve(self.built_in[kind])
         point = self._point(kind)
-        component = load(self.what, point)
+        component = load_plug_in(self.what, point)
         base: type[Component] = _resolve(self._base)
         if not (isinstance(component, type) and issubclass(component, base)):
             raise InputError(
-                f"{described(self.what, point)} is not a subclass of {self._base.replace(':', '.')}"
+                f"{describe_plug_in(self.what, point)} is not a subclass of {self._base.replace(':', '.')}"
             )
         if not _has_options(base):  # modules, which are checked where they are used
             return component
         missing = _missing(component)
         if missing:
-            raise InputError(f"{described(self.what, point)}: lacks {', '.join(missing)}")
+            raise InputError(f"{describe_plug_in(self.what, point)}: lacks {', '.join(missing)}")
         return component
 
     def _from_file(self, kind: str) -> type[Component]:
@@ -136,7 +141,7 @@ class Registry(Generic[Component]):
         code, _ = import_module("swarmwright.simulations.loading").import_with_digest(parsed.file)
         base: type[Component] = _resolve(self._base)
         found = getattr(code, parsed.member, None)
-        file = shown(str(parsed.file))
+        file = shorten_path(str(parsed.file))
         if found is None:
             classes = [
                 name
@@ -147,7 +152,7 @@ class Registry(Generic[Component]):
             hint = did_you_mean(parsed.member, classes) or ";"
             raise InputError(f"{file}: has no class {parsed.member!r}{hint} {there}")
         if not (isinstance(found, type) and issubclass(found, base)):
-            place = place_of(found) if hasattr(found, "__qualname__") else file
+            place = locate_definition(found) if hasattr(found, "__qualname__") else file
             raise InputError(
                 f"{place}: {parsed.member} is not a subclass of {self._base.replace(':', '.')}, which every "
                 f"{self.what} is"
@@ -157,14 +162,14 @@ class Registry(Generic[Component]):
             of_class.options_model = of_class.default_options
         missing = _missing(found)
         if missing:
-            raise InputError(f"{place_of(found)}: {parsed.member} lacks {', '.join(missing)}")
+            raise InputError(f"{locate_definition(found)}: {parsed.member} lacks {', '.join(missing)}")
         return _with_kind(found, kind)
 
     def _point(self, kind: str) -> EntryPoint:
         points = self._entry_points.get(kind)
         if points is None:
             raise InputError(unknown(self.what, kind, self.names()))
-        return only(self.what, points)
+        return choose_entry_point(self.what, points)
 
 
 def _missing(component: type) -> list[str]:

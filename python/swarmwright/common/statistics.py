@@ -185,7 +185,7 @@ def student_t(freedom: int, of: int = 1) -> float:
     density /= math.sqrt(freedom * math.pi)
     for _ in range(5 if of == 1 else 50):  # Newton's method, which doubles the digits each time
         slope = 2 * density * (1 + found * found / freedom) ** (-(freedom + 1) / 2)
-        step = (_within(found, freedom) - share) / slope
+        step = (_central_probability(found, freedom) - share) / slope
         found -= step
         if abs(step) <= 1e-13 * found:
             break
@@ -199,7 +199,7 @@ def _normal(share: float) -> float:
     return NormalDist().inv_cdf((1 + share) / 2)
 
 
-def _within(t: float, freedom: int) -> float:
+def _central_probability(t: float, freedom: int) -> float:
     """Return the share of Student's distribution within +-t; Abramowitz and Stegun 26.7.3 and 26.7.4."""
     angle = math.atan2(t, math.sqrt(freedom))
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -238,7 +238,7 @@ def rank_correlation(source: Sequence[float], target: Sequence[float]) -> Correl
     pairs = [(a, b) for a, b in zip(source, target, strict=True) if math.isfinite(a) and math.isfinite(b)]
     if len(pairs) < 3:
         return None
-    one, other = (doubled_midranks(np.array(values)) for values in zip(*pairs, strict=True))
+    one, other = (compute_doubled_midranks(np.array(values)) for values in zip(*pairs, strict=True))
     if np.ptp(one) == 0 or np.ptp(other) == 0:
         return None
     rho = float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1))
@@ -253,7 +253,7 @@ def rank_correlation(source: Sequence[float], target: Sequence[float]) -> Correl
     return Correlation(rho, min(low, rho), max(high, rho), count)
 
 
-def doubled_midranks(values: NDArray[np.float64]) -> NDArray[np.int64]:
+def compute_doubled_midranks(values: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return twice the rank of each value, from 1; equal ones share the mean of theirs."""
     ordered = np.sort(values)
     low = np.searchsorted(ordered, values, side="left")

@@ -17,7 +17,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return "" if near is None else f"; did you mean '{near}'?"
 
 
-def meant_or_all(name: str, known: Iterable[str], words: str = "available") -> str:
+def suggest_or_list(name: str, known: Iterable[str], words: str = "available") -> str:
     """Return "; did you mean 'x'?", or "; available: a, b" where none is near; words: instead of that one."""
     names = list(known)
     return did_you_mean(name, names) or f"; {words}: {', '.join(names) or 'none'}"
@@ -46,15 +46,15 @@ def similar(name: str, known: Iterable[str], cutoff: float = 0.6) -> str | None:
     return by_folded[near[0]] if near else None
 
 
-def _has_word(candidate: str, folded: str) -> bool:
+def _has_word(candidate: str, word: str) -> bool:
     """Return whether a name begins or ends with a word, as numAgents does with num and agents."""
     whole = candidate.casefold()
-    if len(folded) < _SHORTEST_WORD or len(whole) != len(candidate) or len(whole) <= len(folded):
+    if len(word) < _SHORTEST_WORD or len(whole) != len(candidate) or len(whole) <= len(word):
         return False
-    if whole.startswith(folded):
+    if whole.startswith(word):
         return True
-    first, before = candidate[-len(folded)], candidate[-len(folded) - 1]
-    return whole.endswith(folded) and (first.isupper() or not before.isalnum())
+    first, before = candidate[-len(word)], candidate[-len(word) - 1]
+    return whole.endswith(word) and (first.isupper() or not before.isalnum())
 
 
 def unknown(what: str, name: str, known: Iterable[str]) -> str:
@@ -85,10 +85,10 @@ class UnknownKey(str):
 
 def unknown_key(key: str, known: Iterable[str]) -> UnknownKey:
     """Say that a file has no such key, with the nearest known one or the list of all, in their order."""
-    return UnknownKey("unknown key", meant_or_all(key, known, "known keys"))
+    return UnknownKey("unknown key", suggest_or_list(key, known, "known keys"))
 
 
-def folded(name: str) -> str:
+def fold_name(name: str) -> str:
     """Return a name as it is compared: `goal x`, `goal_x` and `goalX` are the same.
 
     Letters and digits of all scripts count, others do not; it is empty for a name without any.
@@ -106,5 +106,5 @@ def alike(name: str, names: Sequence[str]) -> list[int]:
     same = [index for index, other in enumerate(names) if other == name]
     if same:
         return same
-    key = folded(name)
-    return [index for index, other in enumerate(names) if folded(other) == key] if key else []
+    key = fold_name(name)
+    return [index for index, other in enumerate(names) if fold_name(other) == key] if key else []

@@ -20,7 +20,7 @@ _PATIENCE_S = 1.0
 """Seconds to wait for another process that makes the place; other users can hold that lock, too."""
 
 
-def private_place() -> Path:
+def private_folder() -> Path:
     """Return this user's own folder in the system's folder for temporary files; make it where there is none.
 
     Its name is random, so that no other user can take it first. All processes of the user find the same one.
@@ -31,7 +31,7 @@ def private_place() -> Path:
     try:
         place = _first_of_this_user(temporary, prefix)
         if place is None:
-            with _locked(temporary, _PATIENCE_S):
+            with _hold_lock(temporary, _PATIENCE_S):
                 place = _first_of_this_user(temporary, prefix)
                 if place is None:
                     place = Path(tempfile.mkdtemp(prefix=prefix, dir=temporary))  # mode 0700
@@ -66,9 +66,9 @@ class TemporaryFolder:
     """
 
     def __init__(self, kind: str) -> None:
-        place = private_place()
+        place = private_folder()
         try:
-            with _locked(place):
+            with _hold_lock(place):
                 _remove_abandoned(place)
                 self.path = Path(tempfile.mkdtemp(prefix=f"{kind}-", suffix=_ENDING, dir=place))
                 lock = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -105,7 +105,7 @@ def _remove_abandoned(place: Path) -> None:
 
 
 @contextlib.contextmanager
-def _locked(folder: Path, patience: float = float("inf")) -> Iterator[None]:
+def _hold_lock(folder: Path, patience: float = float("inf")) -> Iterator[None]:
     """Hold the lock of a folder; after `patience` seconds, go on without it."""
     lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     deadline = time.monotonic() + patience

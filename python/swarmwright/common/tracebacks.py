@@ -9,13 +9,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 
 _CYTHON = frozenset({".pyx", ".pxd", ".pxi"})
 """Suffixes of source files of Cython."""
 
 
-def shown(file: str) -> str:
+def shorten_path(file: str) -> str:
     """A file's path, relative where it lies below the working folder."""
     path = Path(file)
     with contextlib.suppress(OSError):
@@ -42,7 +42,7 @@ def _places() -> tuple[Path, ...]:
     return (Path(__file__).parents[1], *(Path(place) for place in sorted(python) if place))
 
 
-def words_of(error: BaseException) -> str:
+def exception_text(error: BaseException) -> str:
     """Return what an exception says; its own code may fail, too."""
     try:
         return str(error)
@@ -50,12 +50,12 @@ def words_of(error: BaseException) -> str:
         return f"its text cannot be made: {type(other).__name__}"
 
 
-def located(error: BaseException) -> str:
+def locate_error(error: BaseException) -> str:
     """Return kind, text, and the last line of code that is not installed: `KeyError: 'x' (mine.py:12)`.
 
     An exception without a text is shown with the code: `AssertionError (mine.py:12: assert left > 0)`.
     """
-    words = one_line(words_of(error)).strip()
+    words = escape_line(exception_text(error)).strip()
     found = f"{type(error).__name__}{': ' if words else ''}{words}"
     frames = traceback.walk_tb(error.__traceback__)
     lines = [(frame.f_code.co_filename, line) for frame, line in frames]
@@ -63,13 +63,13 @@ def located(error: BaseException) -> str:
     if not own:
         return found
     file, line = own[-1]
-    code = "" if words else one_line(linecache.getline(file, line).strip())
-    return f"{found} ({shown(file)}:{line}{': ' if code else ''}{code})"
+    code = "" if words else escape_line(linecache.getline(file, line).strip())
+    return f"{found} ({shorten_path(file)}:{line}{': ' if code else ''}{code})"
 
 
-def place_of(kind: Any) -> str:  # noqa: ANN401 - a class or a function
+def locate_definition(kind: Any) -> str:  # noqa: ANN401 - a class or a function
     """Return the file and the line in which a class or a function is defined."""
     try:
-        return f"{shown(inspect.getsourcefile(kind) or '')}:{inspect.getsourcelines(kind)[1]}"
+        return f"{shorten_path(inspect.getsourcefile(kind) or '')}:{inspect.getsourcelines(kind)[1]}"
     except (OSError, TypeError):
         return f"{kind.__module__}.{kind.__qualname__}"

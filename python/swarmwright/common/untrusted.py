@@ -19,20 +19,20 @@ _IN_JSON = re.compile(f"[{_BEYOND_C0}]")
 _NAMES = {"\n": r"\n", "\r": r"\r", "\t": r"\t"}
 
 
-def one_line(text: str) -> str:
+def escape_line(text: str) -> str:
     r"""Return text as one line: a line break is `\n`, ESC is `\x1b`, U+202E is `\u202e`."""
     return _IN_LINE.sub(lambda found: _NAMES.get(found[0]) or _escape(found[0]), text)
 
 
-def lines(text: str) -> list[str]:
+def escape_lines(text: str) -> list[str]:
     """Return the lines of a text of several, each escaped; tabs stay.
 
     The caller must indent them: at the left margin they could be mistaken for a line of Swarmwright.
     """
-    return ["\t".join(map(one_line, line.split("\t"))) for line in text.removesuffix("\n").split("\n")]
+    return ["\t".join(map(escape_line, line.split("\t"))) for line in text.removesuffix("\n").split("\n")]
 
 
-def in_json(encoded: str) -> str:
+def escape_json(encoded: str) -> str:
     r"""Return JSON with those characters that JSON leaves alone as `\u009b`: it means the same."""
     return _IN_JSON.sub(lambda found: f"\\u{ord(found[0]):04x}", encoded)
 
@@ -42,17 +42,17 @@ def leads_elsewhere(text: str) -> bool:
     return text.startswith(("/", "~")) or ".." in PurePath(text).parts
 
 
-def paths_elsewhere(value: Any) -> Iterator[str]:  # noqa: ANN401 - any JSON value
+def find_outside_paths(value: Any) -> Iterator[str]:  # noqa: ANN401 - any JSON value
     """Yield the texts in a value that lead out of a folder where they are used as paths."""
     if isinstance(value, str):
         if leads_elsewhere(value):
             yield value
     elif isinstance(value, Mapping):
         for item in value.values():
-            yield from paths_elsewhere(item)
+            yield from find_outside_paths(item)
     elif isinstance(value, list | tuple):
         for item in value:
-            yield from paths_elsewhere(item)
+            yield from find_outside_paths(item)
 
 
 def _escape(character: str) -> str:

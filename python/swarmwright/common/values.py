@@ -12,12 +12,12 @@ import numpy as np
 from pydantic import BaseModel
 
 
-def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return nested values by dotted name: {"method": {"kind": "x"}} as {"method.kind": "x"}."""
     result: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
-            result |= flat(value, f"{prefix}{name}.")
+            result |= flatten(value, f"{prefix}{name}.")
         else:
             result[f"{prefix}{name}"] = value
     return result
@@ -132,27 +132,27 @@ class ComparedByValue:
         if type(other) is not type(self):
             return NotImplemented
         compared: list[str] = [field.name for field in fields(self) if field.compare]  # type: ignore[arg-type]
-        return all(same(getattr(self, name), getattr(other, name)) for name in compared)
+        return all(are_equal(getattr(self, name), getattr(other, name)) for name in compared)
 
     def __ne__(self, other: object) -> bool:
         equal = self.__eq__(other)
         return equal if equal is NotImplemented else not equal
 
 
-def same(one: Any, other: Any) -> bool:  # noqa: ANN401 - any values
+def are_equal(one: Any, other: Any) -> bool:  # noqa: ANN401 - any values
     """Return whether two values are equal; arrays and NaN are among them."""
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        return _same_arrays(one, other)
+        return _are_arrays_equal(one, other)
     if isinstance(one, str | bytes) or type(one) is not type(other):
         return bool(one == other)
     if isinstance(one, Mapping):
-        return one.keys() == other.keys() and all(same(value, other[key]) for key, value in one.items())
+        return one.keys() == other.keys() and all(are_equal(value, other[key]) for key, value in one.items())
     if isinstance(one, Sequence):
-        return len(one) == len(other) and all(map(same, one, other))
+        return len(one) == len(other) and all(map(are_equal, one, other))
     return bool(one == other or (one != one and other != other))
 
 
-def _same_arrays(one: Any, other: Any) -> bool:  # noqa: ANN401 - arrays, or one of them
+def _are_arrays_equal(one: Any, other: Any) -> bool:  # noqa: ANN401 - arrays, or one of them
     if type(one) is not type(other) or one.dtype != other.dtype:
         return False
     return bool(np.array_equal(one, other, equal_nan=one.dtype.kind in "fc"))

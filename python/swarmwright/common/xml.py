@@ -11,7 +11,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.files import contents, first_character_of
+from swarmwright.common.files import first_character_of, read_contents
 
 _MOST_NODES = 2_000_000
 """Elements and attributes of a file; each takes about 400 bytes."""
@@ -158,7 +158,7 @@ def read(path: Path) -> Element:
 
     Raises InputError, with file and line, when it cannot be read or is not valid XML.
     """
-    builder = _parsed(path)
+    builder = _parse(path)
     assert builder.root is not None  # expat finds no document without one
     return builder.root
 
@@ -168,14 +168,14 @@ def root_of(path: Path) -> Element:
 
     Raises InputError, with file and line, when it cannot be read or has none.
     """
-    root = _parsed(path, stop=True).root
+    root = _parse(path, stop=True).root
     assert root is not None  # as above
     return root
 
 
-def _parsed(path: Path, *, stop: bool = False) -> _Builder:
+def _parse(path: Path, *, stop: bool = False) -> _Builder:
     """Return the builder that has read a file; stop: to the start of its root element only."""
-    data = contents(path)
+    data = read_contents(path)
     first = first_character_of(data)
     if first not in {"", "<"}:
         raise InputError(f"{path}: is not XML, which begins with '<', not with {first!r}")

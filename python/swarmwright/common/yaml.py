@@ -16,7 +16,7 @@ from ruamel.yaml.reader import ReaderError
 
 from swarmwright.common._yaml_scanner import YamlParser, YamlScanner
 from swarmwright.common.errors import InputError
-from swarmwright.common.files import IS_UTF16, is_utf16, near_file, read_bytes
+from swarmwright.common.files import IS_UTF16, is_utf16, read_bytes, suggest_file
 
 Path_ = tuple[str | int, ...]
 """The place of a value: keys and list indices from the top."""
@@ -68,7 +68,7 @@ class Source:
         A value without a line has that of the nearest value above it.
         """
         above = self._nearest(path)
-        dotted = dotted_path((*self.above, *path))
+        dotted = format_path((*self.above, *path))
         if above in self.options:
             return f"{self.options[above]}: " + (f"{dotted}: " if path != above else "")
         line = self.lines.get(above)
@@ -100,7 +100,7 @@ class Source:
         return path
 
 
-def dotted_path(path: Path_) -> str:
+def format_path(path: Path_) -> str:
     """Return `("a", "b", 0)` as "a.b[0]"."""
     text = ""
     for part in path:
@@ -108,7 +108,7 @@ def dotted_path(path: Path_) -> str:
     return text
 
 
-def path_of(dotted: str) -> Path_:
+def parse_path(dotted: str) -> Path_:
     """Return "a.b[0]" as `("a", "b", 0)`."""
     return tuple(int(part[1:-1]) if part[0] == "[" else part for part in _PART.findall(dotted))
 
@@ -125,7 +125,7 @@ def read(path: Path) -> Source:
             raise InputError(f"{path}: {IS_UTF16}")
         text = data.decode("utf-8-sig")
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file{near_file(path)}") from None
+        raise InputError(f"{path}: there is no such file{suggest_file(path)}") from None
     except IsADirectoryError:
         raise InputError(f"{path}: is a folder, not a file") from None
     except OSError as error:
@@ -277,7 +277,7 @@ class _Builder:
         self._source.problems.append((path, node.start_mark.line + 1, message))
 
 
-def without_places(problems: str, name: str) -> str:
+def remove_locations(problems: str, name: str) -> str:
     """Return problems of a text that was parsed under a name, such as one that is in no file, without it."""
     return re.sub(rf"{re.escape(name)}(:\d+)*: ", "", problems)
 
@@ -316,12 +316,12 @@ def _mapping_lines(values: Mapping[str, Any], indent: str) -> Iterator[str]:
             isinstance(value, list) and len(value) > 1 and len(start) + len(_flow(value)) >= _LINE_CHARACTERS
         ):
             yield start
-            yield from _wrapped(value, indent + "  ")
+            yield from _wrap_list(value, indent + "  ")
         else:
             yield f"{start} {_flow(value)}"
 
 
-def _wrapped(values: list[Any], indent: str) -> Iterator[str]:
+def _wrap_list(values: list[Any], indent: str) -> Iterator[str]:
     """Break a long list between its items."""
     line = f"{indent}["
     for index, value in enumerate(values):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
 from swarmwright.common.errors import RunError
-from swarmwright.common.untrusted import lines, one_line
+from swarmwright.common.untrusted import escape_line, escape_lines
 from swarmwright.conformance.rules import OWNERS, Rule, owner
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class Report:
 
     def __str__(self) -> str:
         """A line of figures, then what failed, D6.1's rules first."""
-        said = [one_line(conclusion(self)), *by_source(self)]
+        said = [escape_line(conclusion(self)), *by_source(self)]
         for _, part in self.by_owner():
             said += [explained(result) for result in part.results if result.status in BAD]
         return "\n".join(said)
@@ -134,7 +134,7 @@ def explained(result: Result) -> str:
     for label in ("sent", "came", "expected", "fix"):
         text = getattr(result, label)
         if text:
-            first, *rest = lines(text)
+            first, *rest = escape_lines(text)
             said += [f"  {label}: {first}", *(f"    {line}" for line in rest)]
     return "\n".join(said)
 
@@ -201,9 +201,9 @@ COLORS = {"passed": "green", "failed": "red", "died": "red", "skipped": "yellow"
 def line(result: Result) -> str:
     """A result as a line of plain text; what does not fit in it is indented below."""
     detail = f": {result.detail}" if result.detail else ""
-    first, *rest = lines(f"{result.status:8} {result.id:6} {result.owner:11} {result.rule}{detail}")
+    first, *rest = escape_lines(f"{result.status:8} {result.id:6} {result.owner:11} {result.rule}{detail}")
     if result.status in BAD:
-        rest += lines(explained(result))[1:]
+        rest += escape_lines(explained(result))[1:]
     return "\n".join([first, *(f"         {part}" for part in rest)])
 
 

@@ -10,7 +10,7 @@ from swarmwright.common.arrays import Genome, Genomes, Limits, shortest
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
 from swarmwright.common.plug_in_code import is_plug_in, numbers
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import format_value
 from swarmwright.common.random_numbers import Stream, Streams
 
 MANY = 1 << 22
@@ -145,7 +145,9 @@ class Representation(ABC):
         try:
             row = np.asarray(genome, dtype=np.float32)
         except (TypeError, ValueError):
-            raise InputError(f"genome: is {shown(genome)}; expected {self.genome_size} numbers") from None
+            raise InputError(
+                f"genome: is {format_value(genome)}; expected {self.genome_size} numbers"
+            ) from None
         if row.shape != (self.genome_size,):
             raise InputError(f"genome: has the shape {row.shape}; expected ({self.genome_size},)")
         if not np.isfinite(row).all():

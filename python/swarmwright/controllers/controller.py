@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
-from swarmwright.common.arguments import checked, mapping, path_of
+from swarmwright.common.arguments import check_arguments, mapping, path_of
 from swarmwright.common.arrays import float32_of
-from swarmwright.common.errors import InputError, engine_errors, explained
+from swarmwright.common.errors import InputError, describe_exception, engine_errors
 from swarmwright.common.files import read_bytes, write_text
 from swarmwright.common.json_text import loads
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import format_value
 from swarmwright.controllers.kinds import kind_of
 from swarmwright.controllers.modules.grammar import ACTUATORS, PYTHON_KIND, SENSORS
 from swarmwright.controllers.modules.machine import Swarm
@@ -51,7 +51,7 @@ class Controller:
         if isinstance(specification, str):
             if not specification.lstrip().startswith("{"):
                 raise InputError(
-                    f"controller: must be a mapping or JSON text, not {shown(specification)}; "
+                    f"controller: must be a mapping or JSON text, not {format_value(specification)}; "
                     "Controller.load(path) reads a file or a run folder"
                 )
             self._text = specification
@@ -79,7 +79,9 @@ class Controller:
                 return None
             return Swarm(values, np.array([values["weights"]], dtype=np.float32))
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-            raise InputError(f"controller: is not a machine of modules: {explained(error)}") from error
+            raise InputError(
+                f"controller: is not a machine of modules: {describe_exception(error)}"
+            ) from error
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
@@ -110,7 +112,7 @@ class Controller:
         except InputError as error:
             raise InputError(f"{file}: {error}") from error
 
-    @checked
+    @check_arguments
     def save(self, path: str | PathLike[str]) -> None:
         """Write the specification as JSON. Raises InputError when the file cannot be written."""
         write_text(path, json.dumps(self.specification, indent=2) + "\n")
@@ -336,4 +338,4 @@ def _find_modules(specification: Mapping[str, Any], folder: Path) -> None:
     try:
         find(specification, folder)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"controller: is not a machine of modules: {explained(error)}") from error
+        raise InputError(f"controller: is not a machine of modules: {describe_exception(error)}") from error

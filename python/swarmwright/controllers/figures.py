@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.common.plain_figures import plain
+from swarmwright.common.plain_figures import use_plain_settings
 from swarmwright.controllers.drawing import Drawing, Names
 from swarmwright.controllers.kinds import drawn
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["Names", "figure"]
 
 
-@plain()
+@use_plain_settings()
 def figure(
     specification: Mapping[str, Any],
     *,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from swarmwright.common.plain_figures import plain
+from swarmwright.common.plain_figures import use_plain_settings
 from swarmwright.display import _robots
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Part, Recording, Shown
@@ -319,7 +319,7 @@ class Picture:
     wide. shown: what is drawn of it. still: whether the last scene is drawn alone.
     """
 
-    @plain()
+    @use_plain_settings()
     def __init__(
         self, shows: Recording | Part, *, dpi: int, shown: Shown | None = None, still: bool = False
     ) -> None:
@@ -376,7 +376,7 @@ class Picture:
         self._key.draw(self.figure)
         self._ground: Any = None  # what never changes, drawn once
 
-    @plain()
+    @use_plain_settings()
     def image(self, scene: Scene, time: float) -> "Image":
         """The scene as an RGB image, trails fading behind. time: in steps."""
         from PIL import Image

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.plain_figures import warning_of_letters
+from swarmwright.common.plain_figures import warn_of_missing_letters
 from swarmwright.common.warn_once import warn_once
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Caption, Part, Recording, Shown
@@ -59,7 +59,7 @@ def save(
         if ending == ".png":
             _warn_of_a_still_without_agents(part.recording)
     module = import_module(f"swarmwright.display.{_WRITERS[ending]}")
-    with warning_of_letters():
+    with warn_of_missing_letters():
         if ending == ".html":
             text = module.page(parts, caption=caption or Caption(), speed=speed, shown=shown)
             path.write_text(text, encoding="utf-8")

@@ -3,12 +3,12 @@
 import io
 from pathlib import Path
 
-from swarmwright.common.plain_figures import plain
+from swarmwright.common.plain_figures import use_plain_settings
 from swarmwright.display._episode import Caption, Part, Shown
 from swarmwright.display.drawing import Picture
 
 
-@plain()
+@use_plain_settings()
 def write(
     part: Part,
     path: Path,

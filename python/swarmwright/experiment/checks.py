@@ -9,10 +9,10 @@ from pydantic import ValidationError
 from swarmwright.common import suggestions
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
-from swarmwright.common.problems import FieldError, Report, problems_of, shown
+from swarmwright.common.problems import FieldError, Report, format_value, problems_of
 from swarmwright.common.registry import Registry
 from swarmwright.common.simulation_names import is_command
-from swarmwright.common.yaml import Path_, path_of
+from swarmwright.common.yaml import Path_, parse_path
 from swarmwright.controllers import Representation
 from swarmwright.controllers.kinds.parameter_set import ParameterSetOptions
 from swarmwright.controllers.kinds.team import TeamOptions, check_counts, most, with_groups
@@ -59,7 +59,7 @@ def _report_parameter(mistake: ParameterMistake, given: Mapping[str, Any], repor
     if mistake.field == "mission.robots" and _has_own_radius(given):
         mistake = ParameterMistake("robot.radius", f"{mistake.reason}, or a smaller radius")
     if mistake.parameter in given:
-        report(("parameters", *path_of(mistake.field)), mistake.reason)
+        report(("parameters", *parse_path(mistake.field)), mistake.reason)
     else:  # that of its default, with other parameters
         report(("parameters", mistake.parameter), f"parameter {mistake}")
 
@@ -77,7 +77,7 @@ def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa
             if isinstance(key, str):
                 yield from _unsendable(inner, (*path, key))
             else:
-                yield path, f"a key must be text, not {shown(key)}"
+                yield path, f"a key must be text, not {format_value(key)}"
     elif isinstance(value, list | tuple):
         for index, inner in enumerate(value):
             yield from _unsendable(inner, (*path, index))
@@ -178,7 +178,10 @@ def _check_section(
 ) -> Options | None:
     kind = section.get("kind", DEFAULT_KINDS[name])
     if not isinstance(kind, str):
-        report((name, "kind"), f"must be text, not {shown(kind)}; available: {', '.join(registry.names())}")
+        report(
+            (name, "kind"),
+            f"must be text, not {format_value(kind)}; available: {', '.join(registry.names())}",
+        )
         return None
     try:
         model: type[Options] = registry.get(kind).options_model

@@ -6,8 +6,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.common.problems import Report, shown
-from swarmwright.common.suggestions import did_you_mean, meant_or_all
+from swarmwright.common.problems import Report, format_value
+from swarmwright.common.suggestions import did_you_mean, suggest_or_list
 from swarmwright.common.yaml import Path_
 from swarmwright.controllers.kinds.parameter_set import CategoricalParameter, ParameterSetOptions
 from swarmwright.methods.plug_ins import REGISTRIES
@@ -212,7 +212,7 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
     for path, template in templates:
         for name in template.names:
             if name not in known:
-                hint = meant_or_all(name, known)
+                hint = suggest_or_list(name, known)
                 report(path, f"{{{name}}} is not a placeholder, and no parameter has this name{hint}")
     if options.controller != "stepwise":
         files: list[tuple[Path_, Template]] = [
@@ -264,8 +264,8 @@ def _check_text(
     ]
     for path, name, value in [*values, *defaults]:
         if name in choices and not is_choice(value, choices[name]):
-            listed = ", ".join(map(shown, choices[name]))
-            report(path, f"{shown(value)} found, expected one of {listed} (simulation.choices.{name})")
+            listed = ", ".join(map(format_value, choices[name]))
+            report(path, f"{format_value(value)} found, expected one of {listed} (simulation.choices.{name})")
             continue
         found = Values(dict.fromkeys(own), {name: value}, choices, declared)
         problems = [
@@ -373,7 +373,7 @@ def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> 
     for path, text, known in places:
         for name in names_in(text):
             if name not in known:
-                hint = meant_or_all(name, known)
+                hint = suggest_or_list(name, known)
                 report(path, f"{{{name}}} is not a placeholder{hint}")
     used = {name for word in reset for name in names_in(word)}
     words = [

@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, mo
 
 from swarmwright import _engine
 from swarmwright.common.options import Options
-from swarmwright.common.problems import FieldError, shown
+from swarmwright.common.problems import FieldError, format_value
 from swarmwright.common.simulation_names import is_command
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.experiment.broker_address import broker_problem, prefix_problem
@@ -41,7 +41,7 @@ def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     hint = did_you_mean(value, _SERVERS) if isinstance(value, str) else ""
     raise ValueError(
         "must be auto, local, in-process, a number of servers, or what starts them, such as slurm:4, not "
-        f"{shown(value)}{hint}"
+        f"{format_value(value)}{hint}"
     )
 
 
@@ -119,7 +119,7 @@ def _audit(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 1:
         return value
     hint = did_you_mean(value, [AUTO]) if isinstance(value, str) else ""
-    raise ValueError(f"must be auto or a share from 0 to 1, not {shown(value)}{hint}")
+    raise ValueError(f"must be auto or a share from 0 to 1, not {format_value(value)}{hint}")
 
 
 class Faults(Options):
@@ -166,7 +166,7 @@ def _episodes(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
         return value
     hint = did_you_mean(value, [AUTO]) if isinstance(value, str) else ""
     raise ValueError(
-        f"must be auto or a number of episodes from 0 to {_MOST_EPISODES:,}, not {shown(value)}{hint}"
+        f"must be auto or a number of episodes from 0 to {_MOST_EPISODES:,}, not {format_value(value)}{hint}"
     )
 
 
@@ -177,7 +177,7 @@ def _switched(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
         return {"episodes": 0}
     if isinstance(value, Mapping | Validate):
         return value
-    raise ValueError(f"must be a mapping such as {{episodes: 100}}, or false, not {shown(value)}")
+    raise ValueError(f"must be a mapping such as {{episodes: 100}}, or false, not {format_value(value)}")
 
 
 _TARGET = {"anyOf": [{"type": "string", "minLength": 1}, {"type": "object"}]}
@@ -189,17 +189,21 @@ def _targets(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
         value = [value]
     if isinstance(value, list | tuple) and all(isinstance(entry, str | Mapping) and entry for entry in value):
         return list(value)
-    raise ValueError(f"must be simulations or files, such as [arena-gazebo, harder.yaml], not {shown(value)}")
+    raise ValueError(
+        f"must be simulations or files, such as [arena-gazebo, harder.yaml], not {format_value(value)}"
+    )
 
 
 def _ranges(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if not isinstance(value, Mapping):
-        raise ValueError(f"must be ranges, such as {{parameters.speed: [0.4, 0.8]}}, not {shown(value)}")
+        raise ValueError(
+            f"must be ranges, such as {{parameters.speed: [0.4, 0.8]}}, not {format_value(value)}"
+        )
     for key, ends in value.items():
         numbers = isinstance(ends, list | tuple) and len(ends) == 2
         if not numbers or any(isinstance(end, bool) or not isinstance(end, int | float) for end in ends):
             raise FieldError(
-                str(key), f"must be the lowest and the highest value, [0.4, 0.8], not {shown(ends)}"
+                str(key), f"must be the lowest and the highest value, [0.4, 0.8], not {format_value(ends)}"
             )
     return {str(key): list(ends) for key, ends in value.items()}
 

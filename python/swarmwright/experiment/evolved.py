@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright.common.arrays import shortest
-from swarmwright.common.suggestions import UnknownKey, meant_or_all
+from swarmwright.common.suggestions import UnknownKey, suggest_or_list
 from swarmwright.common.yaml import Path_
 from swarmwright.controllers.kinds.parameter_set import CategoricalParameter, Parameter, RealParameter
 from swarmwright.simulations import catalogue
@@ -74,7 +74,7 @@ def unknown(simulation: str, names: Iterable[str]) -> Iterator[tuple[str, str]]:
         if name not in known:
             yield (
                 name,
-                UnknownKey(f"unknown parameter of {title}", meant_or_all(name, known, "known parameters")),
+                UnknownKey(f"unknown parameter of {title}", suggest_or_list(name, known, "known parameters")),
             )
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Never, Self
 
 from swarmwright import _engine
-from swarmwright.common.arguments import checked, instance, listed, mapping, path_of
+from swarmwright.common.arguments import check_arguments, instance, mapping, path_of, require_list
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_text
 from swarmwright.common.html import facts
 from swarmwright.common.simulation_names import SimulationName, is_command
-from swarmwright.common.values import flat, hashable, plain_values, read_only
+from swarmwright.common.values import flatten, hashable, plain_values, read_only
 from swarmwright.common.yaml import Source, dump, read
 from swarmwright.controllers import REPRESENTATIONS, Representation, RepresentationOptions
 from swarmwright.experiment.budget import LIMITS, Budget, sets_limit
@@ -178,7 +178,7 @@ class Experiment:
         method.populaton: unknown key; did you mean 'population'?`.
         """
         file = path_of("path", path, "an experiment file")
-        listed("settings", settings, "settings such as method.generations=50")
+        require_list("settings", settings, "settings such as method.generations=50")
         other = describe_other_file(file) if file.is_file() else None
         if other is not None:
             raise InputError(other)
@@ -222,7 +222,7 @@ class Experiment:
 
         Raises InputError with every problem.
         """
-        listed("settings", settings, "settings such as method.generations=50")
+        require_list("settings", settings, "settings such as method.generations=50")
         return cls._from(values, settings)
 
     @classmethod
@@ -251,12 +251,12 @@ class Experiment:
     ) -> Self:
         from swarmwright.experiment.validation import check  # noqa: PLC0415 - takes long, not for reading attributes
 
-        checked = cls(**check(source, ask=ask, folder=folder, lenient=lenient), path=path)
-        if not (checked.validate.transfers or isinstance(checked.ranking, SlowOptions)):
-            return checked
+        loaded = cls(**check(source, ask=ask, folder=folder, lenient=lenient), path=path)
+        if not (loaded.validate.transfers or isinstance(loaded.ranking, SlowOptions)):
+            return loaded
         from swarmwright.experiment.targets import resolved  # noqa: PLC0415 - it imports this module
 
-        return dataclasses.replace(checked, **resolved(checked, source, ask=ask))
+        return dataclasses.replace(loaded, **resolved(loaded, source, ask=ask))
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, every default written out; keys without a value are left out."""
@@ -283,12 +283,12 @@ class Experiment:
     def _repr_html_(self) -> str:
         """Return every key as a table, for notebooks."""
         name = f" of {self.path}" if self.path is not None else ""
-        values = flat(self.to_mapping())
+        values = flatten(self.to_mapping())
         return facts(
             f"Experiment{name}: {self.label}", [(key, shortened(value)) for key, value in values.items()]
         )
 
-    @checked
+    @check_arguments
     def save(self, path: str | PathLike[str]) -> None:
         """Write the experiment as a file that loads to an equal one, every default written out.
 
@@ -388,7 +388,7 @@ class Experiment:
         """What the run may use: generations, evaluations, seconds."""
         return Budget.of(self.method)
 
-    @checked
+    @check_arguments
     def representation(self, sensors: int | None = None, actuators: int | None = None) -> Representation:
         """Return the representation of genomes.
 
@@ -506,8 +506,8 @@ def checked_again(experiment: Experiment) -> Experiment:
 
     Raises InputError with every problem.
     """
-    checked = Experiment._checked(Source("", values=experiment.to_mapping()), None)
-    return dataclasses.replace(checked, path=experiment.path)
+    loaded = Experiment._checked(Source("", values=experiment.to_mapping()), None)
+    return dataclasses.replace(loaded, path=experiment.path)
 
 
 def with_source(

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.problems import problems_of, shown
+from swarmwright.common.problems import format_value, problems_of
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.experiment.launchers import LAUNCHERS, LauncherOptions
 
@@ -75,7 +75,7 @@ def _entry(value: Any, folder: Path, report: Report) -> LauncherOptions | None: 
             report((), str(error))
             return None
     if not isinstance(value, Mapping):
-        report((), f"must be a launcher, such as {{launcher: slurm, count: 4}}, not {shown(value)}")
+        report((), f"must be a launcher, such as {{launcher: slurm, count: 4}}, not {format_value(value)}")
         return None
     kind = value.get("launcher")
     if not isinstance(kind, str):

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 from swarmwright.common import yaml
 from swarmwright.common.errors import InputError
-from swarmwright.common.files import near_file, read_bytes
+from swarmwright.common.files import read_bytes, suggest_file
 from swarmwright.common.simulation_names import is_python
 from swarmwright.simulations import catalogue
 
@@ -135,7 +135,7 @@ def read_object(path: Path) -> dict[str, Any]:
         text = read_bytes(path, _LARGEST_FILE_BYTES).decode("utf-8-sig")
         value = json.loads(text, parse_constant=_no_number)
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file{near_file(path)}") from None
+        raise InputError(f"{path}: there is no such file{suggest_file(path)}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except json.JSONDecodeError as error:

@@ -9,7 +9,7 @@ from typing import Any
 
 from swarmwright.common.arguments import mapping, number
 from swarmwright.common.errors import InputError
-from swarmwright.common.yaml import dotted_path
+from swarmwright.common.yaml import format_path
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.robots import DEFAULT, robot_of
 from swarmwright.experiment.settings import key_path
@@ -30,7 +30,7 @@ class Range:
 
     def __str__(self) -> str:
         """Return where it was given, key and values: `--vary parameters.speedDefenders=0.4..0.8`."""
-        return f"{self.given}{dotted_path(self.path)}={self.low}..{self.high}"
+        return f"{self.given}{format_path(self.path)}={self.low}..{self.high}"
 
     @classmethod
     def parse(cls, text: str) -> "Range":
@@ -59,7 +59,7 @@ class Range:
     def checked(self) -> "Range":
         """Return it; raises InputError when it is none."""
         if self.path[0] != "parameters":
-            meant = dotted_path(("parameters", *self.path))
+            meant = format_path(("parameters", *self.path))
             is_key = self.path[0] in {item.name for item in fields(Experiment)}
             hint = "" if is_key else f"; did you mean {meant}?"
             raise InputError(f"only parameters of the simulation can be varied{hint}")

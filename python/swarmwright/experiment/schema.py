@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from swarmwright.common.options import Options, described
+from swarmwright.common.options import Options, add_descriptions
 from swarmwright.experiment.document import DEFAULT_KINDS, Document
 from swarmwright.experiment.launchers import LAUNCHERS
 from swarmwright.methods.plug_ins import REGISTRIES
@@ -16,14 +16,14 @@ _IN_FILE = {"type": "string", "pattern": r"\.py:[^:]+$"}
 
 def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of experiment files, of plug-ins too unless `only_built_in`."""
-    schema = _tidy(described(Document).model_json_schema())
+    schema = _tidy(add_descriptions(Document).model_json_schema())
     definitions: dict[str, Any] = schema.pop("$defs", {})
     for name, registry in REGISTRIES.items():
         kinds = sorted(registry.built_in) if only_built_in else registry.names()
         variants = []
         for kind in kinds:
             model: type[Options] = registry.get(kind).options_model
-            variant = _tidy(described(model).model_json_schema())
+            variant = _tidy(add_descriptions(model).model_json_schema())
             definitions |= variant.pop("$defs", {})
             variant.pop("title", None)
             if kind != DEFAULT_KINDS[name]:
@@ -50,7 +50,7 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
             }
     _describe_launchers(schema["properties"]["servers"], definitions, only_built_in=only_built_in)
     for title, model in (("Command", CommandOptions), ("Fmu", FmuOptions), ("Ros", RosOptions)):
-        mapping = _tidy(described(model).model_json_schema())
+        mapping = _tidy(add_descriptions(model).model_json_schema())
         inner = {f"{title}{name}": definition for name, definition in mapping.pop("$defs", {}).items()}
         definitions |= _moved({**inner, title: mapping}, title)
     schema["properties"]["simulation"] = {
@@ -73,7 +73,7 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
 
 def options_schema(model: type[Options]) -> dict[str, Any]:
     """Return the JSON Schema of one section."""
-    return _tidy(described(model).model_json_schema())  # type: ignore[no-any-return] # of a mapping
+    return _tidy(add_descriptions(model).model_json_schema())  # type: ignore[no-any-return] # of a mapping
 
 
 def _describe_launchers(servers: dict[str, Any], definitions: dict[str, Any], *, only_built_in: bool) -> None:

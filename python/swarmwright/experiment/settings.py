@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright import _engine
-from swarmwright.common.arguments import listed
+from swarmwright.common.arguments import require_list
 from swarmwright.common.arguments import text as argument
 from swarmwright.common.errors import InputError, SwarmwrightError
-from swarmwright.common.problems import shown
-from swarmwright.common.yaml import Path_, Source, dotted_path, parse
+from swarmwright.common.problems import format_value
+from swarmwright.common.yaml import Path_, Source, format_path, parse
 from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.experiment.misplaced import TOP, right_places
@@ -52,7 +52,7 @@ def parse_settings(texts: Iterable[str]) -> list[Setting]:
 
     Raises InputError with all that cannot be read, a line each.
     """
-    listed("settings", texts, "settings such as method.generations=50")
+    require_list("settings", texts, "settings such as method.generations=50")
     settings, problems = [], []
     for given_text in texts:
         text = argument("settings", given_text, "a list of texts such as method.generations=50")
@@ -255,7 +255,7 @@ def assign(values: dict[str, Any], path: tuple[str, ...], value: Any) -> None:  
         value: None takes the key back to its default.
     """
     source = Source("", values)
-    _assign(source, Setting(path, value, dotted_path(path)))
+    _assign(source, Setting(path, value, format_path(path)))
     if source.problems:
         raise InputError("\n".join(message for _, _, message in source.problems))
 
@@ -274,7 +274,7 @@ def _assign(source: Source, setting: Setting) -> None:
                 return
             key = int(part)
         elif not isinstance(container, dict):
-            _complain(source, setting, path, f"is {shown(container)}, which has no part {part!r}")
+            _complain(source, setting, path, f"is {format_value(container)}, which has no part {part!r}")
             return
         path = (*path, key)
         if last and setting.value is None and isinstance(container, dict):
@@ -284,7 +284,7 @@ def _assign(source: Source, setting: Setting) -> None:
         else:
             if isinstance(container, dict) and container.get(part) is None:
                 if path[0] != "parameters" and setting.path[index + 1].isdecimal():
-                    number, whole = setting.path[index + 1], dotted_path(path)
+                    number, whole = setting.path[index + 1], format_path(path)
                     _complain(
                         source, setting, path, f"is not given, so there is no item {number}; set {whole}=[..]"
                     )
@@ -327,7 +327,7 @@ def _complain(source: Source, setting: Setting, path: Path_, message: str) -> No
     # A place of its own: what the file itself has at this path is checked as well.
     place: Path_ = (*path, setting.text)
     source.options[place] = setting.text
-    source.problems.append((place, 0, f"{dotted_path(path)} {message}"))
+    source.problems.append((place, 0, f"{format_path(path)} {message}"))
 
 
 def _forget(source: Source, path: Path_, *, but: Collection[Path_] = ()) -> None:

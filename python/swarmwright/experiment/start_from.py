@@ -10,7 +10,7 @@ import numpy as np
 
 from swarmwright.common.arrays import Genomes, shortest
 from swarmwright.common.errors import InputError
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import format_value
 from swarmwright.controllers import Representation
 from swarmwright.controllers.controller import Controller, genome_beside
 from swarmwright.controllers.kinds import words_of
@@ -43,7 +43,9 @@ def entries(value: Any, folder: Path) -> list[Entry]:  # noqa: ANN401 - whatever
         return [_of_mapping(value, folder)]
     if isinstance(value, Sequence) and value:
         return [entry for item in value for entry in entries(item, folder)]
-    raise InputError(f"must be the path of a run or of a controller, or a list of these, not {shown(value)}")
+    raise InputError(
+        f"must be the path of a run or of a controller, or a list of these, not {format_value(value)}"
+    )
 
 
 def _of_mapping(value: Mapping[str, Any], folder: Path) -> Entry:
@@ -162,7 +164,9 @@ def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str
 
 def _difference(key: str, one: Mapping[str, Any], other: Mapping[str, Any], options: Container[str]) -> str:
     """Return what differs: `output_range ([-2, 2], here [-1, 1]; set controller.output_range)`."""
-    values = [shown(each[key], _SHOWN_CHARACTERS + 1) if key in each else "none" for each in (one, other)]
+    values = [
+        format_value(each[key], _SHOWN_CHARACTERS + 1) if key in each else "none" for each in (one, other)
+    ]
     if key == "groups" or max(map(len, values)) > _SHOWN_CHARACTERS:
         return key
     advice = f"; set controller.{key}" if key in options and key in one else ""

@@ -10,7 +10,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.common.simulation_names import is_python
 from swarmwright.common.suggestions import unknown
-from swarmwright.common.yaml import Path_, Source, dotted_path, read
+from swarmwright.common.yaml import Path_, Source, format_path, read
 from swarmwright.experiment.derived import steers_agents
 from swarmwright.experiment.document import STORE, Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, with_source
@@ -117,7 +117,7 @@ class PseudoReality:
         stream = Stream(0, "pseudo-reality", 0, model)
         shares = stream.unit(len(self.ranges)).tolist()
         settings = [
-            f"{dotted_path(interval.path)}={interval.at(share)!r}"
+            f"{format_path(interval.path)}={interval.at(share)!r}"
             for interval, share in zip(self.ranges, shares, strict=True)
         ]
         try:

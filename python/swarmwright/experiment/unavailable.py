@@ -15,7 +15,7 @@ from pydantic import ConfigDict, ValidationError
 from swarmwright.common.arrays import Fitness, Genomes
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import problems_of
-from swarmwright.common.yaml import dotted_path
+from swarmwright.common.yaml import format_path
 from swarmwright.controllers import Representation
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.methods.plug_ins import REGISTRIES
@@ -139,7 +139,7 @@ def options_with_code(section: str, options: Any) -> Any:  # noqa: ANN401 - opti
         return model.model_validate(options.model_dump(exclude_none=True))
     except ValidationError as error:
         found = problems_of(error, model, (section,))
-        raise InputError("\n".join(f"{dotted_path(path)}: {words}" for path, words in found)) from error
+        raise InputError("\n".join(f"{format_path(path)}: {words}" for path, words in found)) from error
 
 
 def require(options: MethodOptions, folder: Path | None) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.common.errors import InputError, SwarmwrightError
-from swarmwright.common.problems import Report, shown
+from swarmwright.common.problems import Report, format_value
 from swarmwright.common.simulation_names import LIBRARIES, definition_in, is_definition, is_in_file, is_python
 from swarmwright.common.yaml import Path_, Source
 from swarmwright.experiment.checks import check_values
@@ -48,7 +48,7 @@ def check(
 
     checked: Checked = {}
     if not isinstance(source.values, Mapping):
-        found = "is empty" if source.values is None else f"holds {shown(source.values)}"
+        found = "is empty" if source.values is None else f"holds {format_value(source.values)}"
         begins = "an experiment is a mapping that begins like 'simulation: minisim'"
         report((), f"{found}; {begins}{_importable(source)}")
     elif "experiment" in source.values and "simulation" not in source.values:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.files import read_bytes
 from swarmwright.common.revision import revision
@@ -87,7 +87,7 @@ class Bundle:
         return f"<Bundle {self.file}: {formats}>"
 
 
-@checked
+@check_arguments
 def export_bundle(
     run: "Run | str | PathLike[str]",
     file: str | PathLike[str],

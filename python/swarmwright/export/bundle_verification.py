@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from swarmwright.common import archives
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.json_text import loads
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers.modules.grammar import PYTHON_KIND
 from swarmwright.controllers.source.text import check_prefix
 from swarmwright.experiment.experiment import recorded_experiment
@@ -151,7 +151,7 @@ def read_files(path: Path) -> dict[str, bytes]:
     """
     if path.is_dir():
         return _read_folder(path)
-    with archives.opened(path, "a bundle") as archive:
+    with archives.open_archive(path, "a bundle") as archive:
         for info in archive.infolist():
             if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
                 raise InputError(_not_plain(path, info.filename))
@@ -159,9 +159,9 @@ def read_files(path: Path) -> dict[str, bytes]:
         _check_size(path, sum(info.file_size for info in infos))
         names = [info.filename for info in infos]
         if len(set(names)) < len(names):
-            raise InputError(f"{path}: has a file twice: {one_line(_twice(names))}")
+            raise InputError(f"{path}: has a file twice: {escape_line(_twice(names))}")
         _check_manifest(path, names)
-        return {name: archives.content(archive, path, name, _LARGEST_BUNDLE_BYTES) for name in names}
+        return {name: archives.read_entry(archive, path, name, _LARGEST_BUNDLE_BYTES) for name in names}
 
 
 def _read_folder(folder: Path) -> dict[str, bytes]:
@@ -184,14 +184,15 @@ def _read_folder(folder: Path) -> dict[str, bytes]:
 
 
 def _not_plain(path: Path, name: str) -> str:
-    return f"{path}: {one_line(name)}: is not a plain file; no bundle has others"
+    return f"{path}: {escape_line(name)}: is not a plain file; no bundle has others"
 
 
 def _check_name(path: Path, name: str) -> None:
     """Raise InputError for a name that some programs unpack to a place outside the bundle's folder."""
     if archives.is_outside(name):
         raise InputError(
-            f"{path}: {one_line(name)}: is not a name inside a folder (absolute, with .., a backslash or a "
+            f"{path}: {escape_line(name)}: is not a name inside a folder (absolute, with .., a backslash or "
+            "a "
             "drive letter); no bundle has such names"
         )
 
@@ -238,7 +239,7 @@ def check_fitness(
     said = fitness_words(stated, meaning(experiment, len(parts)))
     if "Fitness" in facts and facts["Fitness"] not in (said, repr(stated + 0.0)):
         report.problems.append(
-            f"{MANIFEST}: says of the fitness {one_line(facts['Fitness'])!r}, but {EVALUATION} {said!r}"
+            f"{MANIFEST}: says of the fitness {escape_line(facts['Fitness'])!r}, but {EVALUATION} {said!r}"
         )
 
 
@@ -248,7 +249,7 @@ def check_episodes(evaluation: Mapping[str, Any], subject: Subject, report: Bund
 
     simulation = evaluation["experiment"].get("simulation")
     if simulation not in catalogue.titles():
-        report.not_evaluated = f"the simulation {one_line(str(simulation))} is not a built-in one"
+        report.not_evaluated = f"the simulation {escape_line(str(simulation))} is not a built-in one"
         return
     earlier = [(part["seeds"], part["episodes"]) for part in evaluation.get("earlier", [])]
     stated = [*earlier, (evaluation["seeds"], evaluation["episodes"])]
@@ -292,7 +293,7 @@ _FORMAT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 """What a format of a package that is not installed here may be called: it is a folder, also on Windows."""
 
 
-@checked
+@check_arguments
 def verify_bundle(file: str | PathLike[str]) -> BundleVerification:
     """Check a bundle, wherever it comes from; nothing that it contains is executed unless it is known.
 
@@ -346,7 +347,7 @@ def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
     prefix = str(manifest["prefix"])
     check_prefix(prefix)
     for form in manifest["forms"]:
-        _check_form(str(form), prefix, subject, files, report, by=one_line(str(manifest["swarmwright"])))
+        _check_form(str(form), prefix, subject, files, report, by=escape_line(str(manifest["swarmwright"])))
     evaluation = loads(files[EVALUATION])
     check_fitness(evaluation, dict(facts), report)
     check_episodes(evaluation, subject, report)
@@ -495,7 +496,7 @@ def _exporter(form: str, report: BundleVerification) -> Exporter | None:
             reason = "no export format of this installation"
             _leave_out(form, reason, f"{reason}; install the package that adds it", report)
         else:
-            report.problems.append(f"{MANIFEST}: names a format that no bundle has: {one_line(form)!r}")
+            report.problems.append(f"{MANIFEST}: names a format that no bundle has: {escape_line(form)!r}")
         return None
     try:
         return EXPORTERS.get(form)()

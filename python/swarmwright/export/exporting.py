@@ -5,7 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swarmwright.common.arguments import checked, text
+from swarmwright.common.arguments import check_arguments, text
 from swarmwright.common.errors import RunError
 from swarmwright.controllers.source.text import check_prefix, word_of
 from swarmwright.export import EXPORTERS
@@ -31,7 +31,7 @@ class ExportResult:
     """None unless it was asked for."""
 
 
-@checked
+@check_arguments
 def export_controller(
     run: "Run | str | PathLike[str]",
     *,

@@ -81,9 +81,9 @@ def add_library(file: Path, prefix: str, fmi: str) -> None:
 
     Raises as `library`, and InputError where the FMU, which may be from a bundle, is damaged or too large.
     """
-    with archives.opened(file, "an FMU") as archive:
+    with archives.open_archive(file, "an FMU") as archive:
         inside: Files = {
-            name: archives.content(archive, file, name, _LARGEST_FILE_BYTES) for name in archive.namelist()
+            name: archives.read_entry(archive, file, name, _LARGEST_FILE_BYTES) for name in archive.namelist()
         }
     if any(name.startswith(_BINARIES) for name in inside):
         return

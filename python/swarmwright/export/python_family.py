@@ -5,7 +5,7 @@ Arrays of numbers as expressions in Python and MicroPython.
 
 import numpy as np
 
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers.source.in_python import Numbers, PythonCode, Values
 from swarmwright.controllers.source.text import decimals, quoted, wrapped
 from swarmwright.export._base import facts, part_of, render
@@ -104,8 +104,8 @@ def _step_seconds(subject: Subject) -> str:
 def _names(channels: list[Channel]) -> str:
     lines = []
     for channel in channels:
-        unit = f"in {one_line(channel.unit)}, " if channel.unit else ""
-        lines.append(f"    {quoted(channel.name)},  # {unit}{one_line(channel.limits)}")
+        unit = f"in {escape_line(channel.unit)}, " if channel.unit else ""
+        lines.append(f"    {quoted(channel.name)},  # {unit}{escape_line(channel.limits)}")
     return "\n".join(lines)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.tracebacks import place_of
+from swarmwright.common.tracebacks import locate_definition
 from swarmwright.controllers.kinds import kind_of
 from swarmwright.controllers.kinds.modules.tables import catalogue_of, own_modules
 from swarmwright.controllers.modules import grammar
@@ -82,7 +82,8 @@ def own_python(subject: Subject, prefix: str) -> OwnPython:
             for place, data in source.files.items():
                 if files.setdefault(place, data) != data:
                     raise InputError(
-                        f"{place_of(kind)}: {part.name}: its {place} is not that of another module, and both "
+                        f"{locate_definition(kind)}: {part.name}: its {place} is not that of another "
+                        "module, and both "
                         "would be copied to the same place; rename one of them"
                     )
             packages |= set(source.packages)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.untrusted import in_json, one_line
+from swarmwright.common.untrusted import escape_json, escape_line
 from swarmwright.controllers.kinds import words_of
 from swarmwright.controllers.source.text import MARK, c_literal, quoted
 from swarmwright.experiment.robots import DEFAULT
@@ -151,10 +151,10 @@ def _entries(kind: str, channels: Sequence[Channel], known: Sequence[Mapping[str
     lines = []
     for channel in channels:
         name = channel.name
-        begin = f"  - {kind}: {in_json(json.dumps(name, ensure_ascii=False))}"
-        unit = f"{one_line(channel.unit)}, " if channel.unit else ""
+        begin = f"  - {kind}: {escape_json(json.dumps(name, ensure_ascii=False))}"
+        unit = f"{escape_line(channel.unit)}, " if channel.unit else ""
         values = {"topic": "", "type": "", "field": "", **by_name.get(name, _scaling(kind, channel))}
-        lines.append(f"{begin:<29} # {unit}{one_line(channel.limits)}")
+        lines.append(f"{begin:<29} # {unit}{escape_line(channel.limits)}")
         if kind == "sensor" and name == RANDOM and channel.range is None and name not in by_name:
             lines.append("    source: random")
             continue
@@ -167,7 +167,7 @@ def _entries(kind: str, channels: Sequence[Channel], known: Sequence[Mapping[str
 def _shown(key: str, value: Any) -> str:  # noqa: ANN401 - of an entry
     """Return a value of an entry; in place of a topic that a node cannot resolve, an empty one."""
     if key == "topic" and _ROBOT in value:
-        return f'""  # in the run: {in_json(json.dumps(value, ensure_ascii=False))}'
+        return f'""  # in the run: {escape_json(json.dumps(value, ensure_ascii=False))}'
     return _number(repr(value)) if isinstance(value, float) else json.dumps(value)
 
 
@@ -180,7 +180,7 @@ def _wheels(subject: Subject) -> str:
     if not speed or not base:
         e_puck = PRESETS[DEFAULT]
         robot, speed, base = "e-puck of the arena", e_puck.max_speed, e_puck.wheel_base
-    names = [in_json(json.dumps(name)) for name in _WHEELS]
+    names = [escape_json(json.dumps(name)) for name in _WHEELS]
     entries = []
     for field, weights, scale in (
         ("linear.x", ("0.5", "0.5"), speed),

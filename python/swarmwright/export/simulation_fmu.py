@@ -18,7 +18,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers.source.text import MARK, check_prefix
 from swarmwright.export._base import Files, render
 from swarmwright.export.fmu_parts import add_range, add_units, token, unit_name, xml, zipped
@@ -71,7 +71,7 @@ def _build() -> None:
             f"{FILE}: cannot be compiled: there is no program `make`; install it, or Swarmwright from a wheel"
         ) from error
     if done.returncode or not FILE.exists():
-        said = "; ".join(one_line(line) for line in done.stdout.splitlines()[-_LINES:] if line.strip())
+        said = "; ".join(escape_line(line) for line in done.stdout.splitlines()[-_LINES:] if line.strip())
         raise RunError(f"{FILE}: cannot be compiled: `make fmi` failed: {said or 'it printed nothing'}")
 
 

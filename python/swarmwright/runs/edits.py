@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.problems import shown
-from swarmwright.common.values import flat
+from swarmwright.common.problems import format_value
+from swarmwright.common.values import flatten
 from swarmwright.common.yaml import dump, read
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, stored_experiment
 from swarmwright.runs.store import StoreReader
@@ -65,7 +65,7 @@ def changes(run: "Run") -> tuple[list[Change], Experiment]:
 
 def differences(recorded: Mapping[str, Any], now: Mapping[str, Any]) -> list[Change]:
     """Return the keys in which two experiments differ."""
-    before, after = flat(dict(recorded)), flat(dict(now))
+    before, after = flatten(dict(recorded)), flatten(dict(now))
     return [
         Change(key, before.get(key, _NOTHING), after.get(key, _NOTHING))
         for key in dict.fromkeys([*before, *after])
@@ -99,7 +99,7 @@ def taken_over(run: "Run", asked: Experiment) -> tuple[Experiment, list[str]]:
             f"{error}\n{run.path / FILE} was edited since the run wrote it; restore it, or delete it, and it "
             "is written anew"
         ) from error
-    options = flat(asked.to_mapping())
+    options = flatten(asked.to_mapping())
     wrong = [change for change in found if change.matters and change.now != options.get(change.key, _NOTHING)]
     if wrong:
         lines = "".join(f"\n  {change}" for change in wrong)
@@ -122,4 +122,4 @@ def taken_over(run: "Run", asked: Experiment) -> tuple[Experiment, list[str]]:
 
 
 def _value_in_words(value: Any) -> str:  # noqa: ANN401 - any value of a file
-    return "not given" if value is _NOTHING else shown(value)
+    return "not given" if value is _NOTHING else format_value(value)

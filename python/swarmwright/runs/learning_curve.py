@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, SupportsIndex
 
 import numpy as np
 
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.files import write_text
 from swarmwright.common.html import table
@@ -92,7 +92,7 @@ class LearningCurve:
 
         return draw(self)
 
-    @checked
+    @check_arguments
     def plot(self, path: str | PathLike[str]) -> Path:
         """Draw `figure` into a file (.png, .svg or .pdf); return its path.
 
@@ -102,7 +102,7 @@ class LearningCurve:
 
         return save(self.figure(), Path(path))
 
-    @checked
+    @check_arguments
     def export(self, path: str | PathLike[str]) -> Path:
         """Write a table as CSV, a row for each point; return its path.
 
@@ -135,7 +135,7 @@ class LearningCurve:
         ]
 
 
-@checked
+@check_arguments
 def learning_curve(
     run: "Run | str | PathLike[str]",
     points: int = POINTS,

@@ -7,10 +7,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.arguments import listed, text
+from swarmwright.common.arguments import require_list, text
 from swarmwright.common.errors import InputError
 from swarmwright.common.suggestions import unknown
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.runs.run import Run
 from swarmwright.simulations import catalogue
 
@@ -38,7 +38,7 @@ def names_of(runs: Sequence[Run], names: Names) -> list[str]:
                 "fitness, objectives or measures are made of"
             )
         return shared
-    listed("metrics", names, "names of metrics")
+    require_list("metrics", names, "names of metrics")
     names = [text("metrics", name, "a list of names") for name in names]
     for run in runs:
         for name in names:
@@ -53,7 +53,7 @@ def _label(run: Run, name: str) -> str:
         return name
     found = catalogue.description(run.experiment.simulation, run.experiment.parameters)["metrics"]
     unit = found.get(name, {}).get("unit")
-    return one_line(f"{name} ({unit})") if unit and unit != name else name
+    return escape_line(f"{name} ({unit})") if unit and unit != name else name
 
 
 class MetricCurves:

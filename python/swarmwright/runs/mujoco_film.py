@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from swarmwright.common.errors import InputError, SwarmwrightError
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers.controller import Controller
 from swarmwright.runs.code import used_for
 from swarmwright.runs.run import Run
@@ -124,7 +124,7 @@ def main(run: Path, file: Path, episode: int) -> None:
     try:
         write(Run.open(run), file, episode=episode)
     except (SwarmwrightError, OSError) as error:
-        click.echo(f"swarmwright: {one_line(str(error))}", err=True)
+        click.echo(f"swarmwright: {escape_line(str(error))}", err=True)
         sys.exit(2 if isinstance(error, InputError) else 1)
 
 

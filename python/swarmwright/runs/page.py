@@ -6,7 +6,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_text
 from swarmwright.display.page import page
@@ -38,7 +38,7 @@ class ReplayPage:
             page([replay.part(recording)], caption=replay.caption(recording), speed=speed),
         )
 
-    @checked
+    @check_arguments
     def save(self, path: str | PathLike[str]) -> None:
         """Write the page, for a browser; `swarmwright replay --save` writes pictures and videos.
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, SupportsIndex,
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.arrays import Genomes, read_only_array
 from swarmwright.common.errors import InputError
 from swarmwright.common.html import facts
@@ -273,7 +273,7 @@ def post_evaluate(
 ) -> ControllerEvaluation: ...
 
 
-@checked
+@check_arguments
 def post_evaluate(
     run: "Run | Experiment | Mapping[str, Any] | str | PathLike[str]",
     candidate: int | None = None,

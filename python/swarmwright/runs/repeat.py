@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.values import ComparedByValue
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.methods.rankings.race import Race
@@ -70,7 +70,7 @@ class Repetition(ComparedByValue):
         return int((np.isnan(self.recorded) & np.isnan(self.repeated)).sum())
 
 
-@checked
+@check_arguments
 def repeat(
     run: "Run | str | PathLike[str]",
     candidate: int | None = None,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 from swarmwright.common.arguments import simulation_seed
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import label_of
-from swarmwright.common.values import flat
+from swarmwright.common.values import flatten
 from swarmwright.controllers.controller import Controller
 from swarmwright.controllers.kinds import words_of
 from swarmwright.display import Caption
@@ -277,7 +277,7 @@ def _changed(now: Mapping[str, Any], before: Mapping[str, Any], settings: Iterab
             continue
         said.add(path[0])  # a name of which a part is set is a mapping now: not all of it is news
         yield f"{'.'.join(path)} {_shortened(value)}{_earlier_value(_value_at(before, path))}"
-    flat_now, flat_before = flat(now), flat(before)
+    flat_now, flat_before = flatten(now), flatten(before)
     for key in dict.fromkeys([*flat_now, *flat_before]):
         if key == "seed" or key.split(".")[0] in said:
             continue

@@ -11,10 +11,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, SupportsIndex, get_args
 
-from swarmwright.common.arguments import checked, flag, path_of
+from swarmwright.common.arguments import check_arguments, flag, path_of
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.html import facts, picture, png_of
-from swarmwright.common.processes import Place
+from swarmwright.common.processes import StablePath
 from swarmwright.common.statistics import Summary
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.budget import Ended
@@ -81,7 +81,7 @@ class Run:
 
     def __init__(self, path: str | os.PathLike[str], store: StoreReader | None = None) -> None:
         folder = path_of("path", path, "a run folder")
-        self._place = Place(folder if store else find_store(folder))
+        self._place = StablePath(folder if store else find_store(folder))
         if store is None:
             with StoreReader.opened(self.path) as store:
                 pass  # it keeps to this moment
@@ -329,7 +329,7 @@ class Run:
         """
         return RecordTable(self._store.record(), self.metrics)
 
-    @checked
+    @check_arguments
     def evaluation(
         self, candidate: SupportsIndex | None = None, generation: SupportsIndex | None = None
     ) -> Evaluation:
@@ -344,7 +344,7 @@ class Run:
         """
         return self._store.evaluation(candidate, generation)
 
-    @checked
+    @check_arguments
     def seeds(self, generation: int) -> list[int]:
         """Return the simulation seed of each episode of a generation. Raises InputError without that one."""
         return self._store.seeds(generation)
@@ -369,7 +369,7 @@ class Run:
 
         return of_run(self)
 
-    @checked
+    @check_arguments
     def export(self, path: str | PathLike[str]) -> None:
         """Write the record as a table, a line per evaluation, sorted by generation and candidate.
 
@@ -381,7 +381,7 @@ class Run:
         """
         write_table(self._store, Path(path))
 
-    @checked
+    @check_arguments
     def plot(
         self,
         path: str | PathLike[str] | None = None,
@@ -432,7 +432,7 @@ class Run:
 
         return draw(self, diversity(self), x=x)
 
-    @checked
+    @check_arguments
     def replay(
         self,
         *,

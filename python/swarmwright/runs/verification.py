@@ -6,7 +6,7 @@ from typing import Any
 
 from swarmwright.common.arrays import shortest
 from swarmwright.common.errors import InputError, SwarmwrightError
-from swarmwright.common.files import contents
+from swarmwright.common.files import read_contents
 from swarmwright.common.json_text import loads
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import Evaluation, StoreReader
@@ -42,7 +42,7 @@ def _problem(folder: Path, not_compared: list[str]) -> str | None:
     if not file.exists():
         return None
     try:
-        values = loads(contents(file))
+        values = loads(read_contents(file))
     except InputError as error:
         return str(error).removeprefix(f"{file}: ")
     except ValueError as error:

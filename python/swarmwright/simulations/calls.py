@@ -12,9 +12,9 @@ from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.common.errors import EpisodeError, InputError, SimulationError, reworded
-from swarmwright.common.tracebacks import is_installed, words_of
-from swarmwright.common.tracebacks import shown as shown_path
+from swarmwright.common.errors import EpisodeError, InputError, SimulationError, with_message
+from swarmwright.common.tracebacks import exception_text, is_installed
+from swarmwright.common.tracebacks import shorten_path as shown_path
 
 _STACK = 8000
 """Most characters of a traceback; the end is kept, which has the exception."""
@@ -82,7 +82,7 @@ class Calls(Generic[Instance]):
                 raise _engine.InputError(str(error)) from None
             self._fail(self._describe_cause(method, error), error)
         except EpisodeError as error:  # its message has the location and the cause
-            failure = reworded(error, _shorten_like_engine(str(error), _REASON))
+            failure = with_message(error, _shorten_like_engine(str(error), _REASON))
             self._report_once(str(failure), failure.stack)
             self._failures[:] = [failure]
             raise failure from error.__cause__
@@ -202,7 +202,7 @@ def _end_child(method: str) -> NoReturn:
 
 def _get_message(error: BaseException) -> str:
     """Return the message of an exception, shortened."""
-    return _shorten_like_engine(words_of(error), _WORDS)
+    return _shorten_like_engine(exception_text(error), _WORDS)
 
 
 def _shorten_like_engine(text: str, most: int) -> str:

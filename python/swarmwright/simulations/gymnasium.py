@@ -12,7 +12,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.common.errors import InputError, SimulationError, explained
+from swarmwright.common.errors import InputError, SimulationError, describe_exception
 from swarmwright.simulations.calls import summarize
 from swarmwright.simulations.environments._environment import (
     Actions,
@@ -59,7 +59,8 @@ class Gymnasium(Environment):
             if ":" in self.environment or "Did you mean" in str(error):
                 raise
             raise InputError(
-                f"Gymnasium {self.environment}: {explained(error)}; if it belongs to another package, name "
+                f"Gymnasium {self.environment}: {describe_exception(error)}; if it belongs to another "
+                "package, name "
                 f"the module that registers it, gymnasium:MODULE:{self.environment}, as in "
                 "gymnasium:ale_py:ALE/Pong-v5"
             ) from error

@@ -14,10 +14,10 @@ from pathlib import Path
 from types import ModuleType
 
 from swarmwright.common.errors import InputError, SwarmwrightError
-from swarmwright.common.files import near_file
+from swarmwright.common.files import suggest_file
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.common.tracebacks import words_of
+from swarmwright.common.tracebacks import exception_text
 from swarmwright.simulations import isolation
 from swarmwright.simulations.base import BatchSimulation, Described, Simulation
 from swarmwright.simulations.names import (
@@ -333,7 +333,7 @@ def _convert_import_errors(name: str) -> Iterator[None]:
 
 def _import_file(path: Path) -> ModuleType:
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file{near_file(path)}")
+        raise InputError(f"{path}: there is no such file{suggest_file(path)}")
     key = str(path)
     if key in files and _stamps.get(key, {}) != _read_stamps(_stamps.get(key, {})):
         _forget(key)
@@ -484,7 +484,7 @@ def _describe_failure(name: str, error: BaseException) -> str:
         FROM_FILE.rstrip(".") in str(error) or "beyond top-level package" in str(error)
     ):
         return f"{location}: {_explain_relative_import(Path(frames[-1].filename if frames else name))}"
-    message = words_of(error)
+    message = exception_text(error)
     words = f": {message}" if message.strip() else ""
     return f"{location}: {type(error).__name__} while it is imported{words}"
 

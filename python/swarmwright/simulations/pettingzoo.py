@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError, SimulationError
-from swarmwright.common.ranges import common
+from swarmwright.common.ranges import intersect_ranges
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.common.tracebacks import located
+from swarmwright.common.tracebacks import locate_error
 from swarmwright.simulations.base import Group
 from swarmwright.simulations.calls import summarize
 from swarmwright.simulations.environments._environment import (
@@ -69,7 +69,7 @@ class PettingZoo(Environment):
             hint = _suggest_module(name) if error.name == name else ""
             if not hint:
                 raise
-            raise InputError(f"PettingZoo {name}: {located(error)}{hint}") from error
+            raise InputError(f"PettingZoo {name}: {locate_error(error)}{hint}") from error
         if not hasattr(module, "parallel_env"):
             if hasattr(module, "env"):
                 raise InputError(
@@ -226,7 +226,7 @@ class PettingZoo(Environment):
         try:
             return getattr(self.env, kind)(agent), where
         except Exception as error:  # whatever the environment raises
-            raise InputError(f"{where}: {located(error)}") from error
+            raise InputError(f"{where}: {locate_error(error)}") from error
 
     def _sizes(self) -> tuple[int, int]:
         names = getattr(self.env, "possible_agents", None)
@@ -249,8 +249,8 @@ class PettingZoo(Environment):
                 for group in self.groups
             }
         both = self._spaces.values()
-        self.sensor_ranges = common([inputs.ranges for inputs, _ in both])
-        self.actuator_ranges = common([outputs.ranges for _, outputs in both])
+        self.sensor_ranges = intersect_ranges([inputs.ranges for inputs, _ in both])
+        self.actuator_ranges = intersect_ranges([outputs.ranges for _, outputs in both])
         return max(inputs.width for inputs, _ in both), max(outputs.width for _, outputs in both)
 
     def _kinds(self) -> dict[str, Group]:
@@ -266,8 +266,8 @@ class PettingZoo(Environment):
                 agents=len(spaces),
                 sensors=sensors_,
                 actuators=actuators_,
-                sensor_ranges=common([inputs.ranges for inputs, _ in spaces]),
-                actuator_ranges=common([outputs.ranges for _, outputs in spaces]),
+                sensor_ranges=intersect_ranges([inputs.ranges for inputs, _ in spaces]),
+                actuator_ranges=intersect_ranges([outputs.ranges for _, outputs in spaces]),
             )
         return groups if len(groups) > 1 else {}
 

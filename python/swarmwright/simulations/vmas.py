@@ -14,8 +14,8 @@ import vmas
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.ranges import common
-from swarmwright.common.tracebacks import located
+from swarmwright.common.ranges import intersect_ranges
+from swarmwright.common.tracebacks import locate_error
 from swarmwright.simulations.base import BatchSimulation
 from swarmwright.simulations.environments._environment import check_paths, environment_seed, ranges
 
@@ -91,7 +91,9 @@ class Vmas(BatchSimulation):
         """Create the scenario for this number of episodes. Raises InputError."""
         self._env = self._make(episodes, parameters)
         self._made_for = (episodes, dict(parameters))
-        self.actuator_ranges = common([ranges(*_middle_and_half(space)) for space in self._env.action_space])
+        self.actuator_ranges = intersect_ranges(
+            [ranges(*_middle_and_half(space)) for space in self._env.action_space]
+        )
 
     def _make(self, episodes: int, parameters: dict[str, Any]) -> Any:  # noqa: ANN401 - a type of VMAS
         check_paths(f"Vmas {self.environment}", self.environment, parameters)
@@ -109,7 +111,7 @@ class Vmas(BatchSimulation):
                 )
         except Exception as error:  # libraries raise various exceptions
             where = f"{', '.join(parameters)}: " if parameters else ""
-            raise InputError(f"{where}Vmas {self.environment}: {located(error)}") from error
+            raise InputError(f"{where}Vmas {self.environment}: {locate_error(error)}") from error
 
     def _sizes(self, env: Any) -> tuple[int, int]:  # noqa: ANN401 - a type of VMAS
         sensor_shapes = {space.shape for space in env.observation_space}

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.arrays import Fitness, Genomes
-from swarmwright.common.options import Options, described
+from swarmwright.common.options import Options, add_descriptions
 from swarmwright.common.registry import Registry
 from swarmwright.controllers import REPRESENTATIONS, Representation
 from swarmwright.methods import Method
@@ -60,7 +60,7 @@ def check_common_options(model: type[Options], key: str, name: str, given: Mappi
     field = model.model_fields.get(key)
     assert field is not None, f"{model.__name__} needs {key}: Literal[{name!r}] = {name!r}"
     assert field.default == name, f"{model.__name__}.{key} must default to {name!r}"
-    for option, model_field in described(model).model_fields.items():
+    for option, model_field in add_descriptions(model).model_fields.items():
         assert option == key or model_field.description, f"{model.__name__}.{option} has no description"
         assert not model_field.is_required() or option in given, (
             f"{model.__name__}.{option} has no default: give it one, or say here what it is"

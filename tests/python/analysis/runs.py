@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright import Experiment, Run
-from swarmwright.common.processes import Place
+from swarmwright.common.processes import StablePath
 from swarmwright.common.statistics import Summary, figures_of, summarize
 from swarmwright.runs.store import Record
 from swarmwright.runs.store.table import RecordTable
@@ -25,7 +25,7 @@ class KnownRun(Run):
     def __init__(
         self, path: Path, fitness: Sequence[Sequence[float]], *, genomes: Any = None, **changes: Any
     ) -> None:
-        self._place = Place(path)  # and no store
+        self._place = StablePath(path)  # and no store
         self._fitness = [np.array(row, dtype=np.float64) for row in fitness]
         self._experiment = Experiment.from_mapping(BASE).replace(**changes)
         self._genomes = genomes

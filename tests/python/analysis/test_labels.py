@@ -3,7 +3,7 @@ from typing import Any
 
 from swarmwright.analysis.groups import differing_keys, group
 from swarmwright.analysis.labels import abbreviations, labels_of
-from swarmwright.common.values import flat
+from swarmwright.common.values import flatten
 from tests.python.analysis.runs import KnownRun
 
 FORMULAS = [
@@ -109,7 +109,7 @@ def test_nested_options_are_those_of_the_method() -> None:
         ],
         {"kind": "nnga", "population": 4},
     )
-    flattened = [flat({"method": one}) for one in (*elites, others)]
+    flattened = [flatten({"method": one}) for one in (*elites, others)]
     assert differing_keys(flattened) == [
         ["method.kind", "method.evaluations"],
         ["method.kind", "method.evaluations"],

@@ -14,7 +14,7 @@ from swarmwright.cli import _runs
 from swarmwright.cli._output import Output, replace_nonfinite
 from swarmwright.cli._progress import Stall
 from swarmwright.cli.servers import HEADINGS, row
-from swarmwright.common.formatting import duration
+from swarmwright.common.formatting import format_duration
 from tests.conftest import PROGRAM
 
 values = st.recursive(
@@ -64,7 +64,7 @@ def test_a_pipe_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     ],
 )
 def test_durations(seconds: float, text: str) -> None:
-    assert duration(seconds) == text
+    assert format_duration(seconds) == text
 
 
 def test_a_stall_is_told_after_two_seconds_and_then_ever_more_rarely(monkeypatch: pytest.MonkeyPatch) -> None:

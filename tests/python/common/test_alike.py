@@ -2,12 +2,12 @@
 
 import pytest
 
-from swarmwright.common.suggestions import alike, folded
+from swarmwright.common.suggestions import alike, fold_name
 
 
 @pytest.mark.parametrize("name", ["goal x", "goal_x", "goalX", "Goal-X", "goal ｘ"])
 def test_case_and_signs_do_not_count(name: str) -> None:
-    assert folded(name) == "goalx"
+    assert fold_name(name) == "goalx"
     assert alike(name, ["goal y", "goal x"]) == [1]
 
 

@@ -23,7 +23,7 @@ def test_what_an_archive_unpacks_to_is_limited(tmp_path: Path) -> None:
         for _ in range(300):
             stream.write(bytes(1 << 20))
     expected = r"x\.zip: unpacks to 300 MiB, more than 256 MiB and 20 times its own size; .*zip -0"
-    with pytest.raises(InputError, match=expected), archives.opened(file, "an archive"):
+    with pytest.raises(InputError, match=expected), archives.open_archive(file, "an archive"):
         pass
 
 
@@ -33,10 +33,10 @@ def test_the_limit_follows_the_size_of_the_file(tmp_path: Path, monkeypatch: pyt
     for method in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         file = packed(tmp_path / f"{method}.zip", method, zeros=bytes(100_000))
         if method == zipfile.ZIP_STORED:
-            with archives.opened(file, "an archive") as archive:
-                assert archives.content(archive, file, "zeros", 100_000) == bytes(100_000)
+            with archives.open_archive(file, "an archive") as archive:
+                assert archives.read_entry(archive, file, "zeros", 100_000) == bytes(100_000)
         else:
-            with pytest.raises(InputError, match="unpacks to"), archives.opened(file, "an archive"):
+            with pytest.raises(InputError, match="unpacks to"), archives.open_archive(file, "an archive"):
                 pass
 
 
@@ -47,9 +47,9 @@ def test_an_entry_that_says_less_than_it_has(tmp_path: Path) -> None:
         pytest.raises(
             InputError, match=r"x\.zip: is not an archive, or is damaged: Bad CRC-32 for file 'zeros'"
         ),
-        archives.opened(file, "an archive") as archive,
+        archives.open_archive(file, "an archive") as archive,
     ):
-        archives.content(archive, file, "zeros", 1 << 20)
+        archives.read_entry(archive, file, "zeros", 1 << 20)
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
@@ -57,7 +57,7 @@ def test_methods_whose_output_cannot_be_limited(tmp_path: Path, method: int) -> 
     file = packed(tmp_path / "x.zip", method, zeros=bytes(1000))
     with (
         pytest.raises(InputError, match=f"zeros: is compressed by method {method}; expected deflate or none"),
-        archives.opened(file, "an archive"),
+        archives.open_archive(file, "an archive"),
     ):
         pass
 
@@ -67,7 +67,7 @@ def test_names_outside_of_the_folder(tmp_path: Path, name: str) -> None:
     file = packed(tmp_path / "x.zip", zipfile.ZIP_DEFLATED, **{name: b""})
     with (
         pytest.raises(InputError, match="is not a name inside a folder"),
-        archives.opened(file, "an archive"),
+        archives.open_archive(file, "an archive"),
     ):
         pass
 
@@ -77,15 +77,15 @@ def test_the_number_of_entries_is_limited(tmp_path: Path, monkeypatch: pytest.Mo
     file = packed(tmp_path / "x.zip", a=b"", b=b"", c=b"")
     with (
         pytest.raises(InputError, match=r"x\.zip: has 3 entries, more than 2"),
-        archives.opened(file, "an archive"),
+        archives.open_archive(file, "an archive"),
     ):
         pass
 
 
 def test_entries_have_a_limit_of_their_own(tmp_path: Path) -> None:
     file = packed(tmp_path / "x.zip", zeros=bytes(3 << 20))
-    with archives.opened(file, "an archive") as archive:
+    with archives.open_archive(file, "an archive") as archive:
         with pytest.raises(InputError, match="zeros has 3 MiB, more than 2 MiB, the limit"):
-            archives.content(archive, file, "zeros", 2 << 20)
+            archives.read_entry(archive, file, "zeros", 2 << 20)
         with pytest.raises(InputError, match=r"x\.zip: has no ones"):
-            archives.content(archive, file, "ones", 2 << 20)
+            archives.read_entry(archive, file, "ones", 2 << 20)

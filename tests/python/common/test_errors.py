@@ -8,17 +8,17 @@ from swarmwright.common.errors import (
     RunError,
     SimulationError,
     SwarmwrightError,
-    reworded,
+    with_message,
 )
 
 
 @pytest.mark.parametrize("kind", [InputError, RunError, PlugInError])
 def test_another_message_keeps_the_class(kind: type[SwarmwrightError]) -> None:
     error = kind("what")
-    again = reworded(error, "where: what")
+    again = with_message(error, "where: what")
     assert (type(again), str(again), str(error)) == (kind, "where: what", "what")
 
 
 def test_another_message_keeps_attributes() -> None:
-    again = reworded(SimulationError("what", "a traceback"), "where: what")
+    again = with_message(SimulationError("what", "a traceback"), "where: what")
     assert (str(again), again.stack) == ("where: what", "a traceback")

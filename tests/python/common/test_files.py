@@ -10,7 +10,7 @@ import pytest
 
 from swarmwright import Controller, Experiment, InputError, frevo, sweep
 from swarmwright.common import yaml
-from swarmwright.common.files import near_file, read_bytes, write_whole
+from swarmwright.common.files import read_bytes, suggest_file, write_whole
 from swarmwright.servers.broker.passwords import set_password
 
 Read = Callable[[Path], object]
@@ -149,4 +149,4 @@ def test_a_file_that_cannot_be_written_as_a_whole_stays_as_it_was(
 def test_the_nearest_file_of_the_same_kind(name: str, found: str, tmp_path: Path) -> None:
     for one in ("mission.yml", "robot.json", "mision"):
         (tmp_path / one).touch()
-    assert near_file(tmp_path / name) == found
+    assert suggest_file(tmp_path / name) == found

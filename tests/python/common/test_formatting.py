@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmwright.common.formatting import amount, shortened
+from swarmwright.common.formatting import format_amount, shorten
 
 
 @pytest.mark.parametrize(
@@ -13,7 +13,7 @@ from swarmwright.common.formatting import amount, shortened
     ],
 )  # fmt: skip
 def test_small_amounts_keep_their_digits(value: float, text: str) -> None:
-    assert amount(value) == text
+    assert format_amount(value) == text
 
 
 @pytest.mark.parametrize(
@@ -30,4 +30,4 @@ def test_small_amounts_keep_their_digits(value: float, text: str) -> None:
     ],
 )
 def test_long_texts_are_cut_by_letters(text: str, most: int, shown: str) -> None:
-    assert shortened(text, most) == shown
+    assert shorten(text, most) == shown

@@ -15,8 +15,8 @@ from swarmwright.common import processes
 def test_started_processes_have_the_seed_of_the_environment_or_a_fixed_one(
     given: dict[str, str], expected: str
 ) -> None:
-    assert processes.of_started(given) == expected
-    assert processes.variables(given) == {"PYTHONHASHSEED": expected}
+    assert processes.child_hash_seed(given) == expected
+    assert processes.hash_seed_variables(given) == {"PYTHONHASHSEED": expected}
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmwright.common.metric_names import check, problem_of, suggested
+from swarmwright.common.metric_names import check, problem_of, suggest_name
 from swarmwright.simulations.command.definition import CommandOptions
 
 
@@ -16,7 +16,7 @@ def test_names(name: str) -> None:
 )
 def test_what_is_no_name(name: str, better: str) -> None:
     assert "a metric's name has letters (A-Z, a-z), digits and _" in str(problem_of(name))
-    assert suggested(name) == better
+    assert suggest_name(name) == better
     assert problem_of(better) is None
     with pytest.raises(ValueError, match=rf"write {better}: last"):
         CommandOptions.model_validate({"command": "run", "metrics": {name: "last(x)"}})

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from swarmwright.common.options import Options, described
+from swarmwright.common.options import Options, add_descriptions
 
 
 class Inner(Options):
@@ -33,7 +33,7 @@ class Outer(Base):
 
 def test_docstrings_become_descriptions() -> None:
     assert Outer.model_fields["width"].description is None
-    schema = described(Outer).model_json_schema()
+    schema = add_descriptions(Outer).model_json_schema()
     found = {name: entry.get("description") for name, entry in schema["properties"].items()}
     assert found == {
         "width": "How wide.",
@@ -43,7 +43,7 @@ def test_docstrings_become_descriptions() -> None:
         "silent": None,
     }
     assert schema["$defs"]["Inner"]["properties"]["depth"]["description"] == "How deep,\nin metres."
-    assert described(Outer).model_json_schema() == schema
+    assert add_descriptions(Outer).model_json_schema() == schema
     assert Outer(inner=Inner(depth=2)).inner == Inner(depth=2)
 
 
@@ -54,4 +54,4 @@ def test_models_without_source_have_none() -> None:
         "class Made(Options):\n    size: int = 1\n    'How big.'",
         made,
     )
-    assert described(made["Made"]).model_fields["size"].description is None
+    assert add_descriptions(made["Made"]).model_fields["size"].description is None

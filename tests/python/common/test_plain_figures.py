@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from swarmwright.common import warn_once
-from swarmwright.common.plain_figures import warning_of_letters
+from swarmwright.common.plain_figures import warn_of_missing_letters
 
 
 def test_letters_that_no_font_has_are_named_once(
@@ -19,7 +19,7 @@ def test_letters_that_no_font_has_are_named_once(
         caplog.clear()
         figure = Figure()
         figure.suptitle(text)
-        with warning_of_letters():
+        with warn_of_missing_letters():
             figure.savefig(io.BytesIO(), format="png")
         return [one.getMessage() for one in caplog.records]
 
@@ -31,5 +31,5 @@ def test_letters_that_no_font_has_are_named_once(
 
 
 def test_other_warnings_are_shown() -> None:
-    with pytest.warns(UserWarning, match="another"), warning_of_letters():
+    with pytest.warns(UserWarning, match="another"), warn_of_missing_letters():
         warnings.warn("another", stacklevel=1)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright.common.ranges import Range, common, ranges_of
+from swarmwright.common.ranges import Range, intersect_ranges, ranges_of
 
 
 @pytest.mark.parametrize("given", [(0, 10, "m"), (-4, 4), (100.0, -20.0, "N"), [np.float32(0.1), 3]])
@@ -68,5 +68,5 @@ def test_one_for_each_or_none_at_all() -> None:
 
 def test_what_several_have_in_common() -> None:
     one, other = Range(0, 1), Range(0, 2)
-    assert common([[one, one, None], [one, other], [one]]) == (one, None, None)
-    assert common([]) == ()
+    assert intersect_ranges([[one, one, None], [one, other], [one]]) == (one, None, None)
+    assert intersect_ranges([]) == ()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmwright.common.temporary import TemporaryFolder, private_place, remove
+from swarmwright.common.temporary import TemporaryFolder, private_folder, remove
 
 
 @pytest.fixture(autouse=True)
@@ -29,10 +29,10 @@ def mode(path: Path) -> int:
 
 @pytest.mark.slow
 def test_the_place_is_private_and_the_same_each_time(temporary: Path) -> None:
-    place = private_place()
+    place = private_folder()
     assert place.parent == temporary
     assert mode(place) == 0o700
-    assert private_place() == place
+    assert private_folder() == place
     code = "from swarmwright.common.temporary import private_place; print(private_place())"
     other = subprocess.run(
         [sys.executable, "-c", code],
@@ -60,9 +60,9 @@ def test_what_others_put_at_such_a_name_is_passed_over(temporary: Path, tmp_path
             pytest.skip("only root can make a folder of another user")
         else:
             os.chown(name, 65534, 65534)
-    place = private_place()
+    place = private_folder()
     assert place != name
-    assert private_place() == place
+    assert private_folder() == place
     with TemporaryFolder("x") as folder:
         assert folder.parent == place
     assert not list((tmp_path / "elsewhere").iterdir())

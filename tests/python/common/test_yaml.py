@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import InputError
-from swarmwright.common.yaml import dotted_path, dump, parse, read
+from swarmwright.common.yaml import dump, format_path, parse, read
 
 SCALARS = (
     st.none()
@@ -263,8 +263,8 @@ def test_a_byte_order_mark_does_no_harm(tmp_path: Path) -> None:
 
 
 def test_dotted_paths() -> None:
-    assert dotted_path(("a", "b", 0, "c")) == "a.b[0].c"
-    assert dotted_path(()) == ""
+    assert format_path(("a", "b", 0, "c")) == "a.b[0].c"
+    assert format_path(()) == ""
 
 
 def test_a_character_that_yaml_does_not_take_is_told_in_one_line() -> None:

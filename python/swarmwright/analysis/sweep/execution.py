@@ -27,7 +27,7 @@ from swarmwright.analysis.sweep.workers import SideBySide
 from swarmwright.analysis.sweep_folders import as_missing, as_unreadable
 from swarmwright.common.errors import InputError, PlugInError
 from swarmwright.common.files import write_whole
-from swarmwright.common.plug_in_code import reported
+from swarmwright.common.plug_in_code import report_failures
 from swarmwright.experiment.derived import with_environment
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.launcher_entries import written
@@ -127,9 +127,9 @@ def _at_a_time(experiment: Experiment) -> int:
     representation = candidates = None
     # InputError: where only a server knows the numbers of sensors and actuators. What fails in a plug-in is
     # reported by the runs that use it.
-    with suppress(InputError, PlugInError), reported():
+    with suppress(InputError, PlugInError), report_failures():
         representation = experiment.representation()
-    with suppress(InputError, PlugInError), reported():
+    with suppress(InputError, PlugInError), report_failures():
         candidates = METHODS.get(options.kind).first_generation(options, representation)
     return (candidates or _ASSUMED_POPULATION) * experiment.ranking.episodes
 

@@ -20,10 +20,10 @@ from swarmwright.analysis.sweep.variants import (
     variants_of,
 )
 from swarmwright.common.errors import InputError
-from swarmwright.common.files import near_file
-from swarmwright.common.problems import shown
+from swarmwright.common.files import suggest_file
+from swarmwright.common.problems import format_value
 from swarmwright.common.suggestions import unknown_key
-from swarmwright.common.yaml import Source, dotted_path, read
+from swarmwright.common.yaml import Source, format_path, read
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.settings import key_path, parse_settings
 from swarmwright.runs.folders import RUNS
@@ -61,7 +61,7 @@ def require_effect(
             value = value_at(base, leaf)
             if all(value_at(variant.experiment, leaf) != value for variant in variants):
                 raise InputError(
-                    f"{setting.text}: no variant has this value of {dotted_path(leaf)}, because of "
+                    f"{setting.text}: no variant has this value of {format_path(leaf)}, because of "
                     f"'{_replacing(base, leaf, grids)}' in the grid; leave it out, or take the key out of "
                     "the grid"
                 )
@@ -208,7 +208,7 @@ def _experiment(source: Source, file: Path | None, settings: Iterable[str]) -> E
         raise InputError(f"{source.place(('experiment',))}must be the path of an experiment file")
     path = file.parent / name
     if not path.is_file():
-        raise InputError(f"{source.place(('experiment',))}{path}: there is no such file{near_file(path)}")
+        raise InputError(f"{source.place(('experiment',))}{path}: there is no such file{suggest_file(path)}")
     return Experiment.load(path, settings)
 
 
@@ -227,7 +227,7 @@ def _seeds(source: Source) -> tuple[int, ...]:
         return tuple(seeds)
     raise InputError(
         f"{source.place(('seeds',))}must be a number of seeds, from 1 on, or a list of seeds, which are "
-        f"whole numbers from 0 on, not {shown(seeds)}"
+        f"whole numbers from 0 on, not {format_value(seeds)}"
     )
 
 
@@ -236,5 +236,5 @@ def _out(source: Source, stem: str) -> Path:
     if out is None:
         return RUNS / stem
     if not isinstance(out, str | PathLike) or not str(out):
-        raise InputError(f"{source.place(('out',))}must be the path of a folder, not {shown(out)}")
+        raise InputError(f"{source.place(('out',))}must be the path of a folder, not {format_value(out)}")
     return Path(out)

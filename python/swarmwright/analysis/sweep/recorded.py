@@ -12,7 +12,7 @@ from swarmwright.analysis.sweep.variants import Variant, are_seeds, comparable, 
 from swarmwright.analysis.sweep_folders import names_of
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import is_in_file, is_python
-from swarmwright.common.yaml import dotted_path
+from swarmwright.common.yaml import format_path
 from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, recorded_experiment
 from swarmwright.experiment.settings import parse_settings
@@ -239,7 +239,7 @@ def _changed(file: Path, variants: Sequence[Variant], settings: Sequence[str]) -
         for leaf in leaves(setting.path, setting.value):
             if len({value_at(experiment, leaf) for experiment in experiments}) > 1:
                 raise InputError(
-                    f"{setting.text}: the variants of this sweep differ in {dotted_path(leaf)}; leave it "
+                    f"{setting.text}: the variants of this sweep differ in {format_path(leaf)}; leave it "
                     "out, or change a copy of the sweep file"
                 )
     found: dict[str, Variant] = {}

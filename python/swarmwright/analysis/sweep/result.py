@@ -25,10 +25,10 @@ from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.analysis.sweep.run import Listener, Task, tasks
 from swarmwright.analysis.sweep_folders import variant_of
 from swarmwright.analysis.table import option_columns
-from swarmwright.common.arguments import checked, path_of
+from swarmwright.common.arguments import check_arguments, path_of
 from swarmwright.common.errors import InputError
-from swarmwright.common.formatting import duration
-from swarmwright.common.html import Text, facts, in_notebook, table
+from swarmwright.common.formatting import format_duration
+from swarmwright.common.html import Text, facts, is_notebook, table
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs.metric_curves import Names
 from swarmwright.runs.run import Run
@@ -134,7 +134,7 @@ class SweepResult:
             for missing_run in self.left_out
         ]
 
-    @checked
+    @check_arguments
     def compare(
         self,
         *,
@@ -164,7 +164,7 @@ class SweepResult:
             labels=labels,
         )
 
-    @checked
+    @check_arguments
     def plot(
         self,
         path: str | PathLike[str] | None = None,
@@ -225,7 +225,7 @@ class SweepResult:
         )
 
 
-@checked
+@check_arguments
 def sweep(
     source: Experiment | str | PathLike[str] | Mapping[str, Any],
     grid: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
@@ -288,7 +288,7 @@ def sweep(
         else Sweep.load(path_of("source", source, "a file of a sweep"), out=folder)
     )
     todo = tasks(loaded)
-    wanted = in_notebook() if progress is None else progress
+    wanted = is_notebook() if progress is None else progress
     listener = _Shown(todo) if wanted else Listener()
     outcome = conduct(loaded, todo, listener, jobs=jobs, broker=broker, servers=servers)
     if isinstance(listener, _Shown):
@@ -350,7 +350,7 @@ class _Shown(Status):
     def _line(self) -> str:
         failed = f", {self.failures} failed" if self.failures else ""
         left = self.seconds_left()
-        rest = f", {duration(left)} left" if left is not None and self.under_way else ""
+        rest = f", {format_duration(left)} left" if left is not None and self.under_way else ""
         running = "; ".join(run.words for run in list(self.under_way.values())[:4])
         return f"{self.finished} of {self.total} runs done{failed}{rest}" + (
             f"; {running}" if running else ""

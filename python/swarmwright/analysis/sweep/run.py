@@ -12,7 +12,7 @@ from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.variants import Variant, comparable
 from swarmwright.analysis.sweep_folders import names_of
 from swarmwright.common.errors import InputError, SwarmwrightError
-from swarmwright.common.files import contents
+from swarmwright.common.files import read_contents
 from swarmwright.common.json_text import loads
 from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.document import AUTO, Validate
@@ -241,7 +241,7 @@ def _shorter_runs(sweep: Sweep, taken: Collection[str]) -> list[tuple[str, Exper
     with suppress(InputError, ValueError, KeyError, TypeError):
         if sweep.file is None or not file.is_file():
             return []
-        recorded = loads(contents(file))
+        recorded = loads(read_contents(file))
         if recorded["file"] != str(sweep.file):
             return []
         for variant in recorded["variants"]:

@@ -13,7 +13,7 @@ from typing import Any, TypeGuard
 
 from swarmwright.analysis.labels import label_alone, labels_of, name_of
 from swarmwright.common.errors import InputError
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import format_value
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.yaml import Source
 from swarmwright.experiment.budget import LIMITS, sets_limit
@@ -95,7 +95,9 @@ def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[s
         )
     for key, values in grid.items():
         if not isinstance(values, list) or not values:
-            raise InputError(f"{source.place((*at, key))}must be a list of values, not {shown(values)}")
+            raise InputError(
+                f"{source.place((*at, key))}must be a list of values, not {format_value(values)}"
+            )
         if key == "seed":
             raise InputError(
                 f"{source.place((*at, key))}seeds do not belong to the grid; see the key 'seeds'"

@@ -42,7 +42,7 @@ class _Process:
         self._rest = b""
         self._stderr: IO[bytes] = TemporaryFile()  # noqa: SIM115 - closed in `close`
         self.events, writing = os.pipe()
-        environment = {"RAYON_NUM_THREADS": str(threads), **os.environ, **processes.variables()}
+        environment = {"RAYON_NUM_THREADS": str(threads), **os.environ, **processes.hash_seed_variables()}
         try:
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "swarmwright.analysis.sweep.worker", str(writing)],

@@ -17,9 +17,9 @@ from swarmwright.analysis.groups import RunGroup
 from swarmwright.analysis.significance import Difference, difference, holm
 from swarmwright.analysis.table import CSV, check
 from swarmwright.analysis.tasks import by_task
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.files import write_text
-from swarmwright.common.html import preformatted
+from swarmwright.common.html import render_preformatted
 from swarmwright.common.values import ComparedByValue
 from swarmwright.runs.transfer.transferred import Transferred
 
@@ -138,7 +138,7 @@ class Transfer:
 
     def _repr_html_(self) -> str:
         """Return what is printed, for notebooks."""
-        return preformatted(str(self))
+        return render_preformatted(str(self))
 
     def __str__(self) -> str:
         from swarmwright.analysis.transfer.table import table
@@ -157,7 +157,7 @@ class Transfer:
 
         return draw(self)
 
-    @checked
+    @check_arguments
     def plot(self, path: str | PathLike[str]) -> Path:
         """Draw `figure` into a file (.png, .svg or .pdf); return its path.
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.analysis.table import columns, number, pair_mapping, pairs_table
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
     from swarmwright.analysis.transfer.result import Transfer
@@ -22,7 +22,7 @@ def table(transfer: "Transfer") -> str:
     lines = list(_one_run(transfer) if len(transfer.runs) == len(transfer.targets) else _runs(transfer))
     if len(transfer.group_losses) > 1:
         lines += ["", *_groups(transfer)]
-    return "\n".join([*lines, *(f"Note: {one_line(note)}." for note in transfer.notes)])
+    return "\n".join([*lines, *(f"Note: {escape_line(note)}." for note in transfer.notes)])
 
 
 def _one_run(transfer: "Transfer") -> Iterator[str]:
@@ -80,7 +80,7 @@ def _groups(transfer: "Transfer") -> Iterator[str]:
         if index:
             yield ""
         if several:
-            yield f"Task: {one_line(task.label)}"
+            yield f"Task: {escape_line(task.label)}"
         yield "Medians of the runs' best:"
         rows = [["group", "runs", "fitness", f"in {task.target}", "loss", "quartiles of the loss"]]
         for group in task.groups:

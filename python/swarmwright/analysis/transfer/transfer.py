@@ -10,9 +10,9 @@ from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.significance import FEW_RUNS
 from swarmwright.analysis.tasks import by_task, different_tasks, untested
 from swarmwright.analysis.transfer.result import Transfer
-from swarmwright.common.arguments import checked, integer, listed, text
+from swarmwright.common.arguments import check_arguments, integer, require_list, text
 from swarmwright.common.errors import InputError
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
 from swarmwright.experiment.targets import OtherSimulation, Target, is_same, targets_of
 from swarmwright.runs.code import used_for
@@ -28,7 +28,7 @@ CANDIDATES, SEEDS = 10, 30
 """Unless other numbers are given."""
 
 
-@checked
+@check_arguments
 def transfer(
     runs: Iterable[Run | str | os.PathLike[str]],
     to: Sequence[str] = (),
@@ -83,8 +83,8 @@ def transfer(
 
     See also: `post_evaluate`, for other seeds of the same simulation.
     """
-    listed("runs", runs, "run folders")
-    listed("to", to, "simulations or files of them")
+    require_list("runs", runs, "run folders")
+    require_list("to", to, "simulations or files of them")
     to = [text("to", given, "a list of names of simulations, or of files of them") for given in to]
     seeds = integer("seeds", seeds)
     opened = [run_of(run) for run in runs]
@@ -165,7 +165,7 @@ def _failed(found: Sequence[Transferred]) -> Iterator[str]:
     )
     for where, count in {"the runs' own simulation": sum(here.values()), **there}.items():
         if count:
-            yield f"{counted(count, 'episode')} failed in {where} and {how}"
+            yield f"{format_count(count, 'episode')} failed in {where} and {how}"
 
 
 def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Iterable[str]:

@@ -5,7 +5,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from swarmwright import _engine
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError
 from swarmwright.common.simulation_names import MISSIONS, SIMULATORS
 from swarmwright.common.suggestions import unknown
@@ -28,7 +28,7 @@ def simulators() -> list[str]:
     return [title for title in SIMULATORS if title.startswith(MISSIONS)]
 
 
-@checked
+@check_arguments
 def text(name: str) -> str:
     """Return the experiment file of a template, or of one of `simulators`.
 
@@ -51,7 +51,7 @@ def emergency_exit() -> str:
     return text("emergency_exit")
 
 
-@checked
+@check_arguments
 def arena(mission: str = "aggregation", simulation: str = "arena") -> str:
     """Return an experiment with a mission of the arena.
 
@@ -106,7 +106,7 @@ def missions() -> list[str]:
     return sorted(mission["also"] or mission["name"] for mission in _engine.missions())
 
 
-@checked
+@check_arguments
 def mission(name: str) -> str:
     """Return the YAML file of a mission of the arena, by either of its names.
 

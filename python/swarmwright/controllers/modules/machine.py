@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.common.tracebacks import is_installed, place_of, shown
+from swarmwright.common.tracebacks import is_installed, locate_definition, shorten_path
 from swarmwright.controllers.modules import grammar
 from swarmwright.controllers.modules._base import (
     Behaviour,
@@ -481,7 +481,7 @@ def called(
             problem = _array_problem(found, shape)
     if problem is None:
         return found
-    raise RunError(f"{place_of(kind)}: {what}: {problem}")
+    raise RunError(f"{locate_definition(kind)}: {what}: {problem}")
 
 
 def _attribute_problem(before: Mapping[str, Any], after: Mapping[str, Any]) -> str | None:
@@ -523,8 +523,8 @@ def _line(kind: type[Any], error: BaseException) -> str:
         frame for frame in traceback.extract_tb(error.__traceback__) if not is_installed(frame.filename)
     ]
     if frames:
-        return f"{shown(frames[-1].filename)}:{frames[-1].lineno}"
-    return place_of(kind)
+        return f"{shorten_path(frames[-1].filename)}:{frames[-1].lineno}"
+    return locate_definition(kind)
 
 
 def random_words(bits: NDArray[np.uint32]) -> list[NDArray[np.uint32]]:

@@ -14,7 +14,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.registry import Registry
 from swarmwright.common.simulation_names import SimulationName, is_in_file
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.common.tracebacks import place_of, shown
+from swarmwright.common.tracebacks import locate_definition, shorten_path
 from swarmwright.controllers.modules import grammar
 from swarmwright.controllers.modules._base import Behaviour, Condition, Parameter
 
@@ -149,7 +149,7 @@ def _from_file(what: str, name: str) -> grammar.Module:
     found = getattr(code, parsed.member, None)
     base = Behaviour if what == "behaviour" else Condition
     if not (isinstance(found, type) and issubclass(found, base)):
-        file = shown(str(parsed.file))
+        file = shorten_path(str(parsed.file))
         if found is not None:
             raise InputError(
                 f"{file}: {parsed.member} is not a subclass of "
@@ -180,7 +180,7 @@ def _by_name(what: str, name: str) -> grammar.Module:
 
 def _ranges(what: str, name: str, found: Kind) -> dict[str, grammar.Range]:
     """Return the parameters of a module. Raises InputError for what is not right with it."""
-    where = f"{place_of(found)}: {what} {name!r} ({found.__name__})"
+    where = f"{locate_definition(found)}: {what} {name!r} ({found.__name__})"
     if inspect.isabstract(found):
         missing = ", ".join(sorted(found.__abstractmethods__))
         raise InputError(f"{where}: defines no {missing}()")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from swarmwright.common.formatting import counted, p_value, shortened
+from swarmwright.common.formatting import format_count, format_p_value, shorten
 from swarmwright.display.figures.curves import Curve, bands, best_so_far, indicator_so_far, together
 from swarmwright.display.figures.style import (
     AXES,
@@ -135,7 +135,7 @@ def draw(
             axis.set_label_text(textwrap.fill(axis.get_label_text(), characters))
     if len(rows) > 1:
         for (left, _), task in zip(axes, tasks, strict=True):
-            title = shortened(task.label, _TASK)
+            title = shorten(task.label, _TASK)
             left.set_title(title, loc="left", fontsize=points(11), color=INK, parse_math=False)
     if len(rows) == len(tasks):
         for (_, right), task in zip(axes, tasks, strict=True):
@@ -145,7 +145,7 @@ def draw(
     subjects = sorted({experiment.subject for experiment in experiments})
     if len(subjects) > _MOST_SUBJECTS:
         subjects = sorted({experiment.label for experiment in experiments})
-    entitle(figure, f"{'; '.join(subjects)}: {counted(sum(len(group.runs) for group in groups), 'run')}")
+    entitle(figure, f"{'; '.join(subjects)}: {format_count(sum(len(group.runs) for group in groups), 'run')}")
     _legend(figure, designs, entries, _meaning(groups))
     return figure
 
@@ -204,13 +204,13 @@ def _row(
 def _verdict(task: "Task") -> str:
     """Return the test of a task in words, of the first box against the second as in the table."""
     if task.kruskal is not None:  # of all runs: it can be significant where those of each pair are too few
-        return f"Kruskal-Wallis p {p_value(task.kruskal.p)}"
+        return f"Kruskal-Wallis p {format_p_value(task.kruskal.p)}"
     if not task.pairs:
         return ""
     pair = task.pairs[0]
     if pair.difference.interval is None:
         return "too few runs for a test"
-    return f"Mann-Whitney p {p_value(pair.difference.p)}, A12 {pair.difference.effect:.2f}"
+    return f"Mann-Whitney p {format_p_value(pair.difference.p)}, A12 {pair.difference.effect:.2f}"
 
 
 class _Names(NamedTuple):
@@ -232,7 +232,7 @@ def _names(labels: Sequence[str]) -> _Names:
     room = _LEVEL_NAMES_INCHES if page.width is None else share * (page.width - _AXIS_INCHES)
     if width <= room:
         return _Names(["\n".join(words) for words in lines], slanted=False, width=max(width, 3.0))
-    slanted = [shortened(label, _SLANTED) for label in labels]
+    slanted = [shorten(label, _SLANTED) for label in labels]
     return _Names(slanted, slanted=True, width=max(0.42 * len(labels), 3.0))
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.display.figures.style import (
     COLORS,
     GRID,
@@ -58,7 +58,7 @@ def archive(
     bar = figure.colorbar(image, ax=axes)
     bar.set_label("fitness (more is better)", fontsize=points(11), color=INK)
     without_offset(bar.ax.yaxis)
-    dress(axes, x=one_line(names[0]), y=one_line(names[1]) if two else "")
+    dress(axes, x=escape_line(names[0]), y=escape_line(names[1]) if two else "")
     axes.grid(visible=False)
     if not two:
         axes.set_yticks([])
@@ -87,7 +87,7 @@ def front(values: "Values", names: Sequence[str], goals: Sequence[str], heading:
     drawn = drawable(values)
     order = np.lexsort((drawn[:, 0], drawn[:, 1]))
     labels = [
-        one_line(f"{name} ({'more' if goal == 'maximize' else 'less'} is better)")
+        escape_line(f"{name} ({'more' if goal == 'maximize' else 'less'} is better)")
         for name, goal in zip(names, goals, strict=True)
     ]
     if len(names) > 1:
@@ -104,7 +104,7 @@ def front(values: "Values", names: Sequence[str], goals: Sequence[str], heading:
     dress(axes, x=labels[0], y="fitness (more is better)")
     title = f"{len(values):,} candidate{'s' if len(values) > 1 else ''} that no other one dominates"
     if len(names) > 2:
-        title += f"; a projection: 3 of {1 + len(names)} objectives are shown,\nnot " + one_line(
+        title += f"; a projection: 3 of {1 + len(names)} objectives are shown,\nnot " + escape_line(
             ", ".join(names[2:])
         )
     axes.set_title(title, loc="left", fontsize=points(10.5), color=SOFT)

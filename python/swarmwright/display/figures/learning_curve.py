@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.display.figures.run import title_of
 from swarmwright.display.figures.style import (
     AXES,
@@ -60,7 +60,7 @@ def draw(curve: "LearningCurve") -> "Figure":
     experiment = curve.run.experiment
     entitle(figure, title_of(experiment))
     axes.set_title(
-        f"each point: {counted(len(curve.seeds), 'episode')}, the same for all; seed {experiment.seed}",
+        f"each point: {format_count(len(curve.seeds), 'episode')}, the same for all; seed {experiment.seed}",
         loc="left", fontsize=points(10.5), color=SOFT,
     )  # fmt: skip
     figure.legend(loc="outside lower center", ncols=3, fontsize=points(10.5), frameon=False, labelcolor=INK)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.display.figures.curves import bands, together
 from swarmwright.display.figures.run import title_of
 from swarmwright.display.figures.style import (
@@ -155,7 +155,7 @@ def title_of_groups(designs: "Sequence[Design]") -> str:
     """Return the title of a figure of groups of runs."""
     runs = runs_of(designs)
     subjects = sorted({run.experiment.subject for run in runs})
-    return f"{'; '.join(subjects)}: {counted(len(runs), 'run')}"
+    return f"{'; '.join(subjects)}: {format_count(len(runs), 'run')}"
 
 
 def _grid(count: int) -> "tuple[Figure, list[Axes]]":

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmwright.common.formatting import counted, shortened
+from swarmwright.common.formatting import format_count, shorten
 from swarmwright.display.figures.style import (
     COLORS,
     INK,
@@ -40,7 +40,7 @@ def draw(comparison: "ControllerComparison") -> "Figure":
     )
     figure = new_figure(11, 5.2)
     pairs, ordered = figure.subplots(1, 2)
-    names = [shortened(name, _NAME) for name in comparison.names]
+    names = [shorten(name, _NAME) for name in comparison.names]
     a, b = (
         letter if letter == name else f"{letter}: {name}" for letter, name in zip("AB", names, strict=True)
     )
@@ -52,7 +52,7 @@ def draw(comparison: "ControllerComparison") -> "Figure":
     _differences(ordered, comparison)
     dress(ordered, x="episodes, by their difference", y="difference of fitness, A - B")
     ordered.set_title(
-        f"{counted(len(first), 'episode')}, the same for both{_failures(comparison)}",
+        f"{format_count(len(first), 'episode')}, the same for both{_failures(comparison)}",
         loc="left", fontsize=points(10.5), color=SOFT,
     )  # fmt: skip
     entitle(figure, f"{comparison.experiment.subject}: A against B")
@@ -71,7 +71,7 @@ def _failures(comparison: "ControllerComparison") -> str:
         return ""
     if value is None:
         return f"; {len(comparison.left_out):,} left out: a controller failed"
-    return f"; {counted(failed, 'failure')} count{'s' if failed == 1 else ''} as {value:g}"
+    return f"; {format_count(failed, 'failure')} count{'s' if failed == 1 else ''} as {value:g}"
 
 
 def _pairs(axes: "Axes", first: "Values", second: "Values") -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.common.simulation_names import label_of
 from swarmwright.display.figures.style import (
     AXES,
@@ -106,7 +106,8 @@ def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
     entitle(figure, title_of(experiment))
     upper.set_title(
         above_axes(
-            f"{counted(run.evaluations, 'evaluation')} in {counted(run.generations, 'generation')}, "
+            f"{format_count(run.evaluations, 'evaluation')} in "
+            f"{format_count(run.generations, 'generation')}, "
             f"seed {experiment.seed}" + (f", {failed:,} failed" if failed else "")
         ),
         loc="left", fontsize=points(10.5), color=SOFT,

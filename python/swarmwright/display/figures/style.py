@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import write_whole
-from swarmwright.common.formatting import shortened
+from swarmwright.common.formatting import shorten
 from swarmwright.common.html import png_of
-from swarmwright.common.plain_figures import plain, warning_of_letters
-from swarmwright.common.problems import shown
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.plain_figures import use_plain_settings, warn_of_missing_letters
+from swarmwright.common.problems import format_value
+from swarmwright.common.untrusted import escape_line
 from swarmwright.common.warn_once import warn_once
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ class Page:
         Raises InputError for another style or width.
         """
         if style not in STYLES:
-            raise InputError(f"style: must be one of {', '.join(STYLES)}, not {shown(style)}")
+            raise InputError(f"style: must be one of {', '.join(STYLES)}, not {format_value(style)}")
         chosen = STYLES[style]
         return cls(chosen, _inches(width, style, chosen), title)
 
@@ -230,7 +230,7 @@ def _inches(width: str | float | None, name: str, style: Style) -> float | None:
         except ValueError:
             raise InputError(
                 "width: must be column, page, a number of inches, or a length such as 89 mm, not "
-                f"{shown(width)}"
+                f"{format_value(width)}"
             ) from None
     low, high = _LIMITS_INCHES
     if not low <= inches <= high:
@@ -295,7 +295,7 @@ def points(size: float) -> float:
 @contextmanager
 def styled() -> Iterator[None]:
     """Within the block, or the function that this decorates, texts have the fonts of the present style."""
-    with plain():  # imports Matplotlib, also with an unknown MPLBACKEND
+    with use_plain_settings():  # imports Matplotlib, also with an unknown MPLBACKEND
         from matplotlib import rc_context, rcParams
 
         families = _installed(current().style)
@@ -370,7 +370,7 @@ def _shown() -> "type[Figure]":
         def _repr_png_(self) -> bytes:
             return png_of(self)
 
-        @plain()
+        @use_plain_settings()
         def savefig(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401 - as the library's
             super().savefig(*arguments, **options)
 
@@ -388,7 +388,7 @@ def entitle(figure: "Figure", text: str) -> None:
     if not heading:
         return
     figure.suptitle(
-        shortened(one_line(heading), round(_TITLE_CHARACTERS * figure.get_figwidth() / current().scale)),
+        shorten(escape_line(heading), round(_TITLE_CHARACTERS * figure.get_figwidth() / current().scale)),
         x=0.012, ha="left", fontsize=points(14), fontweight="bold", color=INK, parse_math=False,
     )  # fmt: skip
 
@@ -456,7 +456,7 @@ def check(path: Path) -> None:
         raise InputError(f"{path}: there is no folder '{path.parent}'; create it first")
 
 
-@plain()
+@use_plain_settings()
 def save(figure: "Figure", path: Path) -> Path:
     """Write a figure by the ending of its file; return the path.
 
@@ -467,7 +467,7 @@ def save(figure: "Figure", path: Path) -> Path:
     kind = path.suffix.lower()[1:]
     # Without a date, the same figure is the same file.
     date = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
-    with warning_of_letters():
+    with warn_of_missing_letters():
         figure.savefig(buffer, format=kind, metadata=date)
     try:
         write_whole(path, buffer.getvalue())

@@ -3,7 +3,7 @@
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.common.values import sort_key
 from swarmwright.display.figures.style import INK, SOFT, dress, entitle, look, new_figure, points, styled
 
@@ -27,7 +27,9 @@ def draw(transfer: "Transfer") -> "Figure":
     # Colours do not depend on the order in which runs are given.
     keys = {key for group in transfer.groups for key in group.differs}
     groups = sorted(transfer.groups, key=lambda group: sort_key(group.differs, keys))
-    labels = [textwrap.wrap(f"{group.label} ({counted(len(group.runs), 'run')})", _LABEL) for group in groups]
+    labels = [
+        textwrap.wrap(f"{group.label} ({format_count(len(group.runs), 'run')})", _LABEL) for group in groups
+    ]
     if any(
         candidate.generation is None for transferred in transfer.runs for candidate in transferred.candidates
     ):
@@ -69,7 +71,7 @@ def draw(transfer: "Transfer") -> "Figure":
     for text in legend.get_texts():
         text.set_parse_math(False)
     count = len({str(transferred.run.path) for transferred in transfer.runs})
-    entitle(figure, f"{counted(count, 'run')}: transfer from {', '.join(own)}")
+    entitle(figure, f"{format_count(count, 'run')}: transfer from {', '.join(own)}")
     return figure
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright.common.engine_types import SceneFields
 from swarmwright.common.errors import InputError
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.display._episode import Playable
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ def as_text(drawn: NDArray[np.uint8], head: str, columns: int, rows: int, *, col
     width, height = min(width, columns), min(height, available)
     small = np.asarray(image.resize((width, 2 * height), Image.Resampling.BOX))
     lines = _colored(small) if color else _shaded(small)
-    return "\n".join([one_line(head)[:columns], *lines])
+    return "\n".join([escape_line(head)[:columns], *lines])
 
 
 def _colored(pixels: NDArray[np.uint8]) -> list[str]:

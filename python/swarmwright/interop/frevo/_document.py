@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError
 from swarmwright.common.files import first_character
 from swarmwright.common.suggestions import did_you_mean
@@ -190,7 +190,7 @@ def members(root: Element) -> Iterator[Element]:
                 yield from population.children
 
 
-@checked
+@check_arguments
 def is_session(path: str | PathLike[str]) -> bool:
     """Whether a file is a FREVO session or result. Raises InputError when it cannot be read."""
     file = Path(path)

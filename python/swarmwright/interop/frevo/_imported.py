@@ -7,9 +7,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError
-from swarmwright.common.yaml import parse, without_places
+from swarmwright.common.yaml import parse, remove_locations
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.importing import Imported
@@ -24,7 +24,7 @@ from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import make_absolute, make_relative
 
 
-@checked
+@check_arguments
 def load(
     path: str | PathLike[str],
     *,
@@ -70,7 +70,7 @@ def load(
     try:
         experiment = Experiment(**check(parse(text, name)))
     except InputError as error:
-        problems = without_places(str(error), name)
+        problems = remove_locations(str(error), name)
         raise InputError(f"{path}: does not make a valid experiment:\n{problems}") from error
     return Imported(text, experiment, tuple(mapped.notes))
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.files import first_character
 from swarmwright.interop.frevo._document import (
@@ -76,7 +76,7 @@ class Scores:
         return max(candidate.difference for candidate in self.candidates)
 
 
-@checked
+@check_arguments
 def score(path: str | PathLike[str], *, field: str | PathLike[str] | None = None) -> Scores:
     """Evaluate every candidate of a FREVO result file (.zre) again, in this process.
 

@@ -18,8 +18,8 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.groups import DeclaredGroup
 from swarmwright.common.simulation_names import SIMULATORS
 from swarmwright.common.suggestions import alike, did_you_mean, nearest
-from swarmwright.common.untrusted import one_line
-from swarmwright.common.yaml import dump, parse, without_places
+from swarmwright.common.untrusted import escape_line
+from swarmwright.common.yaml import dump, parse, remove_locations
 from swarmwright.controllers import REPRESENTATIONS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.importing import Imported
@@ -81,7 +81,7 @@ class Parameters:
         for property_ in model.properties:
             own = known.name(property_.name)
             if own is None:
-                given = f"{one_line(property_.name)} = {one_line(str(property_.value))}"
+                given = f"{escape_line(property_.name)} = {escape_line(str(property_.value))}"
                 self.left_out.append(f"{given}: {known.missing(property_.name)}")
             else:
                 self.fixed[own] = (
@@ -113,7 +113,7 @@ class Parameters:
         for name, number, member in counts:
             own = known.name(name)
             if own is None:
-                self.left_out.append(f"{one_line(name)} = {number}: {known.missing(name)}")
+                self.left_out.append(f"{escape_line(name)} = {number}: {known.missing(name)}")
             else:
                 self.fixed[own] = (
                     number,
@@ -360,7 +360,7 @@ class Draft:
 
     def text(self, machine: str | None) -> str:
         """Return the experiment file; machine: the name of the file with the behaviour, beside it."""
-        files = ", ".join(one_line(part.path.name) for part in self.model.parts)
+        files = ", ".join(escape_line(part.path.name) for part in self.model.parts)
         lines = [
             f"# Made by `swarmwright import` of {files}.",
             "",
@@ -370,7 +370,7 @@ class Draft:
             "parameters:" if self.parameters.fixed else "parameters: {}",
         ]
         lines += [_line(name, value, where) for name, (value, where) in self.parameters.fixed.items()]
-        lines += [f"  # not taken over: {one_line(reason)}" for reason in self.parameters.left_out]
+        lines += [f"  # not taken over: {escape_line(reason)}" for reason in self.parameters.left_out]
         lines += ["", "controller:", f"  kind: {_TEAM if self.groups else self.kind}"]
         if self.groups:
             lines.append("  groups:")
@@ -413,7 +413,9 @@ class Draft:
             _line("output_levels", 0, "any number"),
         ]
         return (
-            lines if machine is None else [*lines, "", f"start_from: {_text(machine)}  # {one_line(where)}"]
+            lines
+            if machine is None
+            else [*lines, "", f"start_from: {_text(machine)}  # {escape_line(where)}"]
         )
 
 
@@ -427,7 +429,7 @@ def _text(value: Any) -> str:  # noqa: ANN401 - any plain value
 
 def _line(name: str, value: Any, where: str, indent: str = "  ") -> str:  # noqa: ANN401 - any plain value
     key = dump({name: 0}).removesuffix(": 0\n")
-    return f"{indent}{key}: {_text(value)}".ljust(40) + f"  # {one_line(where)}"
+    return f"{indent}{key}: {_text(value)}".ljust(40) + f"  # {escape_line(where)}"
 
 
 def load(
@@ -470,7 +472,7 @@ def load(
     except InputError as error:
         files = ", ".join(str(part.path) for part in model.parts)
         verb = "does" if len(model.parts) == 1 else "do"
-        problems = without_places(str(error), name)
+        problems = remove_locations(str(error), name)
         raise InputError(f"{files}: {verb} not make a valid experiment:\n{problems}") from error
     if draft.behaviour is not None and machine is None:
         raise InputError(

@@ -6,7 +6,7 @@ from typing import Any
 
 from swarmwright.common import xml
 from swarmwright.common.errors import InputError
-from swarmwright.common.files import IS_UTF16, contents, first_character, is_utf16
+from swarmwright.common.files import IS_UTF16, first_character, is_utf16, read_contents
 from swarmwright.common.simulation_names import simulator_file
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.interop.models import (
@@ -43,7 +43,7 @@ def load(path: Path) -> Part:
     first = first_character(path)
     if first == "<":
         return _load_xml(path)
-    if is_utf16(contents(path)):
+    if is_utf16(read_contents(path)):
         raise InputError(f"{path}: {IS_UTF16}")
     if first in {"{", "["}:
         return _load_json(path)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from swarmwright.common.suggestions import alike, did_you_mean, folded
+from swarmwright.common.suggestions import alike, did_you_mean, fold_name
 from swarmwright.interop.models._parts import Place, Problems
 from swarmwright.simulations import catalogue
 
@@ -49,7 +49,7 @@ class Known:
 
     def _like(self, name: str) -> list[str]:
         known = list(self.parameters or ())
-        for candidate in (name, *_ALIASES.get(folded(name), ())):
+        for candidate in (name, *_ALIASES.get(fold_name(name), ())):
             if found := alike(candidate, known):
                 return [known[index] for index in found]
         return []

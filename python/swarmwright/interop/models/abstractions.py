@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import format_value
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.yaml import Path_, Source
 from swarmwright.interop.models._parts import Part, Problems
@@ -64,10 +64,10 @@ def load(path: Path, source: Source) -> Part:
             )
     environment = values.get("runtime-env", "ROS")
     if environment != "ROS":
-        _note(source, ("runtime-env",), f"{shown(environment)} found, expected ROS", problems)
+        _note(source, ("runtime-env",), f"{format_value(environment)} found, expected ROS", problems)
     components = values.get(_COMPONENTS, [])
     if not isinstance(components, list):
-        _note(source, (_COMPONENTS,), f"expected a list, not {shown(components)}", problems)
+        _note(source, (_COMPONENTS,), f"expected a list, not {format_value(components)}", problems)
         components = []
     names: dict[str, int] = {}
     for index, component in enumerate(components):
@@ -88,7 +88,12 @@ def _component(
     part: Part, source: Source, at: Path_, component: object, names: dict[str, int], problems: Problems
 ) -> None:
     if not isinstance(component, Mapping):
-        _note(source, at, f"expected an object with name, category and api, not {shown(component)}", problems)
+        _note(
+            source,
+            at,
+            f"expected an object with name, category and api, not {format_value(component)}",
+            problems,
+        )
         return
     name, category, api = (component.get(key) for key in ("name", "category", "api"))
     if not isinstance(name, str) or not name.strip():
@@ -102,12 +107,14 @@ def _component(
         _note(
             source,
             at,
-            f"category: {shown(category)} found, expected {', '.join(_CATEGORIES)}{hint}",
+            f"category: {format_value(category)} found, expected {', '.join(_CATEGORIES)}{hint}",
             problems,
         )
         return
     if not isinstance(api, Mapping):
-        _note(source, at, f"api: expected an object with inputs or outputs, not {shown(api)}", problems)
+        _note(
+            source, at, f"api: expected an object with inputs or outputs, not {format_value(api)}", problems
+        )
         return
     if category == "Virtual":
         part.notes.append(f"{part.path}: {name} is virtual, and not taken over")
@@ -129,7 +136,7 @@ def _numbers(source: Source, at: Path_, messages: object, problems: Problems) ->
     """Yield the names of all numbers in messages."""
     if not isinstance(messages, list):
         if messages is not None:
-            _note(source, at, f"expected a list of messages, not {shown(messages)}", problems)
+            _note(source, at, f"expected a list of messages, not {format_value(messages)}", problems)
         return
     for index, message in enumerate(messages):
         key = "msg_def" if isinstance(message, Mapping) and "msg_def" in message else "msg"
@@ -143,7 +150,7 @@ def _numbers(source: Source, at: Path_, messages: object, problems: Problems) ->
         if fields is None:
             fields = [{"class": definition.get("class"), "name": ""}]
         if not isinstance(fields, list):
-            _note(source, (*below, "fields"), f"expected a list, not {shown(fields)}", problems)
+            _note(source, (*below, "fields"), f"expected a list, not {format_value(fields)}", problems)
             continue
         for number, field in enumerate(fields):
             yield from (before + name for name in _field(source, (*below, "fields", number), field, problems))

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import format_value
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.common.yaml import Source
 from swarmwright.interop.models._parts import Optimised, Part, Place, Problems
@@ -38,7 +38,7 @@ def load(path: Path, source: Source) -> Part:
             problems.lines.add(f"{source.place((key,))}unknown key; expected parameters")
     entries = values["parameters"]
     if not isinstance(entries, list):
-        problems.lines.add(f"{source.place(('parameters',))}expected a list, not {shown(entries)}")
+        problems.lines.add(f"{source.place(('parameters',))}expected a list, not {format_value(entries)}")
         entries = []
     elif not entries:
         problems.lines.add(f"{source.place(('parameters',))}is empty; there is nothing to optimise")
@@ -59,7 +59,7 @@ def _parameter(path: Path, source: Source, index: int, entry: object, problems: 
     at = ("parameters", index)
     place = Place(path, source.lines.get(at, 1), f"parameters[{index}]")
     if not isinstance(entry, Mapping):
-        problems.add(place, f"expected an object with {', '.join(_KEYS)}, not {shown(entry)}")
+        problems.add(place, f"expected an object with {', '.join(_KEYS)}, not {format_value(entry)}")
         return None
     before = len(problems.lines)
     for key in entry:
@@ -72,7 +72,7 @@ def _parameter(path: Path, source: Source, index: int, entry: object, problems: 
     for key in ("name", "meta"):
         value = entry.get(key, "x")
         if not isinstance(value, str) or not value.strip():
-            problems.lines.add(f"{source.place((*at, key))}expected text, not {shown(value)}")
+            problems.lines.add(f"{source.place((*at, key))}expected text, not {format_value(value)}")
     meta = entry.get("meta")
     if isinstance(meta, str) and meta.strip() and not _META.fullmatch(meta.strip()):
         problems.lines.add(
@@ -95,7 +95,7 @@ def _parameter(path: Path, source: Source, index: int, entry: object, problems: 
 
 def _bound(source: Source, at: tuple[str | int, ...], value: Any, problems: Problems) -> int | float | None:  # noqa: ANN401 - whatever the file says
     if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > 2**24:
-        problems.lines.add(f"{source.place(at)}expected a number within +-{2**24}, not {shown(value)}")
+        problems.lines.add(f"{source.place(at)}expected a number within +-{2**24}, not {format_value(value)}")
         return None
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
@@ -111,7 +111,8 @@ def _scale(source: Source, at: tuple[str | int, ...], value: Any, problems: Prob
             number = math.nan
     if not math.isfinite(number) or number <= 0:
         problems.lines.add(
-            f'{source.place(at)}expected a number above 0, or text with one such as "0.1", not {shown(value)}'
+            f'{source.place(at)}expected a number above 0, or text with one such as "0.1", not '
+            f"{format_value(value)}"
         )
         return None
     return number

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema
 from swarmwright.common.arrays import Fitness
 from swarmwright.common.options import Options
 from swarmwright.common.plug_in_code import is_plug_in, numbers
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import format_value
 
 
 def _failed(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
@@ -27,7 +27,7 @@ def _failed(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
         if math.isfinite(number):
             return number
     raise ValueError(
-        f"must be last, stop or the fitness of a failed episode, a finite number, not {shown(value)}"
+        f"must be last, stop or the fitness of a failed episode, a finite number, not {format_value(value)}"
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from swarmwright.common.arrays import Fitness
-from swarmwright.common.problems import FieldError, shown
+from swarmwright.common.problems import FieldError, format_value
 from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 METRIC = "slow_fitness"
@@ -39,7 +39,7 @@ Rounds = Generator[NDArray[np.intp], Episodes, Ranked]
 def _target(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, str | Mapping) and value:
         return value
-    raise ValueError(f"must be a simulation, a file, or keys that differ, not {shown(value)}")
+    raise ValueError(f"must be a simulation, a file, or keys that differ, not {format_value(value)}")
 
 
 class SlowOptions(RankingOptions):

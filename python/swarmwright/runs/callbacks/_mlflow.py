@@ -7,9 +7,9 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.common.arguments import checked
+from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.common.values import flat
+from swarmwright.common.values import flatten
 from swarmwright.runs import picture
 from swarmwright.runs.callbacks._base import Callback, figures, held_out
 
@@ -44,7 +44,7 @@ class MLflow(Callback):
         RunError: the tracking server does not answer or refuses.
     """
 
-    @checked
+    @check_arguments
     def __init__(
         self, uri: str | None = None, experiment: "Experiment | None" = None, *, group: str = "swarmwright"
     ) -> None:
@@ -80,7 +80,7 @@ class MLflow(Callback):
     def _describe(self, experiment: "Experiment") -> None:
         from mlflow.entities import Param
 
-        values = {key: str(value) for key, value in flat(experiment.to_mapping()).items()}
+        values = {key: str(value) for key, value in flatten(experiment.to_mapping()).items()}
         parameters = [Param(name, value[:_VALUE_CHARACTERS]) for name, value in values.items()]
         for first in range(0, len(parameters), _MOST_PARAMETERS):
             self._client.log_batch(self._run, params=parameters[first : first + _MOST_PARAMETERS])

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from swarmwright.common.errors import SwarmwrightError
-from swarmwright.common.formatting import duration
+from swarmwright.common.formatting import format_duration
 from swarmwright.common.simulation_names import SimulationName, is_command, is_environment, is_python
 from swarmwright.experiment.derived import has_python_modules
 from swarmwright.experiment.document import AUTO
@@ -107,7 +107,7 @@ def audit(
     if expected > _LONG_S:
         _progress.info(
             "auditing: repeating %d evaluations, which takes about %s; `faults: {audit: 0}` leaves this out",
-            least, duration(expected),
+            least, format_duration(expected),
         )  # fmt: skip
     found = _Found()
     begun = time.monotonic()

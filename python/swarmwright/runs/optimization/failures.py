@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmwright.common.errors import RunError
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.common.message_kinds import kind_of
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.servers.evaluation.base import FIRST_EVALUATIONS, OnResults, Results
 from swarmwright.servers.rows import FAILED, AttemptEntry, Journal, WarningEntry
 
@@ -46,7 +46,7 @@ class Failure(NamedTuple):
         """Say which episode failed, and how often it was tried."""
         where = f"episode {self.episode} (seed {seeds[self.episode]})"
         end = " and is quarantined" if self.quarantine else ""
-        return f"{where} failed after {counted(self.attempts, 'attempt')}{end}"
+        return f"{where} failed after {format_count(self.attempts, 'attempt')}{end}"
 
     def entry(self, seeds: Sequence[int]) -> WarningEntry:
         """Return the warning of the journal."""
@@ -111,7 +111,7 @@ class Failures:
         """Return how an episode is repeated for which the fitness expression has no value; empty without."""
         for warning in results.journal.warnings:
             if warning.error is not None and warning.candidate is not None and warning.episode is not None:
-                seed, error = seeds[warning.episode], one_line(warning.error)
+                seed, error = seeds[warning.episode], escape_line(warning.error)
                 what = f"episode {warning.episode} (seed {seed}) failed: {error}"
                 return self._hint_of(first + warning.candidate, generation, what)
         return ""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmwright.common.arguments import described
+from swarmwright.common.arguments import describe_value
 from swarmwright.common.errors import InputError
-from swarmwright.common.formatting import duration
+from swarmwright.common.formatting import format_duration
 from swarmwright.experiment.budget import Budget, Limit
 
 
@@ -62,7 +62,7 @@ def how_far(budget: Budget, last: Generation | None, *, short: bool = False) -> 
         used = 0 if last is None else last.evaluations
         return f"{used}/{budget.evaluations}" if short else f"{used} of {budget.evaluations} evaluations"
     seconds = budget.seconds or 0.0
-    used_time, whole_time = duration((last.share if last else 0.0) * seconds), duration(seconds)
+    used_time, whole_time = format_duration((last.share if last else 0.0) * seconds), format_duration(seconds)
     return f"{used_time} of {whole_time}" if short else f"{done} generations, {used_time} of {whole_time}"
 
 
@@ -77,7 +77,7 @@ def goes_on(returned: object) -> bool:
     """
     if returned is None or isinstance(returned, bool | np.bool_):
         return returned is None or bool(returned)
-    what = described(returned)
+    what = describe_value(returned)
     if inspect.iscoroutine(returned):
         what = f"a coroutine, {returned.__qualname__}, which would not be awaited"
         returned.close()

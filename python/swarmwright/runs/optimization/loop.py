@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.common.arrays import Fitness, Genomes
 from swarmwright.common.errors import InputError, PlugInError, RunError
-from swarmwright.common.plug_in_code import count, is_plug_in, numbers, place
+from swarmwright.common.plug_in_code import count, is_plug_in, locate_method, numbers
 from swarmwright.common.statistics import Figures, figures_of, summarize
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.controllers import Representation
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment
@@ -335,7 +335,8 @@ class Loop:
         made = numbers(self.method, name, found, (None,), what, finite=False, dtype=np.float64)
         if np.isinf(made).any():
             raise PlugInError(
-                f"{place(self.method, name)}: returned an infinite fitness; a member that failed, or has "
+                f"{locate_method(self.method, name)}: returned an infinite fitness; a member that failed, "
+                "or has "
                 "no fitness yet, has NaN"
             )
         return made
@@ -359,7 +360,7 @@ def check_plug_ins(method: Method, ranking: Ranking, representation: Representat
 def _check_begun(made: object, attribute: str, call: str) -> None:
     """Check that the constructor of the base class was called, which sets an attribute."""
     if not hasattr(made, attribute):
-        raise PlugInError(f"{place(made, '__init__')}: does not call {call}")
+        raise PlugInError(f"{locate_method(made, '__init__')}: does not call {call}")
 
 
 def _check_bounds(representation: Representation, size: int) -> None:
@@ -368,7 +369,8 @@ def _check_bounds(representation: Representation, size: int) -> None:
         what = f"two arrays, (genome_size,) each: the lower and the upper limit of each of {size} genes"
         if not isinstance(limits, tuple | list) or len(limits) != 2:
             raise PlugInError(
-                f"{place(representation, name)}: is {one_line(repr(limits)[:100])}, expected {what}"
+                f"{locate_method(representation, name)}: is {escape_line(repr(limits)[:100])}, expected "
+                f"{what}"
             )
         low, high = (
             numbers(representation, name, limit, (size,), what, finite=False, dtype=np.float64)
@@ -377,6 +379,7 @@ def _check_bounds(representation: Representation, size: int) -> None:
         if not (low <= high).all():
             gene = int(np.flatnonzero(~(low <= high))[0])
             raise PlugInError(
-                f"{place(representation, name)}: of gene {gene} the lower limit, {low[gene]:g}, is not "
+                f"{locate_method(representation, name)}: of gene {gene} the lower limit, {low[gene]:g}, is "
+                "not "
                 f"below the upper one, {high[gene]:g}"
             )

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from swarmwright.common.formatting import duration
-from swarmwright.common.html import Text, in_notebook
+from swarmwright.common.formatting import format_duration
+from swarmwright.common.html import Text, is_notebook
 from swarmwright.runs.optimization.generation import Generation, OnGeneration
 from swarmwright.servers.evaluation.base import Progress
 
@@ -19,7 +19,7 @@ def shown(
 
     wanted: None means in a notebook alone.
     """
-    if not (in_notebook() if wanted is None else wanted):
+    if not (is_notebook() if wanted is None else wanted):
         yield on_generation, on_progress
         return
     text = Text()
@@ -51,5 +51,5 @@ def line(now: Generation) -> str:
     whole = "" if now.generations is None else f" of {now.generations}"
     return (
         f"{now.generation + 1}{whole} generations  best {now.best_so_far:.6g}  "
-        f"mean {now.mean:.6g}  {now.evaluations:,} evaluations  {duration(now.seconds_left)} left"
+        f"mean {now.mean:.6g}  {now.evaluations:,} evaluations  {format_duration(now.seconds_left)} left"
     )

@@ -14,10 +14,10 @@ from typing import Any, NoReturn, SupportsIndex
 
 import numpy as np
 
-from swarmwright.common.arguments import checked, path_of
-from swarmwright.common.errors import InputError, PlugInError, RunError, reworded
-from swarmwright.common.plug_in_code import reported
-from swarmwright.common.processes import Place, use_threads
+from swarmwright.common.arguments import check_arguments, path_of
+from swarmwright.common.errors import InputError, PlugInError, RunError, with_message
+from swarmwright.common.plug_in_code import report_failures
+from swarmwright.common.processes import StablePath, use_threads
 from swarmwright.common.simulation_names import is_python
 from swarmwright.common.warn_once import warn_once
 from swarmwright.controllers import Representation
@@ -78,7 +78,7 @@ def reported_by_caller() -> Iterator[None]:
         _by_caller.reset(token)
 
 
-@checked
+@check_arguments
 def optimize(
     experiment: Experiment | Mapping[str, Any] | str | PathLike[str],
     on_generation: OnGeneration | None = None,
@@ -154,10 +154,10 @@ def optimize(
         _check_construction(experiment, servers)
     for text in setting_warnings(experiment):
         warn_once(text)
-    folder: Place | None = None
-    asked = None if out is None else Place(Path(out))
+    folder: StablePath | None = None
+    asked = None if out is None else StablePath(Path(out))
     try:
-        with reported(), shown(progress, on_generation, on_progress) as (on_generation, on_progress):
+        with report_failures(), shown(progress, on_generation, on_progress) as (on_generation, on_progress):
             with open_simulations(experiment, broker=broker, servers=servers, wait=wait) as backend:
                 resolved = experiment
                 if steers_agents(experiment):
@@ -169,7 +169,7 @@ def optimize(
                 code = parts_of(experiment)
                 warn_of_edits(code)
                 size = stored(resolved, representation)
-                folder = asked or Place(default_folder(experiment))
+                folder = asked or StablePath(default_folder(experiment))
                 if is_replaceable(folder.path):
                     logging.getLogger("swarmwright").warning(
                         "%s: held a run without any finished generation, which is replaced", folder.path
@@ -179,7 +179,7 @@ def optimize(
                     StoreWriter.create(
                         folder.absolute, resolved, backend.metrics, code, size, _channels(resolved)
                     ) as store,
-                    reported(),
+                    report_failures(),
                 ):
                     loop = _new_loop(resolved, representation, store)
                     libraries = (*loop.libraries, *distributions(code))
@@ -231,7 +231,7 @@ def _channels(experiment: Experiment) -> dict[str, Any] | None:
         return None
 
 
-@checked
+@check_arguments
 def resume(
     run: Run | str | PathLike[str],
     on_generation: OnGeneration | None = None,
@@ -327,7 +327,7 @@ def _continue(
     """Go on with a run; see `resume`, and `open_simulations` for `where`."""
     with ExitStack() as stack:
         store = stack.enter_context(StoreWriter.resume(run.path.absolute()))
-        stack.enter_context(reported())  # within the store, which keeps the message
+        stack.enter_context(report_failures())  # within the store, which keeps the message
         reader = StoreReader(run.path)
         wanted = Resumption.of(run, reader, settings, budget)
         if wanted.has_all_generations and not wanted.validation_is_due:
@@ -452,7 +452,7 @@ def _fail(error: RunError, folder: Path | None) -> NoReturn:
     hint = _how_to_go_on(error, folder)
     if hint is None:
         raise error
-    raise reworded(error, f"{error}; {hint}") from error.__cause__ or error
+    raise with_message(error, f"{error}; {hint}") from error.__cause__ or error
 
 
 def _how_to_go_on(error: RunError, folder: Path | None) -> str | None:

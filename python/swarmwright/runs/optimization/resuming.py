@@ -13,7 +13,7 @@ from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.plug_in_code import is_plug_in
 from swarmwright.common.problems import problems_of
 from swarmwright.common.revision import revision
-from swarmwright.common.yaml import dotted_path
+from swarmwright.common.yaml import format_path
 from swarmwright.controllers import Representation
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
@@ -134,7 +134,7 @@ def prolonged(
             method_options = type(new.method).model_validate(options)
         except ValidationError as error:
             found = problems_of(error, type(new.method))
-            raise InputError("\n".join(f"{dotted_path(path)}: {words}" for path, words in found)) from error
+            raise InputError("\n".join(f"{format_path(path)}: {words}" for path, words in found)) from error
         new = dataclasses.replace(new, method=method_options)
     limits: dict[str, Any] = vars(new.budget)
     old = experiment.method

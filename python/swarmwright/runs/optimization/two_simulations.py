@@ -9,7 +9,7 @@ from typing import Any
 
 from swarmwright import _engine
 from swarmwright.common.engine_types import AttemptFields, WarningFields
-from swarmwright.common.errors import InputError, RunError, SimulationError, reworded
+from swarmwright.common.errors import InputError, RunError, SimulationError, with_message
 from swarmwright.experiment.derived import fitness_expression, place_of, steers_agents, with_environment
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, slow_of
@@ -198,7 +198,7 @@ def open_simulations(
             slow = stack.enter_context(open_backend(there, wait=wait, earlier=apart, **where))
         except (InputError, RunError) as error:
             place = f"{place_of(experiment, 'ranking')}slow: {target.name}"
-            raise reworded(error, f"{place}: {error}") from error
+            raise with_message(error, f"{place}: {error}") from error
         _require_fit(experiment, fast, slow, target)
         yield TwoSimulations(fast, slow, target.name)
 

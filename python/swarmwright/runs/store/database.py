@@ -12,7 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from swarmwright.common.errors import InputError, RunError
-from swarmwright.common.processes import more_open_files, no_more_files
+from swarmwright.common.processes import advise_open_files, has_no_more_files
 from swarmwright.experiment.document import STORE
 from swarmwright.runs.store import digests
 
@@ -400,8 +400,8 @@ def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
             f"this process may write files of at most {largest >> 10:,} KiB (ulimit -f), which is too little "
             "for it: let it write larger ones; what was written before is kept"
         )
-    if code == sqlite3.SQLITE_CANTOPEN and no_more_files():
-        return f"cannot be opened: {os.strerror(errno.EMFILE)}; {more_open_files()}"
+    if code == sqlite3.SQLITE_CANTOPEN and has_no_more_files():
+        return f"cannot be opened: {os.strerror(errno.EMFILE)}; {advise_open_files()}"
     reasons = {
         sqlite3.SQLITE_FULL: "the disk is full; what was written before is kept",
         sqlite3.SQLITE_IOERR: f"the disk reports an error ({error}); what was written before is kept",

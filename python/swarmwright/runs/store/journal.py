@@ -4,7 +4,7 @@ import sqlite3
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.common.message_kinds import kind_of
 from swarmwright.runs.store.pieces import Begin
 from swarmwright.servers.rows import FAILED, FailureReason, ServerShare, parse_journal_line
@@ -106,7 +106,7 @@ def incidents(connection: sqlite3.Connection, session: int, counts: Mapping[str,
     texts = {name: f"{name.replace('_', ' ')}: {count}" for name, count in counts.items()}
     if "backups" in texts:
         servers = connection.execute(_OVERTAKEN, (session,)).fetchall()
-        slower = [f"{counted(count, 'attempt')} of server {server}" for server, count in servers]
+        slower = [f"{format_count(count, 'attempt')} of server {server}" for server, count in servers]
         if slower:
             more = " and others" * (len(slower) > _NAMED)
             texts["backups"] += (

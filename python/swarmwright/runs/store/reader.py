@@ -14,7 +14,7 @@ import numpy as np
 
 from swarmwright.common.arrays import Genome
 from swarmwright.common.json_text import loads
-from swarmwright.common.processes import Place
+from swarmwright.common.processes import StablePath
 from swarmwright.common.ranges import Range
 from swarmwright.common.statistics import Summary
 from swarmwright.runs.store import journal, pieces
@@ -50,7 +50,7 @@ class StoreReader:
     def __init__(
         self, folder: Path, name: str = FILE, connect: Callable[[], sqlite3.Connection] | None = None
     ) -> None:
-        self._where = Place(folder)
+        self._where = StablePath(folder)
         self._name = name
         self._connect = connect
         self._moment: Moment | None = None

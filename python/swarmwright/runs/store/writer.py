@@ -15,7 +15,7 @@ from swarmwright import _engine
 from swarmwright.common.arrays import shortest
 from swarmwright.common.errors import InputError, RunError, SwarmwrightError
 from swarmwright.common.files import write_text
-from swarmwright.common.tracebacks import located, words_of
+from swarmwright.common.tracebacks import exception_text, locate_error
 from swarmwright.common.yaml import dump
 from swarmwright.controllers import Representation
 from swarmwright.runs.store.database import FILE, NEW, code_of, seal_facts, transaction
@@ -466,7 +466,7 @@ def _why(kind: type[BaseException], error: BaseException | None) -> str:
     """Return what a session ended with; of an exception of the user's code, its class and line too."""
     if error is None:
         return kind.__name__
-    return words_of(error) if isinstance(error, SwarmwrightError) else located(error)
+    return exception_text(error) if isinstance(error, SwarmwrightError) else locate_error(error)
 
 
 def _in_use(error: RunError) -> bool:

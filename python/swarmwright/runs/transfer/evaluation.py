@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.common.arrays import Genomes
-from swarmwright.common.errors import InputError, RunError, reworded
+from swarmwright.common.errors import InputError, RunError, with_message
 from swarmwright.common.random_numbers import Streams
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import Target, unfit
@@ -150,7 +150,7 @@ class Work:
                 )
             return found
         except (InputError, RunError) as error:
-            raise reworded(error, f"{target.name}: {error}") from error
+            raise with_message(error, f"{target.name}: {error}") from error
 
     def _prefixed(self, experiment: Experiment) -> Experiment:
         """Return an experiment with the prefix that was named."""

@@ -13,8 +13,8 @@ from swarmwright import _engine
 from swarmwright.common.arrays import Genomes
 from swarmwright.common.engine_types import AttemptFields, WarningFields
 from swarmwright.common.errors import InputError, PlugInError, SimulationError
-from swarmwright.common.plug_in_code import is_plug_in, numbers, place
-from swarmwright.common.yaml import dotted_path
+from swarmwright.common.plug_in_code import is_plug_in, locate_method, numbers
+from swarmwright.common.yaml import format_path
 from swarmwright.controllers import Representation
 from swarmwright.experiment.document import MOST_SERVERS
 from swarmwright.experiment.experiment import Experiment
@@ -64,7 +64,8 @@ def architecture_of(representation: Representation) -> dict[str, Any]:
     architecture: Any = representation.architecture()
     if not isinstance(architecture, Mapping):
         raise PlugInError(
-            f"{place(representation, 'architecture')}: returned a {type(architecture).__name__}; expected "
+            f"{locate_method(representation, 'architecture')}: returned a {type(architecture).__name__}; "
+            "expected "
             "a dict, a specification of a controller without its weights"
         )
     return dict(architecture)
@@ -286,7 +287,7 @@ def resolve_servers(experiment: Experiment, servers: Servers | None) -> ServerCh
     if isinstance(servers, Mapping | Sequence) and not isinstance(servers, str):
         problems: list[str] = []
         entries = entries_of(
-            servers, Path(), lambda path, text: problems.append(f"{dotted_path(('servers', *path))}: {text}")
+            servers, Path(), lambda path, text: problems.append(f"{format_path(('servers', *path))}: {text}")
         )
         if entries is None:
             raise InputError("\n".join(problems))

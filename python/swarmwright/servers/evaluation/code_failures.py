@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from swarmwright.common.errors import RunError, SimulationError, reworded
-from swarmwright.common.untrusted import lines, one_line
+from swarmwright.common.errors import RunError, SimulationError, with_message
+from swarmwright.common.untrusted import escape_line, escape_lines
 from swarmwright.servers.rows import Journal
 
 FailureOf = Callable[[str], SimulationError | None]
@@ -39,7 +39,7 @@ class CodeFailures:
         stack = self._stacks[reason]
         error = SimulationError(reason, stack)
         if stack is not None:
-            error.add_note("\n".join(["In the simulation:", *(f"  {line}" for line in lines(stack))]))
+            error.add_note("\n".join(["In the simulation:", *(f"  {line}" for line in escape_lines(stack))]))
         return error
 
     def _remember(self, reason: str, stack: str | None) -> None:
@@ -60,10 +60,10 @@ def build_error(message: str, reasons: list[str], failure_of: FailureOf, *, unkn
     """
     if not reasons:
         return RunError(f"{message}{unknown}")
-    words = f"{message}{one_line(reasons[-1])}"
+    words = f"{message}{escape_line(reasons[-1])}"
     failure = failure_of(reasons[-1])
     if failure is None:
         return RunError(words)
-    error = reworded(failure, words)
+    error = with_message(failure, words)
     error.__cause__ = failure.__cause__
     return error

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
-from swarmwright.common.arguments import checked, function, listed, mapping, simulation_seed
+from swarmwright.common.arguments import check_arguments, function, mapping, require_list, simulation_seed
 from swarmwright.common.arrays import float32_of
 from swarmwright.common.errors import InputError, engine_errors
 from swarmwright.common.processes import use_threads
-from swarmwright.common.values import same
+from swarmwright.common.values import are_equal
 from swarmwright.controllers.controller import ControlledEpisodes, Controller
 from swarmwright.display import Caption, Recording, Scene
 from swarmwright.display.files import save
@@ -36,7 +36,7 @@ class Observation(NamedTuple):  # noqa: PLW1641 - arrays have no hash, nor have 
     """(rows, sensors), its sensor values."""
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, tuple) and same(tuple(self), tuple(other))
+        return isinstance(other, tuple) and are_equal(tuple(self), tuple(other))
 
     def __ne__(self, other: object) -> bool:
         return not self == other
@@ -79,7 +79,7 @@ class Episodes:
         watch: bool = False,
     ) -> None:
         self.experiment = _load_experiment(simulation, parameters)
-        listed("seeds", seeds, "integers such as [0, 1, 2]")
+        require_list("seeds", seeds, "integers such as [0, 1, 2]")
         self.seeds: list[int] = [simulation_seed(f"seeds[{index}]", seed) for index, seed in enumerate(seeds)]
         if not self.seeds:
             raise InputError("seeds: is empty, expected at least one")
@@ -238,7 +238,7 @@ class Episodes:
         with self._errors():
             return Scene.of(self._episodes.scene())
 
-    @checked
+    @check_arguments
     def save(self, path: str | PathLike[str], *, speed: float = 1.0) -> None:
         """Write the first episode as a picture (.png), an animation (.gif), a video (.mp4) or a page (.html).
 

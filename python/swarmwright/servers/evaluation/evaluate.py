@@ -10,13 +10,13 @@ from typing import Any, Literal, SupportsIndex
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmwright.common.arguments import checked, instance, simulation_seed
+from swarmwright.common.arguments import check_arguments, instance, simulation_seed
 from swarmwright.common.arrays import float32_of
 from swarmwright.common.errors import InputError
-from swarmwright.common.plug_in_code import reported
+from swarmwright.common.plug_in_code import report_failures
 from swarmwright.common.random_numbers import Stream
 from swarmwright.common.simulation_names import is_python
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.derived import has_python_modules, place_of, steers_agents
@@ -42,7 +42,7 @@ _MAX_LOGGED_REASONS = 10
 """Upper limit of logged failure reasons."""
 
 
-@checked
+@check_arguments
 def evaluate(
     experiment: Experiment | Mapping[str, Any] | str | PathLike[str],
     genomes: ArrayLike,
@@ -121,7 +121,7 @@ class EpisodeResults(ComparedByValue):
     """Simulation seed of each episode."""
 
 
-@checked
+@check_arguments
 def evaluate_episodes(
     experiment: Experiment | Mapping[str, Any] | str | PathLike[str],
     genomes: ArrayLike,
@@ -196,7 +196,7 @@ def _evaluate(
     on_progress: Progress | None,
 ) -> EpisodeResults:
     check_finite(rows)
-    with reported():
+    with report_failures():
         _warn_of_edits(experiment)
         ranking = experiment.new_ranking()
         seeds = seeds_of(ranking, experiment.first_seed, generation)
@@ -225,7 +225,7 @@ def log_failures(backend: Backend, results: Results) -> None:
         backend.log_held()
         return
     for reason in list(dict.fromkeys(results.journal.errors))[:_MAX_LOGGED_REASONS]:
-        _log.warning("an episode failed: %s", one_line(reason))
+        _log.warning("an episode failed: %s", escape_line(reason))
 
 
 def _empty_results(episodes: int, metrics: int) -> Results:
@@ -233,7 +233,7 @@ def _empty_results(episodes: int, metrics: int) -> Results:
     return Results(np.empty((0, episodes)), np.empty((0, episodes, metrics)), Journal())
 
 
-@checked
+@check_arguments
 def simulate(
     experiment: Experiment | Mapping[str, Any] | str | PathLike[str],
     controller: Controller | None = None,
@@ -271,7 +271,7 @@ def simulate(
     experiment = experiment_of(experiment)
     if controller is not None:
         instance("controller", controller, Controller, "Controller.load(path)")
-    with reported():
+    with report_failures():
         return run_episode(
             experiment,
             controller,

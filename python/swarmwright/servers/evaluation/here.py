@@ -1,7 +1,7 @@
 """Checks whether an experiment is evaluated in this process, and whether its simulation can run in it."""
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.html import in_notebook
+from swarmwright.common.html import is_notebook
 from swarmwright.common.simulation_names import SIMULATORS, is_command, is_python, simulator_file
 from swarmwright.common.warn_once import warn_once
 from swarmwright.experiment.derived import has_python_modules, place_of
@@ -35,7 +35,7 @@ def prefers_local(experiment: Experiment) -> bool:
     A notebook has no terminal for servers' output, and its cells are run repeatedly.
     """
     needs_servers = experiment.mode != "auto" or not catalogue.is_local(experiment.simulation)
-    alone = in_notebook() or experiment.simulation.startswith("__main__:")
+    alone = is_notebook() or experiment.simulation.startswith("__main__:")
     return alone and not needs_servers
 
 

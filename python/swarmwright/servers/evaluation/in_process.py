@@ -15,7 +15,7 @@ from swarmwright.common import processes
 from swarmwright.common.engine_types import AttemptFields, WarningFields
 from swarmwright.common.errors import SimulationError, engine_errors
 from swarmwright.common.processes import use_threads
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.experiment.derived import fitness_expression
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.servers.evaluation.base import (
@@ -56,7 +56,7 @@ class InProcessBackend:
         self.actuators: int = announced["actuators"]
         self.description = "in this process"
         self.is_foreign = False
-        self.hash_seed: str | None = processes.of_this_process()
+        self.hash_seed: str | None = processes.current_hash_seed()
         self._simulation = experiment.simulation
         self.parameters = experiment.parameters
         self._expression = fitness_expression(experiment)
@@ -331,4 +331,4 @@ class PythonBackend(InProcessBackend):
 
 def _log_failure(reason: str, _stack: str) -> None:
     """Log why an episode failed; the traceback is in the run's journal."""
-    _log.warning("an episode failed: %s", one_line(reason))
+    _log.warning("an episode failed: %s", escape_line(reason))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Literal
 
-from swarmwright.common.arguments import listed, text
+from swarmwright.common.arguments import require_list, text
 from swarmwright.common.errors import InputError
 from swarmwright.common.suggestions import unknown
 from swarmwright.experiment.experiment import Experiment
@@ -16,7 +16,7 @@ def select_metrics(experiment: Experiment, metrics: Sequence[str] | Literal["all
     Raises InputError for an unknown metric, and for "all" if only servers know the simulation.
     """
     if metrics != "all":
-        listed("metrics", metrics, "names of metrics")
+        require_list("metrics", metrics, "names of metrics")
         metrics = [text("metrics", name, "a list of names") for name in metrics]
     if not catalogue.has_description(experiment.simulation):
         if metrics == "all":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from swarmwright import _engine
 from swarmwright.common.errors import RunError, engine_errors
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.display import Playable, Recording, record
 from swarmwright.experiment.derived import with_environment
 from swarmwright.servers.broker.credentials import prepare
@@ -90,7 +90,7 @@ def retry_lost(attempt: Callable[[], Result]) -> Result:
         try:
             return attempt()
         except _engine.LostError as error:
-            reason = one_line(str(error))
+            reason = escape_line(str(error))
             if number == ATTEMPTS:
                 raise RunError(f"{reason}; tried {ATTEMPTS} times") from error
             _LOGGER.warning("%s; restarting the episode", reason)

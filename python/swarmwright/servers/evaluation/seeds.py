@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from swarmwright.common.errors import InputError, PlugInError
-from swarmwright.common.plug_in_code import is_plug_in, place
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.plug_in_code import is_plug_in, locate_method
+from swarmwright.common.untrusted import escape_line
 from swarmwright.methods.rankings import Ranking
 
 
@@ -17,7 +17,8 @@ def check_seeds(ranking: Ranking, seeds: Any) -> list[int]:  # noqa: ANN401 - wh
     ok = isinstance(seeds, list | tuple | range | np.ndarray) and len(seeds) > 0
     if not ok or not all(isinstance(value, int | np.integer) and 0 <= value < 2**63 for value in seeds):
         raise PlugInError(
-            f"{place(ranking, 'seeds')}: returned {one_line(repr(seeds)[:100])}; expected a list of at least "
+            f"{locate_method(ranking, 'seeds')}: returned {escape_line(repr(seeds)[:100])}; expected a list "
+            "of at least "
             "one integer, the seeds of the episodes"
         )
     return [int(seed) for seed in seeds]

@@ -65,7 +65,7 @@ class BrokerBackend:
         self.metrics = metrics_of(self._expression, metrics)
         self.description = description
         self.is_foreign = servers is None
-        self.hash_seed = None if servers is None else processes.of_started()
+        self.hash_seed = None if servers is None else processes.child_hash_seed()
 
         try:
             with engine_errors():

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
-from swarmwright.common.problems import shown
+from swarmwright.common.problems import format_value
 from swarmwright.servers.launchers._base import Health, Launcher, LauncherError
 from swarmwright.servers.launchers._remote import RemoteOptions
 from swarmwright.servers.launchers._specification import Specification
@@ -49,7 +49,7 @@ def _parse_host(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     for word in [*([f"port={port}"] if colon else []), *words[1:]]:
         key, _, number = word.partition("=")
         if key not in {"port", "slots"} or not number.isdecimal():
-            raise ValueError(f"must be like ada@robot1:2222 slots=4, not {shown(value)}")
+            raise ValueError(f"must be like ada@robot1:2222 slots=4, not {format_value(value)}")
         fields[key] = int(number)
     return fields
 

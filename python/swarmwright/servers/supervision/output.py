@@ -119,7 +119,7 @@ class Output:
                 self._publish(f"{label}: {dropped} more lines in this second were dropped")
             if count > MAX_LINES_PER_SECOND:
                 return
-            line = "".join(untrusted.lines(text))  # drops terminal control characters
+            line = "".join(untrusted.escape_lines(text))  # drops terminal control characters
             self._publish(f"{label}, {work}: {line}" if work else f"{label}: {line}")
 
     def _publish(self, line: str) -> None:

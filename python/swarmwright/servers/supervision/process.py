@@ -85,7 +85,7 @@ class Process:
                 # The width matters for drawing.
                 env={
                     **os.environ,
-                    **processes.variables(),
+                    **processes.hash_seed_variables(),
                     "COLUMNS": str(shutil.get_terminal_size().columns),
                     **environment,
                 },

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.common.tracebacks import is_installed, shown
+from swarmwright.common.tracebacks import is_installed, shorten_path
 
 _EXTERNAL_SIGNALS = {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
 """Signals by which users and the system end processes."""
@@ -65,13 +65,13 @@ class ServerExit:
         frames = [match for line in self.stack if (match := _FRAME.fullmatch(line))]
         mine = [frame for frame in frames if not is_installed(frame["file"])]
         if mine:
-            return f" in {mine[0]['name']} ({shown(mine[0]['file'])}:{mine[0]['line']})"
+            return f" in {mine[0]['name']} ({shorten_path(mine[0]['file'])}:{mine[0]['line']})"
         if len(frames) < _MOST_FRAMES:  # library frames alone explain nothing
             return ""
         last = frames[0]
         return (
             f" in a recursion of more than {_MOST_FRAMES} calls, started by the simulation's code, in "
-            f"{last['name']} ({shown(last['file'])}:{last['line']})"
+            f"{last['name']} ({shorten_path(last['file'])}:{last['line']})"
         )
 
     @property

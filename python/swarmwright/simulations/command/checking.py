@@ -10,7 +10,7 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.files import check_utf8
 from swarmwright.common.problems import problems_of
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.common.yaml import Path_, dotted_path
+from swarmwright.common.yaml import Path_, format_path
 from swarmwright.simulations.command.definition import CommandOptions, Definition
 from swarmwright.simulations.command.fmu_definition import FmuOptions
 from swarmwright.simulations.command.ros_definition import RosOptions
@@ -64,6 +64,6 @@ def checked_definition(values: Mapping[str, Any], folder: Path, where: str) -> C
         raise InputError(f"{where}.definition: {values!r} found, expected a mapping with command, log, ..")
     options, problems = read_definition(values, folder)
     if not isinstance(options, CommandOptions):
-        lines = (f"{where}.definition: {dotted_path(path)}: {message}" for path, message in problems)
+        lines = (f"{where}.definition: {format_path(path)}: {message}" for path, message in problems)
         raise InputError("\n".join(lines))
     return options

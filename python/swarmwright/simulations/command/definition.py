@@ -29,10 +29,10 @@ from pydantic import (
 from swarmwright.common import metric_names
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
-from swarmwright.common.problems import FieldError, problems_of, shown
+from swarmwright.common.problems import FieldError, format_value, problems_of
 from swarmwright.common.simulation_names import SimulationName
 from swarmwright.common.suggestions import did_you_mean
-from swarmwright.common.yaml import Path_, dotted_path
+from swarmwright.common.yaml import Path_, format_path
 from swarmwright.simulations.command import work_files
 from swarmwright.simulations.ros.reductions import FUNCTIONS
 
@@ -91,7 +91,7 @@ def _words(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
                 f"{strange} is for a shell, and none is used; write [sh, -c, {json.dumps(text)}]"
             )
     if not isinstance(value, list) or not all(isinstance(item, str | int | float) for item in value):
-        raise ValueError(f"must be text or a list of words, not {shown(value)}")
+        raise ValueError(f"must be text or a list of words, not {format_value(value)}")
     words = ["" if isinstance(item, bool) else str(item) for item in value]
     if not words or not words[0]:
         raise ValueError("must not be empty")
@@ -149,7 +149,7 @@ class Definition(Options):
         except ValidationError as error:
             found = problems_of(error, cls, (cls.prefix.removesuffix(":"),))
             raise InputError(
-                "\n".join(f"{dotted_path(path)}: {message}" for path, message in found)
+                "\n".join(f"{format_path(path)}: {message}" for path, message in found)
             ) from error
 
     @abstractmethod
@@ -316,7 +316,7 @@ class CommandOptions(Definition):
         for name, text in value.items():
             problem = metric_names.problem_of(name)
             if problem:
-                raise ValueError(f"{problem}; write {metric_names.suggested(name)}: last({name})")
+                raise ValueError(f"{problem}; write {metric_names.suggest_name(name)}: last({name})")
             Reduction.parse(name, text)
         return value
 

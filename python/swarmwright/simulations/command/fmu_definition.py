@@ -16,9 +16,9 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, mo
 from swarmwright.common import metric_names
 from swarmwright.common.errors import InputError
 from swarmwright.common.options import Options
-from swarmwright.common.problems import FieldError, shown
+from swarmwright.common.problems import FieldError, format_value
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.common.suggestions import did_you_mean, meant_or_all
+from swarmwright.common.suggestions import did_you_mean, suggest_or_list
 from swarmwright.common.yaml import Path_
 from swarmwright.simulations.command.definition import CommandOptions, Definition, Reduction
 from swarmwright.simulations.fmu.description import (
@@ -121,7 +121,10 @@ def _unstartable(
         if known.version == VERSION:
             return f"{about} is a structural parameter, which is settable for one FMU alone, not in an SSP"
         if type(value) is not int or value < 1:
-            return f"{about} is a structural parameter, expected a whole number from 1, not {shown(value)}"
+            return (
+                f"{about} is a structural parameter, expected a whole number from 1, not "
+                f"{format_value(value)}"
+            )
     return None if fits(variable, value) else _misfit(variable, value, about)
 
 
@@ -129,7 +132,7 @@ def _unstartable_array(variable: Variable, value: Any, about: str) -> str | None
     count = math.prod(variable.shape)
     wanted = f"{about} has the shape {' x '.join(map(str, variable.shape))}"
     if not isinstance(value, list):
-        return f"{wanted}; expected a list of {count} values, not {shown(value)}"
+        return f"{wanted}; expected a list of {count} values, not {format_value(value)}"
     values = flat(value)
     if len(values) != count:
         return f"{wanted}, {count} values row by row, but {len(values)} are given"
@@ -147,7 +150,7 @@ def _misfit(variable: Variable, value: Any, about: str) -> str:  # noqa: ANN401 
     wanted = expected(variable)
     if wanted is None:
         return f"{about} is of the type {variable.type}, which cannot be set"
-    return f"{about} is of the type {variable.type}, expected {wanted}, not {shown(value)}"
+    return f"{about} is of the type {variable.type}, expected {wanted}, not {format_value(value)}"
 
 
 def _of_channels(
@@ -228,7 +231,7 @@ def _unconvertible(options: "FmuOptions", known: Description, channel: "Channel"
     if not variable.unit:
         return f"unit: {about} has no unit, so {channel.unit} cannot be converted"
     others = list(known.conversions.get(variable.unit, {}))
-    hint = meant_or_all(channel.unit, others)
+    hint = suggest_or_list(channel.unit, others)
     return (
         f"unit: {options.fmu} does not define how {variable.unit}, the unit of {variable.name}, is "
         f"converted to {channel.unit!r}{hint}"
@@ -240,7 +243,7 @@ def _empty(file: str, known: Description, terminal: str, causality: str) -> str:
     if terminal in known.terminals:
         return f"the terminal {terminal} of {file} has no {causality}"
     names = list(known.terminals)
-    hint = meant_or_all(terminal, names)
+    hint = suggest_or_list(terminal, names)
     return f"{file} has no terminal {terminal!r}{hint}"
 
 
@@ -289,7 +292,7 @@ def _channels(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if value is None:
         return value
     if not isinstance(value, list):
-        raise ValueError(f"must be a list of variables, not {shown(value)}")
+        raise ValueError(f"must be a list of variables, not {format_value(value)}")
     return [{"variable": item} if isinstance(item, str) else item for item in value]
 
 

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.common.suggestions import did_you_mean
 from swarmwright.simulations.command import bags
 from swarmwright.simulations.command.definition import STANDARD_OUTPUT
@@ -256,8 +256,8 @@ def _table(delimiter: str) -> Reader:
                 if len(line) != len(header):
                     there = "is" if len(header) == 1 else "are"
                     raise CommandFailure(
-                        f"{place}: has {counted(len(line), 'value')}, but there {there} "
-                        f"{counted(len(header), 'column')}; "
+                        f"{place}: has {format_count(len(line), 'value')}, but there {there} "
+                        f"{format_count(len(header), 'column')}; "
                         + ("was the log cut off?" if len(line) < len(header) else _taken(names or ""))
                     )
                 if row is not None and not (count == 1 and is_row(row[1], line)):

@@ -16,8 +16,8 @@ from pathlib import PurePath
 from typing import Any
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.problems import shown
-from swarmwright.common.suggestions import meant_or_all
+from swarmwright.common.problems import format_value
+from swarmwright.common.suggestions import suggest_or_list
 from swarmwright.common.untrusted import leads_elsewhere
 
 _CODE_OPTIONS = (
@@ -218,7 +218,7 @@ class Template:
             if self.place is Place.FILE:
                 return f"{{{name}}}"
             known = [*values.own, *values.parameters]
-            hint = meant_or_all(name, known)
+            hint = suggest_or_list(name, known)
             raise InputError(
                 f"{self.where}: {{{name}}} is not a placeholder, and no parameter has this name{hint}"
             )
@@ -237,7 +237,9 @@ class Template:
         if _is_number(value):
             return None
         reason = self._reason(name, value, values)
-        return None if reason is None else f"{shown(value)} found, but {self.where}: {{{name}}} {reason}"
+        return (
+            None if reason is None else f"{format_value(value)} found, but {self.where}: {{{name}}} {reason}"
+        )
 
     def _reason(self, name: str, value: Any, values: Values) -> str | None:  # noqa: ANN401 - any JSON value
         if isinstance(value, str) and _UNUSABLE.search(value):

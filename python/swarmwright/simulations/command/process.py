@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.common import processes
-from swarmwright.common.formatting import counted
+from swarmwright.common.formatting import format_count
 from swarmwright.common.suggestions import did_you_mean, nearest, similar
 from swarmwright.simulations.command.work_files import size_of
 
@@ -125,7 +125,7 @@ class Processes:
         what = {
             "command": list(command),
             "folder": str(folder),
-            "environment": {**processes.variables(), **environment, _MARK: self._mark},
+            "environment": {**processes.hash_seed_variables(), **environment, _MARK: self._mark},
             "largest": largest,
         }
         try:
@@ -398,7 +398,7 @@ class Printed:
         if self._omitted:
             last = list(self._last)[-self._omitted :]
             if len(last) < self._omitted:
-                count = counted(self._omitted - len(last), "line")
+                count = format_count(self._omitted - len(last), "line")
                 last.insert(0, f"[{count} left out: more than {_LOGGED_LINES} in {_LOGGED_S:g} s]")
             sys.stderr.write("".join(f"{line}\n" for line in last))
             self._omitted = 0

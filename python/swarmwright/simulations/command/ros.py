@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from swarmwright.common.errors import InputError
 from swarmwright.common.ranges import Range
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.common.temporary import private_place
+from swarmwright.common.temporary import private_folder
 from swarmwright.simulations.command.definition import CommandOptions
 from swarmwright.simulations.command.placeholders import Placeholder, Template, Values, command
 from swarmwright.simulations.command.process import resolved_word
@@ -80,7 +80,7 @@ class RosSimulation(CommandSimulation):
         with contextlib.ExitStack() as locks:
             for name in names:
                 text = "\n".join([str(self._definition.ros), *where, name])
-                path = private_place() / f"ros-{hashlib.sha256(text.encode()).hexdigest()[:16]}.lock"
+                path = private_folder() / f"ros-{hashlib.sha256(text.encode()).hexdigest()[:16]}.lock"
                 lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
                 locks.callback(os.close, lock)
                 try:

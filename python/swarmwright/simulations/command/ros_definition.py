@@ -12,10 +12,10 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, mo
 
 from swarmwright.common import metric_names
 from swarmwright.common.options import Options
-from swarmwright.common.problems import FieldError, shown
+from swarmwright.common.problems import FieldError, format_value
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.common.suggestions import did_you_mean, meant_or_all
-from swarmwright.common.yaml import Path_, dotted_path
+from swarmwright.common.suggestions import did_you_mean, suggest_or_list
+from swarmwright.common.yaml import Path_, format_path
 from swarmwright.simulations.command.definition import Choices, Command, CommandOptions, Definition
 from swarmwright.simulations.ros.fields import READERS, STATES, WRITERS, SameFieldError, reader, writers
 from swarmwright.simulations.ros.mapping import MappingError, choice, read_mapping, short_type
@@ -75,7 +75,7 @@ def _types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
             continue
         if "{robot}" in described.topic and "/" in options.robots:
             yield (*path, "topic"), "{robot} needs robots with names; write robots: [NAME, ..]"
-        other, where = types.setdefault(described.topic, (short_type(described.type), dotted_path(path)))
+        other, where = types.setdefault(described.topic, (short_type(described.type), format_path(path)))
         if other != short_type(described.type):
             yield (*path, "type"), f"{described.topic} has the type {other} at {where}; a topic has one type"
 
@@ -104,7 +104,7 @@ def _of_metrics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
             if options.ros == 1:
                 yield (*path, "type"), "simulation_interfaces are of ROS 2"
             if metric.field not in STATES:
-                hint = meant_or_all(metric.field or "", STATES)
+                hint = suggest_or_list(metric.field or "", STATES)
                 yield (*path, "field"), f"{metric.field!r} is not a field of an entity's state{hint}"
         else:
             yield from _problem({**metric.place, "sensor": name}, "sensors", path)
@@ -287,7 +287,9 @@ class Reset(Options):
     @classmethod
     def _scope(cls, value: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
         if not isinstance(value, list) or not value or not all(letter in SCOPES for letter in value):
-            raise ValueError(f"must be one of {', '.join(SCOPES)}, or a list of these, not {shown(value)}")
+            raise ValueError(
+                f"must be one of {', '.join(SCOPES)}, or a list of these, not {format_value(value)}"
+            )
         return value
 
     @property
@@ -325,7 +327,7 @@ class Area(Options):
     @classmethod
     def _ordered(cls, value: list[float]) -> list[float]:
         if value[0] > value[1]:
-            raise ValueError(f"must be [low, high], not {shown(value)}")
+            raise ValueError(f"must be [low, high], not {format_value(value)}")
         return value
 
 
@@ -441,7 +443,7 @@ def _number_of_robots(value: Any) -> Any:  # noqa: ANN401 - whatever the file sa
 
 def _seconds(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, str):
-        raise ValueError(f"must be seconds, such as 0.1, or {{service: /step}}, not {shown(value)}")
+        raise ValueError(f"must be seconds, such as 0.1, or {{service: /step}}, not {format_value(value)}")
     return {"duration": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
@@ -542,18 +544,20 @@ class RosOptions(Definition):
     @classmethod
     def _robots(cls, value: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
         if not isinstance(value, list) or not value:
-            raise ValueError(f"must be a number of robots, or a list of namespaces, not {shown(value)}")
+            raise ValueError(
+                f"must be a number of robots, or a list of namespaces, not {format_value(value)}"
+            )
         if len(value) > MOST_ROBOTS:
             raise ValueError(f"there may be at most {MOST_ROBOTS:,} robots, not {len(value):,}")
         names: set[str] = set()
         for name in value:
             if not isinstance(name, str) or not name:
-                raise ValueError(f"{shown(name)} is not a namespace; expected such as robot_1")
+                raise ValueError(f"{format_value(name)} is not a namespace; expected such as robot_1")
             try:
                 namespace_of(name)
             except ValueError as error:
                 raise ValueError(
-                    f"{shown(name)} is not a namespace: {error}; expected such as robot_1"
+                    f"{format_value(name)} is not a namespace: {error}; expected such as robot_1"
                 ) from None
             if name in names:
                 raise ValueError(f"{name} is there twice")

@@ -25,9 +25,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmwright.common.errors import EpisodeError, InputError, explained
+from swarmwright.common.errors import EpisodeError, InputError, describe_exception
 from swarmwright.common.simulation_names import SimulationName
-from swarmwright.common.temporary import private_place, remove
+from swarmwright.common.temporary import private_folder, remove
 from swarmwright.controllers.controller import Controller
 from swarmwright.export import EXPORTERS, Subject, c, file_bytes
 from swarmwright.simulations.base import Simulation
@@ -507,7 +507,7 @@ class CommandSimulation(Simulation):
             self._put_away(str(failure))
             raise self._explained(failure, self._printed) from None
         except (Exception, SystemExit) as error:  # of a class that is derived
-            self._put_away(explained(error))
+            self._put_away(describe_exception(error))
             raise
         except BaseException:  # an interrupt is no failure of the episode
             self._put_away()
@@ -628,7 +628,7 @@ class CommandSimulation(Simulation):
     def _ready(self) -> tuple[work_files.Instance, Processes]:
         """Return the instance and its processes, which are made where there are none."""
         if self._instance is None:
-            place = private_place() if self.options.work is None else self._here / self.options.work
+            place = private_folder() if self.options.work is None else self._here / self.options.work
             self._instance = work_files.Instance(place)
             if self.options.keep != "all":
                 self._instance.clear()

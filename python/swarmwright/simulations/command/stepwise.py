@@ -40,7 +40,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from swarmwright.common.untrusted import one_line
+from swarmwright.common.untrusted import escape_line
 from swarmwright.simulations.command.process import (
     CommandFailure,
     Ended,
@@ -456,7 +456,7 @@ class Dialogue:
         """Log a warning, the first one of each kind."""
         if text not in self._logged:
             self._logged.add(text)
-            _log.warning(text, one_line(str(what)[:_LONGEST_WARNING]))
+            _log.warning(text, escape_line(str(what)[:_LONGEST_WARNING]))
 
     def _parsed(self, line: bytes) -> dict[str, Any]:
         try:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from swarmwright.common.errors import InputError
 from swarmwright.common.message_kinds import kind_of
-from swarmwright.common.temporary import private_place, remove
+from swarmwright.common.temporary import private_folder, remove
 
 LARGEST_BYTES = 1 << 26
 """Bytes of one file of a simulation; larger ones are not copied into run folders."""
@@ -130,7 +130,7 @@ class Instance:
         self.place = place
         try:
             # Numbers, and so ports and displays, are the user's, wherever the work folders are.
-            self.number = self._lock(private_place())
+            self.number = self._lock(private_folder())
             place.mkdir(mode=0o700, parents=True, exist_ok=True)
             self.folder = place / f"instance-{self.number}"
             self._make_folder()

@@ -38,8 +38,8 @@ from numpy.typing import NDArray
 from swarmwright.common.errors import InputError, SimulationError
 from swarmwright.common.ranges import Range
 from swarmwright.common.suggestions import similar
-from swarmwright.common.tracebacks import located
-from swarmwright.common.untrusted import paths_elsewhere
+from swarmwright.common.tracebacks import locate_error
+from swarmwright.common.untrusted import find_outside_paths
 from swarmwright.common.warn_once import warn_once
 from swarmwright.simulations.base import Group, Simulation
 from swarmwright.simulations.calls import summarize
@@ -662,7 +662,7 @@ class Environment(Simulation):
             raise
         except Exception as error:  # libraries raise various exceptions
             where = f"{', '.join(parameters)}: {label}" if parameters else label
-            raise InputError(f"{where}: {located(error)}") from error
+            raise InputError(f"{where}: {locate_error(error)}") from error
 
     def _replace_environment(self, parameters: dict[str, Any]) -> None:
         """Create an environment with these parameters and close the old one. Raises InputError."""
@@ -733,7 +733,7 @@ class Environment(Simulation):
 def check_paths(label: str, environment: str, parameters: Mapping[str, Any]) -> None:
     """Raise InputError for paths outside the working folder in parameters, which may come from a peer."""
     for name, value in parameters.items():
-        for path in paths_elsewhere(value):
+        for path in find_outside_paths(value):
             raise InputError(
                 f"{name}: {label}: {path!r} is outside the server's folder, where parameters may not point; "
                 f"put it into the simulation's name, as in {environment}?{name}=.."

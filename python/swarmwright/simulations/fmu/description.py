@@ -18,7 +18,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from swarmwright.common import archives, xml
-from swarmwright.common.errors import InputError, explained
+from swarmwright.common.errors import InputError, describe_exception
 from swarmwright.common.ranges import Range
 from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.simulations.fmu.units import Conversions, Unit, inverse_units
@@ -244,7 +244,7 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
     if not is_installed():
         raise InputError(NEEDS)
     try:
-        with archives.opened(file, "an FMU") as archive:
+        with archives.open_archive(file, "an FMU") as archive:
             places = [Path(name).parts for name in archive.namelist()]
             text = checked_xml(archive, file, _DESCRIPTION)
             found = _by_fmpy(text)
@@ -256,7 +256,7 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - whatever a broken file leads to
-        raise InputError(f"{file}: is not an FMU: {explained(error)[:_MOST_FAULTS]}") from None
+        raise InputError(f"{file}: is not an FMU: {describe_exception(error)[:_MOST_FAULTS]}") from None
     version = next((supported for supported in VERSIONS if str(found.fmiVersion).startswith(supported)), None)
     if version is None:
         raise InputError(
@@ -307,7 +307,7 @@ def checked_xml(archive: zipfile.ZipFile, file: Path, name: str) -> bytes:
 
     Raises InputError where it is missing, is not valid, or has too much or what only a DTD can say.
     """
-    data = archives.content(archive, file, name, _LARGEST_XML_BYTES)
+    data = archives.read_entry(archive, file, name, _LARGEST_XML_BYTES)
     xml.check(data, f"{file}: {name}", _MOST_NODES, _DEEPEST_NESTING)
     return data
 

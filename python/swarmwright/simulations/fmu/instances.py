@@ -387,7 +387,7 @@ class Instance:
 def unpacked(file: str, folder: Path) -> Path:
     """Unpack an FMU. Raises FmuError."""
     try:
-        with archives.opened(Path(file), "an FMU") as archive:
+        with archives.open_archive(Path(file), "an FMU") as archive:
             archive.extractall(folder)
     except InputError as error:
         raise FmuError(f"cannot be unpacked: {error}") from error

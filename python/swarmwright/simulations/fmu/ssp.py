@@ -15,8 +15,8 @@ from typing import Any, Literal
 from xml.etree import ElementTree as ET
 
 from swarmwright.common import archives
-from swarmwright.common.errors import InputError, explained
-from swarmwright.common.suggestions import did_you_mean, meant_or_all
+from swarmwright.common.errors import InputError, describe_exception
+from swarmwright.common.suggestions import did_you_mean, suggest_or_list
 from swarmwright.common.temporary import TemporaryFolder
 from swarmwright.common.warn_once import warn_once
 from swarmwright.simulations.fmu import description as fmus
@@ -337,7 +337,7 @@ def system_of(file: Path) -> System:
 def _system(file: Path, _changed: int) -> System:
     if not fmus.is_installed():
         raise InputError(fmus.NEEDS)
-    with archives.opened(file, "an SSP") as archive:
+    with archives.open_archive(file, "an SSP") as archive:
         root = _parsed(file, archive, STRUCTURE, "SystemStructureDescription.xsd")
         top = root.find(f"{SSD}System")
         assert top is not None  # the schema requires it
@@ -375,8 +375,8 @@ def _components(file: Path, sources: Mapping[str, str]) -> dict[str, Description
         for source in dict.fromkeys(sources.values()):
             fmu = extracted(file, source, folder)
             components[source] = fmus.for_coupling(fmu)
-            with archives.opened(fmu, "an FMU") as archive:
-                sizes[source] = fmu.stat().st_size + archives.unpacked_bytes(archive)
+            with archives.open_archive(fmu, "an FMU") as archive:
+                sizes[source] = fmu.stat().st_size + archives.count_unpacked_bytes(archive)
     # Each component is unpacked for itself.
     archives.check_size(
         file, sum(sizes[sizes_of] for sizes_of in sources.values()), "its components unpack to"
@@ -394,17 +394,19 @@ def _parsed(file: Path, archive: zipfile.ZipFile, name: str, schema: str) -> ET.
         validate_tree(etree.fromstring(data), schema)
         return ET.fromstring(data)  # noqa: S314 - it has been checked
     except Exception as error:  # noqa: BLE001 - whatever a broken file leads to
-        words = str(error) if isinstance(error, InputError) else f"{file}: {name}: {explained(error)}"
+        words = (
+            str(error) if isinstance(error, InputError) else f"{file}: {name}: {describe_exception(error)}"
+        )
         raise InputError(f"{file}: is not an SSP: {words.removeprefix(f'{file}: ')[:_MOST_FAULTS]}") from None
 
 
 def extracted(file: Path, source: str, folder: Path) -> Path:
     """Take the FMU of a component out of an SSP. Raises InputError where it is not there."""
-    with archives.opened(file, "an SSP") as archive:
+    with archives.open_archive(file, "an SSP") as archive:
         try:
             return Path(archive.extract(source, folder))
         except (KeyError, OSError, *archives.DAMAGED) as error:
-            raise InputError(f"{file}: {source}: cannot be taken out: {explained(error)}") from None
+            raise InputError(f"{file}: {source}: cannot be taken out: {describe_exception(error)}") from None
 
 
 def _source(file: Path, component: ET.Element) -> str:
@@ -422,7 +424,7 @@ def variable_of(system: System, name: str) -> Variable:
     component, _, variable = name.partition(".")
     if component not in system.components:
         known = list(system.components)
-        hint = meant_or_all(component, known)
+        hint = suggest_or_list(component, known)
         raise InputError(f"{name}: there is no component {component!r}{hint}")
     found = system.components[component].variables.get(variable)
     if found is None:

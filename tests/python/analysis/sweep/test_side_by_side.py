@@ -180,7 +180,7 @@ def test_a_plug_in_that_fails_does_not_end_the_sweep(
         raise raised
 
     monkeypatch.setattr(_engine, "servers", lambda *_, **__: [])
-    monkeypatch.setattr("swarmwright.common.plug_in_code.failure", lambda error: PlugInError(str(error)))
+    monkeypatch.setattr("swarmwright.common.plug_in_code.find_failure", lambda error: PlugInError(str(error)))
     run = experiment()
     monkeypatch.setattr(Experiment, "representation", fail)
     assert shares([run], 2, None, broker=embedded_broker, servers=None) == [None]

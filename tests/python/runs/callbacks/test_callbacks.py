@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, callbacks, optimize
-from swarmwright.common.values import flat
+from swarmwright.common.values import flatten
 
 EXPERIMENT = Experiment.from_mapping(
     {
@@ -195,7 +195,7 @@ def test_callbacks_are_joined() -> None:
 
 
 def test_nested_values_become_flat() -> None:
-    assert flat({"a": {"b": {"c": 1}, "d": [1, 2]}, "e": "x"}) == {"a.b.c": 1, "a.d": [1, 2], "e": "x"}
+    assert flatten({"a": {"b": {"c": 1}, "d": [1, 2]}, "e": "x"}) == {"a.b.c": 1, "a.d": [1, 2], "e": "x"}
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from swarmwright.common.arrays import Genome, Genomes, Limits, shortest
-from swarmwright.common.problems import FieldError, shown
+from swarmwright.common.problems import FieldError, format_value
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers._base import MANY, Representation, RepresentationOptions, in_parts
 
@@ -29,7 +29,7 @@ def _level(value: Any) -> int | list[float]:  # noqa: ANN401 - whatever the file
             return thresholds
     raise ValueError(
         f"must be a number of intervals, 1 to {_MOST_LEVELS}, or a list of thresholds, each greater than the "
-        f"one before, not {shown(value)}"
+        f"one before, not {format_value(value)}"
     )
 
 

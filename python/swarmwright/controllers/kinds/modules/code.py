@@ -12,7 +12,7 @@ from textwrap import dedent, indent
 import numpy as np
 
 from swarmwright.common.errors import InputError
-from swarmwright.common.tracebacks import place_of
+from swarmwright.common.tracebacks import locate_definition
 from swarmwright.controllers.kinds.modules.tables import catalogue_of, machine_weights, own_modules
 from swarmwright.controllers.modules import Behaviour, Condition, grammar, machine_texts
 from swarmwright.controllers.modules.registered import implementation
@@ -139,7 +139,7 @@ def _cases(count: int, first: int, function: str, arguments: str) -> str:
 
 def _check(parts: list[tuple[grammar.Module, type[Behaviour] | type[Condition]]]) -> None:
     """Raise InputError for modules of which there is no code in C."""
-    missing = [f"{module.name} ({place_of(kind)})" for module, kind in parts if kind.c_code is None]
+    missing = [f"{module.name} ({locate_definition(kind)})" for module, kind in parts if kind.c_code is None]
     if missing:
         verb = "has" if len(missing) == 1 else "have"
         raise InputError(
@@ -150,12 +150,14 @@ def _check(parts: list[tuple[grammar.Module, type[Behaviour] | type[Condition]]]
     for module, kind in parts:
         if not isinstance(kind.c_code, str):
             raise InputError(
-                f"{place_of(kind)}: {module.name}: c_code must be text, statements in C, not {kind.c_code!r}"
+                f"{locate_definition(kind)}: {module.name}: c_code must be text, statements in C, not "
+                f"{kind.c_code!r}"
             )
         for name in module.parameters:
             if is_reserved(name) or name in _TAKEN or not _WORD.fullmatch(name):
                 raise InputError(
-                    f"{place_of(kind)}: {module.name}: parameter {name!r}: has another meaning in C; rename "
+                    f"{locate_definition(kind)}: {module.name}: parameter {name!r}: has another meaning in "
+                    "C; rename "
                     "it"
                 )
 

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from swarmwright.common.arrays import Genome, Genomes, Limits, shortest
 from swarmwright.common.options import Options
-from swarmwright.common.problems import FieldError, shown
+from swarmwright.common.problems import FieldError, format_value
 from swarmwright.common.random_numbers import Stream, Streams
 from swarmwright.controllers._base import Representation, RepresentationOptions, around, in_parts
 
@@ -33,13 +33,13 @@ def _range(value: Any, whole: bool) -> Any:  # noqa: ANN401 - whatever the file 
 
     if not (isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value))):
         what = f"whole numbers within +-{largest}" if whole else "numbers"
-        raise ValueError(f"must be [lowest, highest], two {what}, not {shown(value)}")
+        raise ValueError(f"must be [lowest, highest], two {what}, not {format_value(value)}")
     low, high = value
     for bound in value:
         if abs(bound) > largest:
             where = "where every whole number is a 32-bit float" if whole else "the range of 32-bit floats"
             limits = f"-{largest} to {largest}" if whole else f"-{largest:g} to {largest:g}"
-            raise ValueError(f"{shown(bound)} is outside of {limits}, {where}")
+            raise ValueError(f"{format_value(bound)} is outside of {limits}, {where}")
     if low > high:
         raise ValueError(f"must be [lowest, highest], but {low} is above {high}; write [{high}, {low}]")
     if np.float32(low) == np.float32(high):
@@ -63,7 +63,7 @@ class _NumberParameter(Options):
     @model_validator(mode="after")
     def _positive(self) -> "_NumberParameter":
         if self.scale == "log" and self.range[0] <= 0:
-            raise FieldError("scale", f"log needs a range above 0, not {shown(self.range)}")
+            raise FieldError("scale", f"log needs a range above 0, not {format_value(self.range)}")
         return self
 
 
@@ -93,7 +93,7 @@ def _choices(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
         and len(set(value)) == len(value) <= _LARGEST_INTEGER
     ):
         raise ValueError(
-            f"must be a list of at least two different texts, numbers or booleans, not {shown(value)}"
+            f"must be a list of at least two different texts, numbers or booleans, not {format_value(value)}"
         )
     if _all_are(value, int, float):
         whole = _all_are(value, int)
@@ -111,11 +111,11 @@ def _check_number(choice: float, *, whole: bool) -> None:
     """Raise ValueError for a number that is another one as the 32-bit float that is sent."""
     largest = _LARGEST_INTEGER if whole else _LARGEST_REAL
     if not abs(choice) <= largest:  # NaN is not
-        raise ValueError(f"{shown(choice)} is outside of -{largest:g} to {largest:g}")
+        raise ValueError(f"{format_value(choice)} is outside of -{largest:g} to {largest:g}")
     (single,) = shortest(np.array([choice], dtype=np.float32))
     if single != choice:
         raise ValueError(
-            f"{shown(choice)} is {single!r} as a 32-bit float, which is what is sent; write that"
+            f"{format_value(choice)} is {single!r} as a 32-bit float, which is what is sent; write that"
         )
 
 

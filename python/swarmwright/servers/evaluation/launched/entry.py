@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from swarmwright.common.formatting import amount
+from swarmwright.common.formatting import format_amount
 from swarmwright.servers.evaluation.launched.scaling import Scaling
 from swarmwright.servers.launchers import Health, Launcher, LauncherError, LauncherOptions
 from swarmwright.servers.server_use import ServerUse
@@ -84,8 +84,8 @@ class Entry:
         """Use of servers and their cost as text."""
 
         def format_use(use: ServerUse) -> str:
-            cost = "" if self.options.cost_per_hour is None else f", cost {amount(use.cost)}"
-            return f"{amount(use.seconds / 3600)} server hours{cost}"
+            cost = "" if self.options.cost_per_hour is None else f", cost {format_amount(use.cost)}"
+            return f"{format_amount(use.seconds / 3600)} server hours{cost}"
 
         whole = f" (the whole run: {format_use(self.earlier + self.use)})" if self.earlier.seconds else ""
         return f"{self.name} {format_use(self.use)}{whole}"
@@ -107,7 +107,7 @@ class Entry:
         """Message that earlier sessions of the run have spent the budget."""
         return (
             f"the budget of {self.name}, {self.options.budget:g}, is spent: earlier sessions of this run "
-            f"cost {amount(self.earlier.cost)}"
+            f"cost {format_amount(self.earlier.cost)}"
         )
 
     @contextmanager
