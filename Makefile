@@ -40,7 +40,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: fmi wheel release test-wheel test-oldest brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-commit test-journeys test-python test-all lint lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows lint-commits audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
+.PHONY: ui fmi wheel release test-wheel test-oldest brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-commit test-journeys test-python test-all lint lint-engine lint-java lint-cpp lint-python lint-protocol lint-workflows lint-commits audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -74,6 +74,7 @@ ROS1_SOURCES := $(wildcard wrappers/ros1/*/src/*.[ch] wrappers/ros1/*/src/*.cpp 
 MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
 ENGINE := $(shell find engine -name target -prune -o -path 'engine/*/tests' -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' -o -path '*/arena/src/*.json' \) -print)
 FMI := python/swarmwright/simulations/fmu/libswarmwright_fmi.so
+UI := python/swarmwright/ui/static/vendor
 LICENSES := python/swarmwright/third-party-licenses.txt
 
 ROS1 := ros-core catkin rosbash ros-message-generation libroscpp-dev libgeometry-msgs-dev libnav-msgs-dev libsensor-msgs-dev libstd-msgs-dev \
@@ -297,7 +298,7 @@ ZIG_TARGET := $(ARCH)-unknown-linux-gnu
 # The emulated Python is that of `make test-arm64`.
 EMULATED := $(if $(filter aarch64-x86_64,$(ARCH)-$(MACHINE)),$(ARM64))
 
-wheel: $(VENV)/.wheel $(addsuffix /.libraries,$(EMULATED))
+wheel: $(UI)/uPlot.esm.js $(VENV)/.wheel $(addsuffix /.libraries,$(EMULATED))
 	@[ "$(ARCH)" = "$(MACHINE)" ] || [ -n "$(EMULATED)" ] || {
 		echo "No wheel for $(ARCH): it is built on such a machine; the one for aarch64 also on x86_64." >&2
 		exit 1
@@ -511,6 +512,21 @@ docs: reference $(VENV)/.docs build/site-scripts/.fetched
 check-docs: docs
 	git diff --exit-code -- $(addprefix docs/reference/,command-line.md experiment.md conformance.md) engine/worlds/arena/src/missions.json engine/worlds/arena/src/robots.json
 
+# uPlot draws the charts of `swarmwright ui`; wheels have it.
+ui: $(VENV)/.engine $(UI)/uPlot.esm.js
+	$(BIN)/python -m pip install --quiet 'swarmwright[ui]'
+
+$(UI)/uPlot.esm.js: python/swarmwright/ui/vendor.sha256
+	@command -v npm > /dev/null || { $(call install,nodejs npm); }
+	mkdir -p $(@D)
+	cd $(@D)
+	npm pack --silent uplot@1.6.32 > /dev/null
+	tar -xzOf uplot-1.6.32.tgz package/dist/uPlot.min.css > uPlot.min.css
+	tar -xzOf uplot-1.6.32.tgz package/LICENSE > LICENSE
+	tar -xzOf uplot-1.6.32.tgz package/dist/uPlot.esm.js > uPlot.esm.js
+	rm -- *.tgz
+	sha256sum --check --quiet $(CURDIR)/python/swarmwright/ui/vendor.sha256
+
 # Search in pages that were opened from files, and diagrams; put into the site so that it needs no network.
 build/site-scripts/.fetched: docs/site/scripts.sha256
 	@command -v npm > /dev/null || { $(call install,nodejs npm); }
@@ -583,7 +599,7 @@ $(VENV)/.tools: $(VENV)/.created pyproject.toml
 	touch $@
 
 # What tests and checks need.
-$(VENV)/.dev: $(VENV)/.engine $(VENV)/.docs pyproject.toml
+$(VENV)/.dev: $(VENV)/.engine $(VENV)/.docs $(UI)/uPlot.esm.js pyproject.toml
 	$(call python-install,--group checks)
 	touch $@
 

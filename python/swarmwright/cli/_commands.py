@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SECTIONS: dict[str, tuple[str, ...]] = {
     "Start": ("new", "import", "simulate", "schema"),
     "Run": ("optimize", "resume", "sweep"),
-    "Analyse": ("runs", "plot", "replay", "draw", "evaluate", "compare", "transfer", "score"),
+    "Analyse": ("ui", "runs", "plot", "replay", "draw", "evaluate", "compare", "transfer", "score"),
     "Deploy": ("export", "verify", "export-fmu", "couple"),
     "Servers": ("serve", "servers", "broker", "conformance"),
 }

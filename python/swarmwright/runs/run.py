@@ -29,11 +29,13 @@ from swarmwright.runs.store.folder import find_store
 from swarmwright.runs.store.lock import is_locked
 from swarmwright.runs.store.lookup import nothing
 from swarmwright.runs.store.table import RecordTable
-from swarmwright.servers.rows import Attempt, Event, Session
+from swarmwright.servers.rows import Attempt, Event, FailureReason, ServerShare, Session
 from swarmwright.simulations.user_code.trust import trusting
 
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from swarmwright.runs.elites import Elites
     from swarmwright.runs.metric_curves import Names
@@ -321,6 +323,14 @@ class Run:
         """Yield the warnings, in order."""
         return self._store.events()
 
+    def servers(self) -> list[ServerShare]:
+        """Return what each server did: evaluations, failures, seconds."""
+        return self._store.servers()
+
+    def failures(self) -> list[FailureReason]:
+        """Return why attempts failed, the most frequent reason first, and on which servers."""
+        return self._store.failures()
+
     @cached_property
     def record(self) -> RecordTable:
         """Every evaluation of the finished generations: arrays, and a mapping of the columns of a table.
@@ -328,6 +338,14 @@ class Run:
         `pandas.DataFrame(run.record)` has the columns that `export` writes.
         """
         return RecordTable(self._store.record(), self.metrics)
+
+    @cached_property
+    def fitness(self) -> "NDArray[np.float64]":
+        """(evaluations,) fitness of every evaluation in the order of the record, NaN where it failed.
+
+        `record` has it, too; this reads nothing else.
+        """
+        return self._store.fitness()
 
     @check_arguments
     def evaluation(

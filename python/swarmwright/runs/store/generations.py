@@ -249,6 +249,17 @@ class Generations:
             raise self.damaged(_DISAGREE) from error
         return number
 
+    def fitness(self) -> NDArray[np.float64]:
+        """Return the fitness of every evaluation, in order; nothing else is read, or compared."""
+        cursor = self._connection.execute(
+            "SELECT first, fitness FROM block WHERE generation < ? ORDER BY first", (self._end,)
+        )
+        try:
+            columns = [column for _, column in _side_by_side(cursor)]
+        except _WRONG as error:
+            raise self.damaged(_DISAGREE) from error
+        return np.concatenate(columns) if columns else np.zeros(0)
+
     def best_fitness(self, first: int, end: int) -> float:
         """Return the best fitness of the evaluations from `first` to before `end`; NaN where all failed.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Self, SupportsIndex
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmwright.common.arrays import Genome
 from swarmwright.common.json_text import loads
@@ -291,6 +292,11 @@ class StoreReader:
         """Return how many evaluations have a metric."""
         column = self.metrics.index(metric)
         return sum(int(np.isfinite(part.metrics[:, :, column]).any(axis=1).sum()) for part in self.rows())
+
+    def fitness(self) -> NDArray[np.float64]:
+        """Return the fitness of every evaluation of the finished generations, in order."""
+        with self._generations() as generations:
+            return generations.fitness()
 
     def best_fitness(self, first: int, end: int) -> float:
         """Return the best fitness of the evaluations from `first` to before `end`; NaN where all failed."""

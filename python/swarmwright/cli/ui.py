@@ -1,0 +1,57 @@
+"""`swarmwright ui`: the window in the browser."""
+
+import contextlib
+import webbrowser
+from pathlib import Path
+
+import click
+
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import ExistingPath, WholeNumber
+from swarmwright.cli._output import Output
+from swarmwright.common.errors import InputError
+
+
+@click.command(
+    "ui",
+    cls=Command,
+    example="swarmwright ui runs --open\n"
+    "ssh -L 8501:127.0.0.1:8501 cluster swarmwright ui results --port 8501",
+)
+@click.argument("folder", type=ExistingPath(folder=True), metavar="[FOLDER]", required=False)
+@click.option(
+    "--port", type=WholeNumber(0, 65535), help="Port to listen on, 0 for a free one. Default: 8501."
+)
+@click.option(
+    "--host-name",
+    "hosts",
+    multiple=True,
+    metavar="NAME",
+    help="A name by which browsers reach the window, as behind a proxy. Can be given several times.",
+)
+@click.option("--read-only", is_flag=True, help="Refuse everything that changes a run or starts one.")
+@click.option("--open", "is_opened", is_flag=True, help="Open the window in a browser.")
+def command(
+    folder: Path | None, port: int | None, hosts: tuple[str, ...], read_only: bool, is_opened: bool
+) -> None:
+    """Show the runs below FOLDER (default: runs) in a browser, live.
+
+    The printed address holds a secret token: whoever has it sees these runs. The window listens on 127.0.0.1
+    alone; from another machine, reach it through `ssh -L`. It ends with Ctrl-C; runs are not affected.
+    """
+    from swarmwright.runs.folders import RUNS
+    from swarmwright.ui.server import serve
+
+    output = Output()
+    if folder is None:
+        folder = RUNS if RUNS.is_dir() else None
+    if folder is None:
+        raise InputError(f"{RUNS}: there is no such folder here; name the one that holds the runs")
+
+    def on_ready(address: str) -> None:
+        output.text(f"Runs below {folder}: {address}")
+        if is_opened:
+            with contextlib.suppress(webbrowser.Error):
+                webbrowser.open(address)
+
+    serve(folder, port=port, hosts=hosts, read_only=read_only, on_ready=on_ready)

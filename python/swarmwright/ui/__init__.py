@@ -1,0 +1,5 @@
+"""The window in the browser: all runs below a folder, live, wherever they were started.
+
+`swarmwright ui` starts it. It reads the stores of runs, so that runs need not know of it, and uses the public
+interface of the library alone. It needs `pip install 'swarmwright[ui]'`.
+"""

@@ -1,0 +1,256 @@
+"""The application: pages, and what they ask for."""
+
+import asyncio
+import contextlib
+import json
+import threading
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Callable, Collection, Mapping
+from html import escape
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, HTMLResponse, Response, StreamingResponse
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from swarmwright import Run, SwarmwrightError, compare
+from swarmwright.common.errors import InputError
+from swarmwright.ui import details
+from swarmwright.ui.guard import PLAYER_POLICY, Guard
+from swarmwright.ui.index import RunIndex, as_values
+
+STATIC = Path(__file__).parent / "static"
+REFRESH_S = 0.5
+"""Between two looks at the stores."""
+HEARTBEAT_S = 15.0
+"""After which a silent stream of events says that it is there: proxies close silent ones."""
+REPLAY_BYTES = 64 << 20
+"""Pages of replays that are kept."""
+MOST_COMPARED = 500
+MOST_DIGITS = 20
+MOST_OPENED = 20
+"""Runs that are kept open."""
+Answer = Callable[[Request], Any]
+
+
+class Window:
+    """What the routes share: the list of runs, opened runs, replays.
+
+    Args:
+        folder: whose runs are shown.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.index = RunIndex(folder)
+        self._opened: OrderedDict[str, tuple[object, Run]] = OrderedDict()
+        self._replays: OrderedDict[tuple[object, ...], str] = OrderedDict()
+        self._lock = threading.Lock()
+        self._figures = threading.Lock()
+        """Matplotlib draws in one thread at a time."""
+        self._changed = asyncio.Condition()
+
+    async def watch(self) -> None:
+        """Look for changes until cancelled."""
+        while True:
+            if await run_in_threadpool(self.index.refresh):
+                async with self._changed:
+                    self._changed.notify_all()
+            await asyncio.sleep(REFRESH_S)
+
+    async def events(self, version: int) -> AsyncIterator[bytes]:
+        """Yield changes of the list since a version, as server-sent events.
+
+        A reader that is slow gets what has changed meanwhile at once: nothing is queued for it.
+        """
+        while True:
+            if self.index.version != version:
+                message = self.index.delta(version)
+                version = self.index.version
+                yield b"data: " + message + b"\n\n"
+            async with self._changed:
+                if self.index.version == version:
+                    try:
+                        await asyncio.wait_for(self._changed.wait(), HEARTBEAT_S)
+                    except TimeoutError:
+                        yield b": still here\n\n"
+
+    def run(self, request: Request) -> Run:
+        """Return the run that a request names, opened anew where it has changed."""
+        name = request.query_params.get("run", "")
+        row = self.index.row(name)
+        with self._lock:
+            opened = self._opened.get(name)
+            if opened is not None and opened[0] == row:
+                return opened[1]
+        run = Run(self.index.path(name))
+        with self._lock:
+            self._opened[name] = (row, run)
+            self._opened.move_to_end(name)
+            while len(self._opened) > MOST_OPENED:
+                self._opened.popitem(last=False)
+        return run
+
+    def replay(self, request: Request) -> str:
+        """Return the page of a replay."""
+        run = self.run(request)
+        options: dict[str, Any] = {
+            name: whole(request, name)
+            for name in ("generation", "candidate", "episode", "seed")
+            if name in request.query_params
+        }
+        best = () if {"generation", "candidate"} & options.keys() else (run.evaluations,)
+        key = (str(run.path), *sorted(options.items()), *best)
+        with self._lock:
+            if key in self._replays:
+                self._replays.move_to_end(key)
+                return self._replays[key]
+        page = run.replay(**options).html
+        with self._lock:
+            self._replays[key] = page
+            while sum(map(len, self._replays.values())) > REPLAY_BYTES and len(self._replays) > 1:
+                self._replays.popitem(last=False)
+        return page
+
+    def density(self, request: Request) -> dict[str, Any]:
+        """Return the evaluations of a run as a grid."""
+        return details.density(self.run(request), whole(request, "columns"), whole(request, "rows"))
+
+    def nearest(self, request: Request) -> dict[str, Any]:
+        """Return the evaluation that is nearest to a point of the grid."""
+        point = [number(request, name) for name in ("number", "fitness", "width", "height")]
+        return details.nearest(self.run(request), *point)
+
+    def compare(self, request: Request) -> dict[str, Any]:
+        """Return the comparison of several runs: its text, values and figure."""
+        names = request.query_params.getlist("run")
+        if not 1 <= len(names) <= MOST_COMPARED:
+            raise InputError(f"run: choose 1 to {MOST_COMPARED} runs, not {len(names)}")
+        paths = [self.index.path(name) for name in names]
+        is_held_out = request.query_params.get("held_out") == "true"
+        with self._figures:
+            comparison = compare(paths, held_out=is_held_out, at=optional(request, "at"))
+            with TemporaryDirectory() as folder:
+                figure = comparison.plot(Path(folder) / "comparison.svg").read_text("utf-8")
+        return {"text": str(comparison), "values": as_values(comparison.to_mapping()), "figure": figure}
+
+
+def whole(request: Request, name: str) -> int:
+    """Return a whole number of the query. Raises InputError for anything else."""
+    text = request.query_params.get(name, "")
+    try:
+        if len(text) > MOST_DIGITS:
+            raise ValueError
+        return int(text)
+    except ValueError:
+        raise InputError(f"{name}: must be a whole number, not {text[:50]!r}") from None
+
+
+def optional(request: Request, name: str) -> int | None:
+    """Return a whole number of the query, None where it is missing or empty."""
+    return whole(request, name) if request.query_params.get(name) else None
+
+
+def number(request: Request, name: str) -> float:
+    """Return a number of the query. Raises InputError for anything else."""
+    text = request.query_params.get(name, "")
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{name}: must be a number, not {text[:50]!r}") from None
+
+
+def json_response(values: Mapping[str, Any], status: int = 200) -> Response:
+    """Return values as JSON."""
+    return Response(json.dumps(values, allow_nan=False), status, media_type="application/json")
+
+
+def create_app(
+    folder: Path,
+    *,
+    token: str | None,
+    port: int = 0,
+    hosts: Collection[str] = (),
+    read_only: bool = False,
+) -> Starlette:
+    """Return the application for an ASGI server.
+
+    Args:
+        folder: whose runs are shown.
+        token: that requests need; None: none.
+        port: that it listens on, for the name of its cookie.
+        hosts: names by which it is reached, beside those of loopback.
+        read_only: refuse what changes something.
+    """
+    window = Window(folder)
+
+    async def replay(request: Request) -> Response:
+        try:
+            page = await run_in_threadpool(window.replay, request)
+        except SwarmwrightError as error:
+            page = message_page(str(error))
+        return HTMLResponse(page, headers={"Content-Security-Policy": PLAYER_POLICY})
+
+    async def events(request: Request) -> Response:
+        version = request.query_params.get("version", "0")
+        return StreamingResponse(
+            window.events(int(version) if version.isdecimal() and len(version) < MOST_DIGITS else 0),
+            media_type="text/event-stream",
+            headers={"X-Accel-Buffering": "no"},
+        )
+
+    async def start(_request: Request) -> Response:
+        return FileResponse(STATIC / "index.html")
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_app: Starlette) -> AsyncIterator[None]:
+        watcher = asyncio.create_task(window.watch())
+        yield
+        watcher.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await watcher
+
+    answers: dict[str, Answer] = {
+        "window": lambda _request: {"folder": str(folder), "read_only": read_only},
+        "compare": window.compare,
+        "run": lambda request: details.describe(window.run(request)),
+        "density": window.density,
+        "nearest": window.nearest,
+        "journal": lambda request: details.journal(window.run(request)),
+    }
+    return Starlette(
+        routes=[
+            Route("/", start),
+            Route("/api/events", events),
+            *(Route(f"/api/{name}", endpoint(compute)) for name, compute in answers.items()),
+            Route("/replay", replay),
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ],
+        middleware=[Middleware(Guard, token=token, hosts=hosts, port=port, read_only=read_only)],
+        lifespan=lifespan,
+    )
+
+
+def endpoint(compute: Answer) -> Callable[[Request], Any]:
+    """Return an endpoint that computes values in a thread, and says what is wrong with a request."""
+
+    async def respond(request: Request) -> Response:
+        try:
+            return json_response(await run_in_threadpool(compute, request))
+        except SwarmwrightError as error:
+            return json_response({"error": str(error)}, 422)
+
+    return respond
+
+
+def message_page(text: str) -> str:
+    """Return a page that says why there is no replay."""
+    style = "font: 15px system-ui, sans-serif; margin: 2rem; color: #888; white-space: pre-wrap"
+    return (
+        f'<!doctype html><meta charset="utf-8"><title>No replay</title><p style="{style}">{escape(text)}</p>'
+    )

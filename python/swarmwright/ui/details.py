@@ -1,0 +1,124 @@
+"""What the page of a run shows, as values for JSON."""
+
+import base64
+from dataclasses import asdict
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from swarmwright import InputError, Run
+from swarmwright.runs.density import evaluation_density, nearest_evaluation
+from swarmwright.ui.index import as_values, finite
+
+CURVE_POINTS = 1500
+MOST_EVENTS = 300
+MOST_SERVERS = 500
+MOST_REASONS = 50
+CURVES = ("best_so_far", "best", "mean", "median", "lower_quartile", "upper_quartile")
+
+
+def describe(run: Run) -> dict[str, Any]:
+    """Return the figures of a run: its curve, best candidate, validation, sessions and experiment."""
+    experiment = run.experiment
+    best = None
+    if run.history:
+        leading = run.best
+        best = {
+            "fitness": finite(leading.fitness),
+            "generation": leading.generation,
+            "candidate": leading.candidate,
+        }
+    return {
+        "curve": curve(run),
+        "best": best,
+        "best_words": run.best_words,
+        "ended": run.ended,
+        "failed_episodes": run.failed_episodes if run.failed_evaluations else 0,
+        "episodes": experiment.ranking.episodes,
+        "first_seed": experiment.first_seed,
+        "held_out": held_out(run),
+        "sessions": [as_values(asdict(session)) for session in run.sessions],
+        "experiment": as_values(experiment.to_mapping()),
+        "metrics": run.metrics,
+    }
+
+
+def curve(run: Run) -> dict[str, list[Any]]:
+    """Return the columns of the learning curve, at most `CURVE_POINTS` generations of it."""
+    history = run.history
+    if len(history) > CURVE_POINTS:
+        history = [history[round(place)] for place in np.linspace(0, len(history) - 1, CURVE_POINTS)]
+    columns: dict[str, list[Any]] = {
+        "evaluations": [summary.evaluations for summary in history],
+        "generation": [summary.generation for summary in history],
+    }
+    for name in CURVES:
+        columns[name] = [finite(getattr(summary, name)) for summary in history]
+    return columns
+
+
+def held_out(run: Run) -> dict[str, Any] | None:
+    """Return the best candidate's fitness on held-out seeds; None where it was not evaluated there."""
+    unseen = run.unseen
+    if unseen is None:
+        return None
+    fitness = unseen.fitness
+    return {
+        "mean": finite(fitness.mean),
+        "low": finite(fitness.low),
+        "high": finite(fitness.high),
+        "episodes": len(unseen.episodes),
+        "failed": unseen.failed,
+        "generation": unseen.generation,
+        "candidate": unseen.candidate,
+        "is_reportable": unseen.is_reportable,
+    }
+
+
+def density(run: Run, columns: int, rows: int) -> dict[str, Any]:
+    """Return all evaluations as a grid: a byte for each cell, 0 for none, larger for more."""
+    grid = evaluation_density(run, columns, rows)
+    shades = np.zeros(grid.counts.shape, np.uint8)
+    if grid.counts.any():
+        logarithm = np.log1p(grid.counts)
+        shades = np.ceil(255 * logarithm / logarithm.max()).astype(np.uint8)
+    return {
+        "columns": columns,
+        "rows": rows,
+        "cells": base64.b64encode(shades.tobytes()).decode(),
+        "evaluations": grid.evaluations,
+        "lowest": grid.lowest,
+        "highest": grid.highest,
+        "failed": grid.failed,
+    }
+
+
+def nearest(run: Run, number: float, fitness: float, width: float, height: float) -> dict[str, Any]:
+    """Return the evaluation next to a point of the grid."""
+    if not all(map(np.isfinite, (number, fitness, width, height))):
+        raise InputError("number, fitness, width, height: must be finite")
+    found = nearest_evaluation(run, number, fitness, width, height)
+    return {
+        "number": found.number,
+        "generation": found.generation,
+        "candidate": found.candidate,
+        "fitness": finite(found.fitness),
+        "episodes": as_values(found.episodes),
+        "seeds": found.seeds,
+        "genome": as_values(found.genome[:200]),
+        "genes": len(found.genome),
+        "metrics": {name: as_values(found.metrics[:, column]) for column, name in enumerate(run.metrics)},
+    }
+
+
+def journal(run: Run) -> dict[str, Any]:
+    """Return the warnings of a run, what its servers did, and why evaluations failed."""
+    return {
+        "events": [as_values(asdict(event)) for event in islice(run.events(), MOST_EVENTS)],
+        "servers": [as_values(share._asdict()) for share in run.servers()[:MOST_SERVERS]],
+        "failures": [
+            {"reason": failure.reason, "attempts": failure.attempts}
+            for failure in run.failures()[:MOST_REASONS]
+        ],
+    }

@@ -1,0 +1,244 @@
+"""The list of runs below a folder, kept up to date by looking at their stores."""
+
+import json
+import math
+import os
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmwright import InputError, Run
+from swarmwright.common.simulation_names import label_of
+
+STORE = "run.sqlite"
+MOST_RUNS = 20_000
+MOST_DEPTH = 8
+"""Folders below the one that is shown."""
+SPARK_POINTS = 40
+RATE_WEIGHT = 0.4
+"""Of the newest measurement in the evaluations a second of a run that goes on."""
+
+Signature = tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Row:
+    """What the list says of a run. Its id is the path below the folder."""
+
+    id: str
+    state: str
+    name: str = ""
+    simulation: str = ""
+    controller: str = ""
+    method: str = ""
+    seed: int | None = None
+    generations: int = 0
+    budget: int | None = None
+    """Generations that were asked for; None where another limit ends the run."""
+    evaluations: int = 0
+    failed: int = 0
+    best: float | None = None
+    held_out: float | None = None
+    held_out_failed: int = 0
+    seconds: float = 0.0
+    created: str = ""
+    rate: float | None = None
+    """Evaluations a second, of a run that goes on."""
+    left: float | None = None
+    """Seconds that are left, where generations end the run."""
+    spark: tuple[float | None, ...] = ()
+    """The best fitness so far, at points that are evenly spaced over the generations."""
+    problem: str = ""
+    """Why the folder cannot be read."""
+
+
+class RunIndex:
+    """Rows of all runs below a folder; `refresh` reads those whose files have changed.
+
+    Methods may be called from several threads.
+
+    Args:
+        folder: that is shown. Links are not followed, hidden folders left out.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.version = 0
+        """It grows with every change of a row; from 1 on, the list is complete."""
+        self._lock = threading.Lock()
+        self._rows: dict[str, Row] = {}
+        self._changed: dict[str, int] = {}
+        """The version at which a row, or its absence, came."""
+        self._signatures: dict[str, Signature] = {}
+        self._seen: dict[str, tuple[float, int]] = {}
+        """Time and evaluations when a run that goes on was read last."""
+        self._deltas: dict[int, bytes] = {}
+
+    def refresh(self) -> bool:
+        """Read what has changed; return whether anything has."""
+        before = self.version
+        present = dict(self._stores())
+        for name in self._rows.keys() - present.keys():
+            self._update(name, None)
+        for name, signature in present.items():
+            row = self._rows.get(name)
+            # A run that is killed changes its state without a change of its files.
+            if row is None or signature != self._signatures.get(name) or row.state == "running":
+                self._signatures[name] = signature
+                self._update(name, self._read(name))
+        if self.version == 0:  # there is none, which is news, too
+            self.version = 1
+        return self.version > before
+
+    def path(self, name: str) -> Path:
+        """Return the folder of a run of the list. Raises InputError for anything else."""
+        if name not in self._rows:
+            raise InputError(f"{name[:200]}: there is no such run below {self.folder}")
+        return self.folder / name
+
+    def row(self, name: str) -> Row:
+        """Return the row of a run. Raises InputError when there is none."""
+        self.path(name)
+        return self._rows[name]
+
+    def delta(self, version: int) -> bytes:
+        """Return what has changed since a version, as JSON: the new version, rows, ids that are gone.
+
+        It is built once for all who ask for the same.
+        """
+        with self._lock:
+            if version > self.version:
+                version = 0  # of an earlier server
+            found = self._deltas.get(version)
+            if found is None:
+                names = [name for name, changed in self._changed.items() if changed > version]
+                message = {
+                    "version": self.version,
+                    "whole": version == 0,
+                    "rows": [asdict(self._rows[name]) for name in names if name in self._rows],
+                    "gone": [name for name in names if name not in self._rows],
+                }
+                found = self._deltas[version] = json.dumps(message, allow_nan=False).encode()
+            return found
+
+    def _update(self, name: str, row: Row | None) -> None:
+        with self._lock:
+            if row == self._rows.get(name):
+                return
+            if row is None:
+                del self._rows[name]
+                self._signatures.pop(name, None)
+            else:
+                self._rows[name] = row
+            self.version += 1
+            self._changed[name] = self.version
+            self._deltas.clear()
+
+    def _stores(self) -> Iterator[tuple[str, Signature]]:
+        count = 0
+        for path, folders, files in os.walk(self.folder):
+            below = os.path.relpath(path, self.folder)
+            depth = 0 if below == "." else below.count(os.sep) + 1
+            folders[:] = sorted(name for name in folders if not name.startswith(".")) * (depth < MOST_DEPTH)
+            if STORE not in files or count >= MOST_RUNS:
+                continue
+            folders.clear()  # runs are not within runs
+            count += 1
+            yield below, signature_of(Path(path))
+
+    def _read(self, name: str) -> Row:
+        try:
+            return self._with_rate(summarize(Run(self.folder / name), name))
+        except InputError as error:
+            return Row(name, "unreadable", problem=str(error))
+
+    def _with_rate(self, row: Row) -> Row:
+        """Add evaluations a second and the time that is left to a run that goes on."""
+        if row.state != "running":
+            self._seen.pop(row.id, None)
+            return row
+        now = time.monotonic()
+        before, previous = self._seen.get(row.id), self._rows.get(row.id)
+        if before is None:
+            self._seen[row.id] = (now, row.evaluations)
+            rate = row.evaluations / row.seconds if row.seconds > 0 else None
+        elif now - before[0] < 1.0:
+            rate = None if previous is None else previous.rate
+        else:
+            self._seen[row.id] = (now, row.evaluations)
+            newest = (row.evaluations - before[1]) / (now - before[0])
+            former = newest if previous is None or previous.rate is None else previous.rate
+            rate = RATE_WEIGHT * newest + (1 - RATE_WEIGHT) * former
+        left = None
+        if rate and row.budget is not None and row.generations:
+            left = (row.budget - row.generations) * (row.evaluations / row.generations) / rate
+        return replace(row, rate=significant(rate), left=significant(left))
+
+
+def signature_of(folder: Path) -> Signature:
+    """Return what changes with the store: times and sizes of its files."""
+    signature = []
+    for name in (STORE, f"{STORE}-wal"):
+        try:
+            state = (folder / name).lstat()
+        except OSError:
+            continue
+        signature.append((state.st_mtime_ns, state.st_size))
+    return tuple(signature)
+
+
+def summarize(run: Run, name: str) -> Row:
+    """Return the row of a run without its rate."""
+    experiment, unseen, history = run.experiment, run.unseen, run.history
+    picked = history
+    if len(history) > SPARK_POINTS:
+        picked = [history[round(place)] for place in np.linspace(0, len(history) - 1, SPARK_POINTS)]
+    return Row(
+        id=name,
+        state=run.state,
+        name=run.name,
+        simulation=experiment.label,
+        controller=experiment.controller.kind,
+        method=label_of(experiment.method.kind),
+        seed=experiment.seed,
+        generations=run.generations,
+        budget=experiment.budget.generations,
+        evaluations=run.evaluations,
+        failed=run.failed_evaluations,
+        best=finite(history[-1].best_so_far) if history else None,
+        held_out=None if unseen is None else finite(unseen.fitness.mean),
+        held_out_failed=0 if unseen is None else unseen.failed,
+        seconds=run.seconds,
+        created=run.created,
+        spark=tuple(finite(summary.best_so_far) for summary in picked),
+    )
+
+
+def finite(value: float | None) -> float | None:
+    """Return a number that JSON has; None for others."""
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def significant(value: float | None) -> float | None:
+    """Return a number with three significant digits, so that a row changes when its text does."""
+    return None if value is None or not math.isfinite(value) else float(f"{value:.3g}")
+
+
+def as_values(value: Any) -> Any:  # noqa: ANN401 - JSON
+    """Return a value that JSON has: NumPy's as Python's, NaN and infinity as None, other objects as text."""
+    if isinstance(value, dict):
+        return {str(key): as_values(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [as_values(entry) for entry in value]
+    if isinstance(value, np.ndarray):
+        return as_values(value.tolist())
+    if isinstance(value, np.generic):
+        return as_values(value.item())
+    if isinstance(value, float):
+        return finite(value)
+    return value if value is None or isinstance(value, bool | int | str) else str(value)

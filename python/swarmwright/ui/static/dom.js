@@ -1,0 +1,65 @@
+// Elements without HTML in strings: what a run or a file is called can never become markup.
+
+/** Makes an element. Attributes that are functions listen to events, `null` and `false` are left out. */
+export function h(name, attributes = {}, ...children) {
+  const element = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes ?? {})) {
+    if (value === null || value === undefined || value === false) continue;
+    if (typeof value === "function") element.addEventListener(key, value);
+    else if (key === "class") element.className = value;
+    else element.setAttribute(key, value === true ? "" : value);
+  }
+  element.append(...children.flat().filter((child) => child !== null && child !== undefined && child !== false));
+  return element;
+}
+
+export function text(value) {
+  return value === null || value === undefined ? "" : String(value);
+}
+
+/** A number with about four significant digits, and thousands apart. */
+export function figure(value) {
+  if (value === null || value === undefined) return "–";
+  if (Number.isInteger(value)) return value.toLocaleString("en");
+  const size = Math.abs(value);
+  if (size !== 0 && (size < 1e-3 || size >= 1e7)) return value.toExponential(3);
+  return value.toLocaleString("en", { maximumSignificantDigits: size >= 1000 ? Math.ceil(Math.log10(size)) : 4 });
+}
+
+export function duration(seconds) {
+  if (seconds === null || seconds === undefined) return "–";
+  if (seconds < 60) return `${seconds < 10 ? seconds.toFixed(1) : Math.round(seconds)} s`;
+  const minutes = Math.round(seconds / 60);
+  if (minutes < 60) return `${minutes} min`;
+  const hours = Math.floor(minutes / 60);
+  if (hours < 48) return `${hours} h ${minutes % 60} min`;
+  return `${Math.floor(hours / 24)} d ${hours % 24} h`;
+}
+
+export function date(iso) {
+  const time = new Date(iso);
+  return Number.isNaN(time.getTime()) ? text(iso) : time.toLocaleString("sv").slice(0, 16);
+}
+
+/** Asks the server; what it says is wrong is thrown as an Error. */
+export async function ask(path, parameters = {}) {
+  const query = new URLSearchParams();
+  for (const [key, value] of Object.entries(parameters)) {
+    for (const each of Array.isArray(value) ? value : [value]) {
+      if (each !== null && each !== undefined) query.append(key, each);
+    }
+  }
+  const response = await fetch(`api/${path}?${query}`);
+  if (response.status === 401) throw new Error("The token is not known any more: open the printed address again.");
+  const body = (response.headers.get("content-type") ?? "").includes("json") ? await response.json() : {};
+  if (!response.ok) throw new Error(body.error ?? `${path}: the server answered ${response.status}`);
+  return body;
+}
+
+export function color(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+}
+
+export function problem(error) {
+  return h("p", { class: "problem", role: "alert" }, error.message);
+}

@@ -1,0 +1,145 @@
+"""What the window asks for, and what it is told."""
+
+import asyncio
+import base64
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from starlette.applications import Starlette
+
+import swarmwright
+from swarmwright import Run
+from swarmwright.ui.app import Window, create_app
+from tests.python.records import EXPERIMENT
+from tests.python.ui.client import call
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    for seed in (1, 2):
+        swarmwright.optimize(EXPERIMENT, servers="in-process", seed=seed, out=folder / f"run-{seed}")
+    return folder
+
+
+@pytest.fixture
+def app(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Starlette:
+    """Return an application whose list is complete from the start: nothing runs the watcher here."""
+    refresh = Window.__init__
+
+    def complete(self: Window, folder: Path) -> None:
+        refresh(self, folder)
+        self.index.refresh()
+
+    monkeypatch.setattr(Window, "__init__", complete)
+    return create_app(folder, token=None)
+
+
+def test_a_run_is_described(app: Starlette, folder: Path) -> None:
+    run = Run(folder / "run-1")
+    values = call(app, "/api/run", run="run-1").values
+    assert values["curve"]["best_so_far"] == [summary.best_so_far for summary in run.history]
+    assert values["best"]["candidate"] == run.best.candidate
+    assert values["experiment"]["simulation"] == run.experiment.simulation
+    assert values["sessions"][0]["outcome"] == "done"
+
+
+def test_every_evaluation_is_in_the_grid(app: Starlette, folder: Path) -> None:
+    run = Run(folder / "run-1")
+    values = call(app, "/api/density", run="run-1", columns=50, rows=20).values
+    cells = np.frombuffer(base64.b64decode(values["cells"]), np.uint8).reshape(50, 20)
+    assert values["evaluations"] == run.evaluations
+    assert (values["lowest"], values["highest"]) == (run.fitness.min(), run.fitness.max())
+    assert cells.any(axis=1).sum() == min(50, run.evaluations)
+
+
+def test_a_point_finds_its_evaluation(app: Starlette, folder: Path) -> None:
+    run = Run(folder / "run-1")
+    for number in (0, 7, run.evaluations - 1):
+        point: dict[str, Any] = {
+            "number": number,
+            "fitness": run.fitness[number],
+            "width": 0.1,
+            "height": 0.01,
+        }
+        found = call(app, "/api/nearest", run="run-1", **point).values
+        assert found["number"] == number
+        assert found["fitness"] == run.fitness[number]
+
+
+def test_a_replay_is_a_page_that_reaches_nothing(app: Starlette) -> None:
+    answer = call(app, "/replay", run="run-1", generation=0, candidate=3)
+    assert answer.status == 200
+    assert b"candidate 3 of generation 0" in answer.body
+    policy = answer.headers["content-security-policy"]
+    assert policy.startswith("sandbox allow-scripts; default-src 'none'")
+    assert "'self'" not in policy.replace("frame-ancestors 'self'", "")
+
+
+def test_why_there_is_no_replay_is_a_page(app: Starlette) -> None:
+    answer = call(app, "/replay", run="run-1", generation=0, candidate=10**6)
+    assert answer.status == 200
+    assert b"candidate" in answer.body
+
+
+def test_runs_are_compared_as_by_the_command(app: Starlette, folder: Path) -> None:
+    answer = call(app, "/api/compare", run=["run-1", "run-2"])
+    comparison = swarmwright.compare([folder / "run-1", folder / "run-2"])
+    assert answer.values["text"] == str(comparison)
+    assert answer.values["figure"].lstrip().startswith("<?xml")
+
+
+def test_the_journal_names_servers_and_failures(app: Starlette) -> None:
+    assert set(call(app, "/api/journal", run="run-1").values) == {"events", "servers", "failures"}
+
+
+@pytest.mark.parametrize(
+    ("target", "query", "message"),
+    [
+        ("run", {}, "there is no such run"),
+        ("run", {"run": "../x"}, "there is no such run"),
+        ("density", {"run": "run-1", "columns": "9" * 500, "rows": 5}, "columns: must be a whole number"),
+        ("density", {"run": "run-1", "columns": 10**9, "rows": 5}, "columns: must be from 1 to 4096"),
+        ("density", {"run": "run-1", "columns": 0, "rows": 5}, "columns: must be from 1 to 4096"),
+        ("nearest", {"run": "run-1", "number": "x"}, "number: must be a number"),
+        (
+            "nearest",
+            {"run": "run-1", "number": 1, "fitness": "nan", "width": 1, "height": 1},
+            "must be finite",
+        ),
+        ("nearest", {"run": "run-1", "number": "1e300", "fitness": 0, "width": "1e300", "height": 1}, None),
+        ("compare", {}, "run: choose 1 to 500 runs"),
+        ("compare", {"run": ["run-1"] * 501}, "run: choose 1 to 500 runs"),
+        ("compare", {"run": "run-1", "at": "soon"}, "at: must be a whole number"),
+        ("journal", {"run": "run-1\0"}, "there is no such run"),
+    ],
+)
+def test_wrong_requests_are_told_why(
+    app: Starlette, target: str, query: dict[str, Any], message: str | None
+) -> None:
+    answer = call(app, f"/api/{target}", **query)
+    if message is None:
+        assert answer.status == 200
+    else:
+        assert answer.status == 422
+        assert message in answer.values["error"]
+
+
+def test_a_slow_reader_gets_what_has_changed_at_once(folder: Path) -> None:
+    async def read() -> list[dict[str, object]]:
+        window = Window(folder)
+        window.index.refresh()
+        events = window.events(0)
+        first = await anext(events)
+        for name in ("run-1", "run-2"):
+            window.index._update(name, None)
+        second = await anext(events)
+        await events.aclose()  # type: ignore[attr-defined]
+        return [json.loads(event.removeprefix(b"data: ")) for event in (first, second)]
+
+    first, second = asyncio.run(read())
+    assert len(first["rows"]) == 2  # type: ignore[arg-type]
+    assert second["gone"] == ["run-1", "run-2"]

@@ -1,0 +1,144 @@
+"""The window in a real browser, beside runs that are made meanwhile."""
+
+import contextlib
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from selenium.webdriver import ActionChains, Chrome
+from selenium.webdriver.common.by import By
+from selenium.webdriver.remote.webelement import WebElement
+
+import swarmwright
+from tests.python.display.browser import chromium
+from tests.python.records import EXPERIMENT
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    with chromium(tmp_path_factory.mktemp("browser")) as running:
+        running.set_page_load_timeout(60)
+        yield running
+
+
+@contextlib.contextmanager
+def window(folder: Path, *options: str, port: int = 0) -> Iterator[str]:
+    """Run `swarmwright ui` on a folder; the address that it prints."""
+    command = [sys.executable, "-m", "swarmwright", "ui", str(folder), "--port", str(port), *options]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert "http://127.0.0.1:" in line, line + (
+            process.stdout.read() if process.poll() is not None else ""
+        )
+        yield line[line.index("http") :].strip()
+        assert process.poll() is None
+    finally:
+        process.terminate()
+        process.wait(10)
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+def eventually(ask: Callable[[], WebElement | bool | None], what: str, seconds: float = 40) -> WebElement:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        with contextlib.suppress(Exception):
+            answer = ask()
+            if answer:
+                return answer  # type: ignore[return-value]
+        time.sleep(0.1)
+    pytest.fail(f"did not happen: {what}")
+
+
+def find(browser: Chrome, selector: str) -> WebElement:
+    return eventually(lambda: browser.find_element(By.CSS_SELECTOR, selector), selector)
+
+
+def page_text(browser: Chrome) -> str:
+    return browser.find_element(By.TAG_NAME, "body").text
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for seed in (1, 2):
+        swarmwright.optimize(
+            EXPERIMENT, servers="in-process", seed=seed, out=tmp_path / "runs" / f"run-{seed}"
+        )
+    return tmp_path / "runs"
+
+
+def test_from_the_list_to_a_replay_and_a_comparison(browser: Chrome, folder: Path) -> None:
+    with window(folder) as address:
+        browser.get(address)
+        eventually(lambda: "2 runs" in page_text(browser), "both runs are listed")
+        assert "token" not in browser.current_url
+
+        shutil.copytree(folder / "run-1", folder / "late <b>run</b>")
+        eventually(lambda: "late <b>run</b>" in page_text(browser), "a new run is listed as text")
+
+        search = find(browser, "input[type=search]")
+        search.send_keys("seed:2 best>-100")
+        eventually(lambda: "1 of 3 runs" in page_text(browser), "the filter works")
+        search.clear()
+        search.send_keys("run-2")
+        find(browser, "tbody a").click()
+        chart = find(browser, ".u-over")
+        ActionChains(browser).move_to_element_with_offset(chart, 30, 10).click().perform()
+        frame = find(browser, "iframe")
+        assert frame.get_attribute("sandbox") == "allow-scripts"
+        browser.switch_to.frame(frame)
+        eventually(lambda: "candidate" in page_text(browser), "the candidate is played")
+        browser.switch_to.default_content()
+        assert browser.execute_script("return document.querySelector('iframe').contentDocument") is None
+
+        browser.get(address.split("?")[0] + "#/compare?run=run-1&run=run-2")
+        eventually(lambda: "median" in page_text(browser), "the table of the comparison")
+        eventually(lambda: browser.find_element(By.CSS_SELECTOR, ".figure img"), "its figure")
+        severe = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]  # type: ignore[no-untyped-call]
+        assert severe == []
+
+
+def test_a_run_is_watched_while_it_goes_on(browser: Chrome, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    with window(tmp_path / "runs") as address:
+        browser.get(address)
+        eventually(lambda: "no runs below" in page_text(browser), "an empty folder says so")
+        program = "import sys, swarmwright; swarmwright.optimize(sys.argv[1], out=sys.argv[2])"
+        experiment = tmp_path / "long.yaml"
+        experiment.write_text(
+            "simulation: minisim\nservers: in-process\nparameters: {maxSteps: 200}\n"
+            "method: {population: 200, generations: 100000}\n"
+        )
+        target = tmp_path / "runs" / "long"
+        process = subprocess.Popen([sys.executable, "-c", program, str(experiment), str(target)])
+        try:
+            eventually(lambda: "running" in page_text(browser), "the run is listed as running")
+            find(browser, "tbody a").click()
+            find(browser, ".u-over")
+            generations = ".facts div:nth-child(5) dd"
+            first = find(browser, generations).text
+            eventually(lambda: find(browser, generations).text != first, "it goes on")
+        finally:
+            process.kill()
+            process.wait()
+        eventually(lambda: find(browser, ".state").text == "killed", "that it was killed is said")
+
+
+def test_the_page_comes_back_with_the_server(browser: Chrome, folder: Path) -> None:
+    with window(folder, "--read-only") as address:
+        browser.get(address)
+        eventually(lambda: "2 runs" in page_text(browser), "both runs are listed")
+    eventually(lambda: "connection lost" in page_text(browser), "a lost connection is said")
+    swarmwright.optimize(EXPERIMENT, servers="in-process", seed=3, out=folder / "run-3")
+    with window(folder, port=urlsplit(address).port or 0) as again:
+        assert again == address
+        eventually(lambda: "3 runs" in page_text(browser), "the page comes back by itself")
