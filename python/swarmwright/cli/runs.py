@@ -330,8 +330,8 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_js
     cls=Command,
     example="swarmwright runs diff runs/minisim-1 runs/minisim-1-2\nswarmwright runs diff results again",
 )
-@click.argument("one", type=ExistingPath(folder=True), metavar="RUN")
-@click.argument("other", type=ExistingPath(folder=True), metavar="RUN")
+@click.argument("first_path", type=ExistingPath(folder=True), metavar="RUN")
+@click.argument("second_path", type=ExistingPath(folder=True), metavar="RUN")
 @json_option
 def diff(first_path: Path, second_path: Path, as_json: bool) -> int:
     """Compare the records of two runs, byte for byte.
