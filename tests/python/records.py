@@ -64,7 +64,7 @@ def seal(folder: Path) -> None:
             )
         for generation, digest in of_generations(store).items():
             store.execute("UPDATE generation SET digest = ? WHERE generation = ?", (digest, generation))
-        store.execute("UPDATE fact SET value = ? WHERE name = 'digest'", (of_facts(store),))
+        store.execute("UPDATE fact SET value = ? WHERE name = 'digest'", (digest_facts(store),))
     store.close()
 
 
@@ -107,7 +107,7 @@ def of_generations(store: sqlite3.Connection) -> dict[int, str]:
     return digests
 
 
-def of_facts(store: sqlite3.Connection) -> str:
+def digest_facts(store: sqlite3.Connection) -> str:
     """The digest of the facts, as docs/reference/run-folder.md says."""
     facts = store.execute("SELECT name, value FROM fact WHERE name != 'digest' ORDER BY name")
     return hashlib.sha256(json.dumps([list(fact) for fact in facts]).encode()).hexdigest()

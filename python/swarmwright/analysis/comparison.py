@@ -32,10 +32,10 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.problems import format_value
 from swarmwright.common.values import sort_key
 from swarmwright.runs.failures import failed_within
-from swarmwright.runs.metric_curves import MetricCurves, Names, names_of
+from swarmwright.runs.metric_curves import MetricCurves, Names, select_names
 from swarmwright.runs.post_evaluation import EPISODES
 from swarmwright.runs.run import Run
-from swarmwright.runs.validation import command_to_validate
+from swarmwright.runs.validation import format_validation_command
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -106,7 +106,7 @@ def check_validated(runs: Sequence[Run], at: int | None) -> None:
     if missing:
         names = ", ".join(str(run.path) for run in missing[:3])
         others = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
-        command = command_to_validate(missing[0], _episodes(runs))
+        command = format_validation_command(missing[0], _episodes(runs))
         raise InputError(f"{names}{others}: not validated on held-out seeds; `{command}` does it")
 
 
@@ -362,7 +362,7 @@ class Comparison:
         if len(self.tasks) > 1:
             raise InputError("metrics: groups solve several tasks; compare the runs of each task alone")
         runs = runs_of(designs)
-        names = names_of(runs, metrics)
+        names = select_names(runs, metrics)
         return of_groups(designs, [MetricCurves(run, names) for run in runs], title_of_groups(designs), x=x)
 
     @check_arguments

@@ -95,7 +95,7 @@ def _taken_in(run: Run, generation: int) -> _Numbers:
         _taken(row.episodes, row.fitness)
         if ranking.options.failure_fitness is None
         else taken_in(row, ranking).episodes
-        for row in run._store.one_generation(generation)
+        for row in run._store.read_generation(generation)
     ]
     return np.concatenate(found) if found else np.zeros(0, np.int64)
 

@@ -14,7 +14,7 @@ from swarmwright.common.problems import format_value
 from swarmwright.methods.archive import Values, ranks
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
-from swarmwright.runs.elites import Elites, of_run, over_generations
+from swarmwright.runs.elites import Elites, compute_elites, compute_elites_over_generations
 from swarmwright.runs.run import Run
 
 
@@ -136,7 +136,7 @@ class Indicator:
         chosen = np.linspace(0, run.generations - 1, _POINTS).round().astype(int)
         return {
             generation: self.value(elites)
-            for generation, elites in over_generations(run, frozenset(chosen.tolist()))
+            for generation, elites in compute_elites_over_generations(run, frozenset(chosen.tolist()))
         }
 
     @property
@@ -231,7 +231,7 @@ def measure(
     (_check_objectives if by == "hypervolume" else _check_cells)(by, runs)
     point = None if reference is None else _reference(reference, runs[0])
     given = None if offset is None else number("offset", offset)
-    elites = [run.elites if at is None or at >= run.evaluations else of_run(run, at) for run in runs]
+    elites = [run.elites if at is None or at >= run.evaluations else compute_elites(run, at) for run in runs]
     indicator = Indicator(by)
     if by == "hypervolume":
         indicator = _of_fronts(elites, point)

@@ -29,11 +29,16 @@ from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.runs.choice import choose
-from swarmwright.runs.code import used_for
-from swarmwright.runs.post_evaluation import EPISODES, ControllerEvaluation, Where, of_controllers
+from swarmwright.runs.code import resolve_experiment
+from swarmwright.runs.post_evaluation import (
+    EPISODES,
+    ControllerEvaluation,
+    EvaluationOptions,
+    evaluate_controllers,
+)
 from swarmwright.runs.run import Run
 from swarmwright.runs.store.database import FILE
-from swarmwright.runs.validation import gain_of
+from swarmwright.runs.validation import estimate_gain
 from swarmwright.servers.evaluation.base import Progress, Servers
 
 if TYPE_CHECKING:
@@ -140,7 +145,7 @@ class ControllerComparison(ComparedByValue):
         """
         if all(contender.fitness == contender.mean for contender in (self.first, self.second)):
             return None
-        return gain_of(self.first, self.second)
+        return estimate_gain(self.first, self.second)
 
     @cached_property
     def caveats(self) -> tuple[str, ...]:
@@ -271,12 +276,12 @@ class Match(NamedTuple):
                 "FILE (in Python, experiment=..)"
             )
         notes = () if len(runs) < 2 else tuple(_unlike(both, runs[0][0], runs[1][0]))
-        return cls(*both, used_for(*runs[0]), notes)
+        return cls(*both, resolve_experiment(*runs[0]), notes)
 
-    def evaluated(self, where: Where) -> ControllerComparison:
+    def evaluated(self, where: EvaluationOptions) -> ControllerComparison:
         """Evaluate both controllers; raises as `compare_controllers`."""
         used = [
-            set() if contender.run is None else contender.run._store.used_seeds()
+            set() if contender.run is None else contender.run._store.collect_seeds()
             for contender in (self.first, self.second)
         ]
         names = self.first.name, self.second.name
@@ -284,7 +289,7 @@ class Match(NamedTuple):
             letter if letter == name else f"{letter} ({escape_line(name)})"
             for letter, name in zip("AB", names, strict=True)
         ]
-        first, second = of_controllers(
+        first, second = evaluate_controllers(
             dict(zip(shown_names, (self.first.controller, self.second.controller), strict=True)),
             self.experiment,
             where,
@@ -353,7 +358,7 @@ def compare_controllers(
         >>> round(comparison.difference.mean, 2)
         8.81
     """
-    where = Where.of(episodes, seed, broker, servers, on_progress)
+    where = EvaluationOptions.of(episodes, seed, broker, servers, on_progress)
     return Match.of(first, second, experiment).evaluated(where)
 
 

@@ -143,7 +143,7 @@ def runs_of_all(
         elif source not in files:
             _open(source, found, missing, unreadable)
     if files and not found:
-        raise InputError(f"{files[0]}: is not a folder; name a run folder such as runs/minisim-1")
+        raise InputError(f"{files[0]}: is not a folder; specify a run folder such as runs/minisim-1")
     if missing and not found:
         raise InputError(missing_words(missing))
     if unreadable and not found:

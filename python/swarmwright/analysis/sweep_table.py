@@ -13,7 +13,7 @@ from swarmwright.analysis.table import option_columns
 from swarmwright.common.errors import InputError
 from swarmwright.runs.export import csv_lines, tables, write
 from swarmwright.runs.run import Run
-from swarmwright.runs.store.table import pyarrow
+from swarmwright.runs.store.table import import_pyarrow
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -95,7 +95,7 @@ def _cell(value: Any) -> Any:  # noqa: ANN401 - any value of an experiment
 
 def _tables(runs: Sequence[Run]) -> Iterator["pa.Table"]:
     """Yield the records as Arrow tables with the same columns."""
-    pa = pyarrow("writing Parquet")
+    pa = import_pyarrow("writing Parquet")
     leading = _columns(runs)
     schemas = [next(tables(run._store)).schema for run in runs]
     fields: dict[str, Any] = {}
@@ -125,7 +125,7 @@ def _tables(runs: Sequence[Run]) -> Iterator["pa.Table"]:
 
 def _array(values: Sequence[Any]) -> "pa.Array":
     """Return values of one type; as texts where they have several."""
-    pa = pyarrow("writing Parquet")
+    pa = import_pyarrow("writing Parquet")
     cells = [_cell(value) for value in values]
     try:
         return pa.array(cells)

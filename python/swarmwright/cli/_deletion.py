@@ -77,4 +77,4 @@ def _check_no_link(folder: Path) -> None:
 
 def _check_free(run: Path) -> None:
     if is_locked(run):
-        raise click.UsageError(f"{run}: a process works on this run; stop it first. Nothing was deleted.")
+        raise click.UsageError(f"{run}: a process is writing this run; stop it first. Nothing was deleted.")

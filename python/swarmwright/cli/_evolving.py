@@ -81,11 +81,11 @@ def evolve(
         broker: the run's broker, if it may differ from the experiment's.
         prefix: topic prefix, if it differs from the experiment's.
     """
-    from swarmwright.runs.optimization.optimize import InterruptedWithResults, reported_by_caller
+    from swarmwright.runs.optimization.optimize import InterruptedWithResults, leave_reports_to_caller
 
     where = _resume_options(experiment, broker, prefix)
     try:
-        with reported_by_caller():
+        with leave_reports_to_caller():
             return _evolve(
                 output,
                 experiment,
@@ -275,7 +275,7 @@ def _conclude(output: Output, run: "Run", broker: str | None, where: str) -> Non
     output.text(f"{run.evaluations} evaluations in {format_duration(run.seconds)} ({speed} a second).")
     output.text()
     output.text(f"Everything is in {run.path}:")
-    being_drawn = {picture.FILE} if picture.wanted() and run.history else set()
+    being_drawn = {picture.FILE} if picture.is_enabled() and run.history else set()
     for name, meaning in FILES.items():
         if name in being_drawn or (run.path / name).exists():
             output.text(f"  {name:<16} {meaning}")

@@ -101,13 +101,13 @@ class PlainProgress:
         if generation is None:
             return
         self._due = time.monotonic() + LINE_INTERVAL_S
-        from swarmwright.runs.optimization.generation import how_far
+        from swarmwright.runs.optimization.generation import format_progress
 
         speed = f"{format_rate(generation.evaluations_per_second)}/s"
         if generation.budget != "evaluations":  # otherwise the progress shows their number
             speed = f"{generation.evaluations} evaluations ({speed})"
         self._output.text(
-            f"{how_far(self._budget, generation)}  best {generation.best_so_far:.6g}  "
+            f"{format_progress(self._budget, generation)}  best {generation.best_so_far:.6g}  "
             f"mean {generation.mean:.6g}  {speed}{_format_failed(generation)}  "
             f"{format_duration(generation.seconds_left)} left"
         )
@@ -159,10 +159,10 @@ class BarProgress:
         from rich.text import Text
 
         from swarmwright.cli._console import text
-        from swarmwright.runs.optimization.generation import how_far
+        from swarmwright.runs.optimization.generation import format_progress
 
         last = self._last
-        done = how_far(self._budget, last, short=options.max_width < 50)
+        done = format_progress(self._budget, last, short=options.max_width < 50)
         left = "" if last is None else f"{format_duration(last.seconds_left)} left"
         line = Table.grid(padding=(0, 1), expand=True)
         line.add_column(no_wrap=True)

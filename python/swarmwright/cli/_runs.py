@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from swarmwright import Run
     from swarmwright.runs.elites import Elites
-    from swarmwright.runs.store.verification import Verified
+    from swarmwright.runs.store.verification import Verification
 
 _WARNINGS = 10
 """Largest number of warnings to show."""
@@ -141,10 +141,12 @@ def failure_lines(run: "Run") -> Iterator[str]:
         return
     ranking = run.experiment.ranking
     episodes = run.failed_episodes
-    made_of = f" ({format_count(episodes, 'failed episode')})" if episodes and ranking.episodes > 1 else ""
+    aggregation = (
+        f" ({format_count(episodes, 'failed episode')})" if episodes and ranking.episodes > 1 else ""
+    )
     value = ranking.failure_fitness
     how = "they rank below all others" if value is None else f"a failed episode counts as {value:g}"
-    yield f"{failed:,} of {format_count(run.evaluations, 'evaluation')} failed{made_of}: {how}."
+    yield f"{failed:,} of {format_count(run.evaluations, 'evaluation')} failed{aggregation}: {how}."
 
 
 def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
@@ -213,14 +215,14 @@ def elites_line(elites: "Elites", offset: float = 0.0) -> str:
 
 def describe(output: Output, run: "Run") -> None:
     """Print a summary of a run."""
-    from swarmwright.runs.code import remarks
+    from swarmwright.runs.code import describe_edits
     from swarmwright.runs.elites import has_elites
 
     facts = facts_of(run)
     servers = [share._asdict() for share in run._store.servers()]
     failures = [reason._asdict() for reason in run._store.failures()]
     code = [{"version": version, "sha256": digest} for version, digest in run.code.items()]
-    edited = remarks(run)
+    edited = describe_edits(run)
     sessions = [vars(session) for session in run.sessions]
     warnings = [vars(event) for event in run.events()]
     best, unseen, validation, transfer = None, run.unseen, run.validation, transfer_of(run)
@@ -426,14 +428,17 @@ def extra_lines(run: "Run") -> Iterator[str]:
         yield f"{evaluations:,} of {run.evaluations:,} candidates were also evaluated in {name}."
 
 
-def print_verification(output: Output, run: "Path", verification: "Verified") -> None:
+def print_verification(output: Output, run: "Path", verification: "Verification") -> None:
     """Print whether the content of a run is intact."""
     good = _numbers(verification.good)
     output.json(
         {
             "run": str(run),
             "ok": not verification.problems,
-            "problems": [vars(problem) for problem in verification.problems],
+            "problems": [
+                {"what": problem.message, "generations": problem.generations}
+                for problem in verification.problems
+            ],
             "good_generations": verification.good,
             "evaluations": verification.evaluations,
             "not_compared": verification.not_compared,
@@ -448,7 +453,7 @@ def print_verification(output: Output, run: "Path", verification: "Verified") ->
     for problem in verification.problems:
         several = "s" if len(problem.generations) > 1 else ""
         where = f"generation{several} {_numbers(problem.generations)}: " if problem.generations else ""
-        output.text(f"{run}: damaged: {where}{problem.what}")
+        output.text(f"{run}: damaged: {where}{problem.message}")
     output.text(f"{run}: {f'generations {good} are intact' if good else 'no generation is intact'}")
 
 

@@ -29,14 +29,14 @@ def validation_lines(validation: "Validation", run: "Run") -> Iterator[str]:
         yield from _start_lines(validation, run)
         return
     options = best.ranking.options
-    made_of = f"generation {best.generation}"
+    aggregation = f"generation {best.generation}"
     if validation.by_instance:
         used = len(instances(run, run.evaluation(best.candidate, best.generation)))
-        made_of = f"mean of the {used:,} instances it was evaluated on"
+        aggregation = f"mean of the {used:,} instances it was evaluated on"
     elif not options.reevaluate:
-        made_of = f"{_episodes(options.episodes)} of {made_of}"
+        aggregation = f"{_episodes(options.episodes)} of {aggregation}"
     where = "" if validation.slow is None else f" in {escape_line(validation.slow)}"
-    yield f"Recorded fitness {best.recorded + 0.0:.6g} ({made_of}); selection biases it upwards."
+    yield f"Recorded fitness {best.recorded + 0.0:.6g} ({aggregation}); selection biases it upwards."
     measured = f"Fitness on {_episodes(count)} with held-out seeds{where}{_describe_failed(best)}"
     if best.is_reportable:
         yield f"{measured}: {_format_estimate(best.fitness)}. Report this one."
@@ -62,9 +62,9 @@ def _describe_failed(evaluation: "ControllerEvaluation") -> str:
 
 def explain_missing_validation(run: "Run") -> str | None:
     """Return why a finished run was not validated; None if it was, or does not need to be."""
-    from swarmwright.runs.validation import too_short
+    from swarmwright.runs.validation import check_affordability
 
-    short = too_short(run)
+    short = check_affordability(run)
     if short is None:
         return None
     return (

@@ -98,7 +98,7 @@ def command(
     from swarmwright.cli._progress import episodes as shown_episodes
     from swarmwright.cli.evaluate import NOT_EVALUATED, settable
     from swarmwright.experiment.settings import refuse_seed
-    from swarmwright.runs.post_evaluation import Where
+    from swarmwright.runs.post_evaluation import EvaluationOptions
 
     output = Output(as_json=as_json)
     show_warnings()
@@ -115,7 +115,7 @@ def command(
         broker, experiment.broker, servers if servers is not None else experiment.servers
     )
     with shown_episodes(output) as on_progress:
-        comparison = match.evaluated(Where.of(episodes, seed, broker, servers, on_progress))
+        comparison = match.evaluated(EvaluationOptions.of(episodes, seed, broker, servers, on_progress))
     if settings:
         output.text(f"Settings: {', '.join(settings)}")
     output.block(str(comparison))

@@ -97,10 +97,10 @@ def _describe_for_run(run: "Run", generation: int) -> dict[str, Any] | None:
     """Return the description of a run's simulation; None if its code cannot or may not be executed."""
     from swarmwright import InputError
     from swarmwright.common.warn_once import warn_once
-    from swarmwright.runs.code import used_for
+    from swarmwright.runs.code import resolve_experiment
 
     try:
-        experiment = used_for(run, generation)
+        experiment = resolve_experiment(run, generation)
         return _describe(experiment.simulation, experiment.parameters)
     except InputError as error:
         warn_once(f"sensors and actuators are numbered, since the simulation has no names here: {error}")

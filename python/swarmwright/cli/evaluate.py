@@ -138,7 +138,7 @@ def command(
     from swarmwright import Run
     from swarmwright.experiment.experiment import ELSEWHERE
     from swarmwright.experiment.settings import refuse_seed
-    from swarmwright.runs.code import used_for
+    from swarmwright.runs.code import resolve_experiment
     from swarmwright.runs.edits import differences
 
     output = Output(as_json=as_json)
@@ -185,7 +185,7 @@ def command(
         if repeats
         else NOT_EVALUATED
     )
-    used = used_for(opened, opened.evaluation(candidate, generation).generation, simulation)
+    used = resolve_experiment(opened, opened.evaluation(candidate, generation).generation, simulation)
     refuse_seed(settings)
     experiment = used.with_settings((*settings, *prefix_settings(prefix)), only=only, reason=reason)
     broker = experiment_broker(
@@ -290,13 +290,13 @@ def _evaluate_controller(
     from swarmwright.cli._experiments import experiment_of
     from swarmwright.cli._progress import episodes as shown_episodes
     from swarmwright.experiment.settings import refuse_seed
-    from swarmwright.runs.code import used_for
+    from swarmwright.runs.code import resolve_experiment
     from swarmwright.runs.post_evaluation import EPISODES
 
     refuse_seed(settings)
     if run.is_dir():
         opened = Run.open(run)
-        used = used_for(opened)
+        used = resolve_experiment(opened)
         experiment = used.with_settings(settings, only=settable(), reason=NOT_EVALUATED)
     else:
         opened, experiment = None, experiment_of(run, settings)

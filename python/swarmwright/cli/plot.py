@@ -110,7 +110,7 @@ def _draw_single(output: Output, folder: Path, file: Path, x: str, metrics: "Nam
     from swarmwright.display.figures.metrics import draw as of_metrics
     from swarmwright.display.figures.run import draw
     from swarmwright.runs.diversity import diversity
-    from swarmwright.runs.metric_curves import MetricCurves, names_of
+    from swarmwright.runs.metric_curves import MetricCurves, select_names
 
     style.check(file)
     run = Run.open(folder)
@@ -120,7 +120,7 @@ def _draw_single(output: Output, folder: Path, file: Path, x: str, metrics: "Nam
     if metrics is None:
         style.save(draw(run, values, x=x), file)
     else:
-        style.save(of_metrics(run, MetricCurves(run, names_of([run], metrics)), x=x), file)
+        style.save(of_metrics(run, MetricCurves(run, select_names([run], metrics)), x=x), file)
     spread = [float(value) for value in values]
     last = run.history[-1]
     output.text(

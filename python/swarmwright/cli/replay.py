@@ -184,11 +184,11 @@ def _save(
     shown: "Shown",
     others: list["Replay"],
 ) -> None:
-    from swarmwright.runs.replay import names
+    from swarmwright.runs.replay import name_replays
 
-    called = names([replay, *others]) if others else [""]
-    recording = replay.save(picture, speed=speed, shown=shown, companions=others, names=called)
-    output.text(f"{replay.who} {replay.outcome(recording.fitness)} {describe_file(picture)}")
+    names = name_replays([replay, *others]) if others else [""]
+    recording = replay.save(picture, speed=speed, shown=shown, companions=others, names=names)
+    output.text(f"{replay.controller_sentence} {replay.outcome(recording.fitness)} {describe_file(picture)}")
     output.json({**describe_recording(recording, picture), **replay.identity()})
 
 

@@ -91,7 +91,7 @@ def command(
     code of its simulation or a plug-in, was edited.
     """
     from swarmwright import Run, resume
-    from swarmwright.runs.code import continuation
+    from swarmwright.runs.code import plan_continuation
     from swarmwright.runs.optimization.resuming import Resumption
     from swarmwright.runs.store.lock import check_free
     from swarmwright.runs.transfer import at_end
@@ -106,7 +106,7 @@ def command(
     resumption = Resumption.of(opened, opened._store, settings, budget)
     experiment = resumption.experiment
     if not resumption.has_all_generations:
-        continuation(opened, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
+        plan_continuation(opened, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
     chosen = servers if servers is not None else experiment.servers
     broker = experiment_broker(broker, experiment.broker, chosen)
     if resumption.has_all_generations:

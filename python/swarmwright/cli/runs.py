@@ -222,7 +222,9 @@ def list_(
         for number, store in enumerate(stores):
             begin(number)
             try:
-                with StoreReader.opened(store.parent) as reader:  # one connection for all facts saves time
+                with StoreReader.open_snapshot(
+                    store.parent
+                ) as reader:  # one connection for all facts saves time
                     run = Run(store.parent, reader)
                     runs.append(facts_of(run))
                     experiments.append(flatten(run.experiment.to_mapping()) if conditions else {})
@@ -454,16 +456,18 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> int:
     output = Output(as_json=as_json)
     if not validation and runs_of(run) is not None:
         return export_records(output, run, file)
-    opened = Run.open(run)
+    open_snapshot = Run.open(run)
     if validation:
-        from swarmwright.runs.validation import command_to_validate
+        from swarmwright.runs.validation import format_validation_command
 
-        recorded = opened.validation
+        recorded = open_snapshot.validation
         if recorded is None:
-            raise InputError(f"{run}: has no validation; `{command_to_validate(opened)}` makes one")
+            raise InputError(
+                f"{run}: has no validation; `{format_validation_command(open_snapshot)}` makes one"
+            )
         recorded.export(file)
     else:
-        opened.export(file)
+        open_snapshot.export(file)
     output.text(f"The {'validation' if validation else 'record'} is in {file}")
     output.json({"run": str(run), "file": str(file)})
     return 0
@@ -588,9 +592,9 @@ def export_records(output: Output, folder: Path, file: Path) -> int:
     from swarmwright.cli._comparison import INCOMPLETE, readable_runs, run_folders
 
     folders, missing = run_folders([folder])
-    opened, unreadable = readable_runs(folders)
-    runs = [run for run in opened if run.history]
-    empty = [run for run in opened if not run.history]
+    open_snapshot, unreadable = readable_runs(folders)
+    runs = [run for run in open_snapshot if run.history]
+    empty = [run for run in open_snapshot if not run.history]
     for run in empty:
         complain(f"left out: {run.path}: holds no finished generation to write")
     if not runs:

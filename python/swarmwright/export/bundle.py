@@ -29,7 +29,7 @@ from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject, subject_of
 from swarmwright.export.verification import Verification, verify
 from swarmwright.runs.instances import instances
-from swarmwright.runs.post_evaluation import kept_values
+from swarmwright.runs.post_evaluation import export_values
 from swarmwright.simulations.user_code.copying import display_name
 
 if TYPE_CHECKING:
@@ -127,12 +127,12 @@ def export_bundle(
 
     See also: `verify_bundle`, which checks the archive; `export_controller`, for a single format.
     """
-    from swarmwright.runs.run import run_of  # noqa: PLC0415 - with figures and more
+    from swarmwright.runs.run import open_run  # noqa: PLC0415 - with figures and more
 
     check_prefix(prefix)
     target = Path(file)
     _check_target(target, force=force)
-    opened = run_of(run)
+    opened = open_run(run)
     if opened.experiment.controller.kind == TEAM:
         raise InputError(
             f"{opened.path}: has a controller for each group of agents, and a bundle holds one for all; "
@@ -215,7 +215,7 @@ def _evaluation(run: "Run", generation: int | None, candidate: int | None) -> di
         "seeds": evaluation.seeds,
         "episodes": _finite(evaluation.episodes + 0.0),
         "metrics": {name: _finite(evaluation.metrics[:, index]) for index, name in enumerate(run.metrics)},
-        "held_out": kept_values(unseen) if unseen is not None and is_best else None,
+        "held_out": export_values(unseen) if unseen is not None and is_best else None,
     }
 
 

@@ -76,13 +76,13 @@ def export_controller(
 
     See also: `export_bundle`, for every format in one archive with its proof.
     """
-    from swarmwright.runs.run import run_of  # noqa: PLC0415 - with figures and more
+    from swarmwright.runs.run import open_run  # noqa: PLC0415 - with figures and more
 
     if prefix is None:
         prefix = PREFIX if group is None else _prefix_of(group)
     check_prefix(prefix)
     exporter = EXPORTERS.get(text("to", to, "the name of an export format"))()
-    opened = run_of(run)
+    opened = open_run(run)
     subject = subject_of(opened, generation, candidate, group)
     files = exporter.files(subject, prefix)
     folder = Path(output if output is not None else prefix)

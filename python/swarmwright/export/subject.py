@@ -322,9 +322,9 @@ def _of_ros(simulation: str) -> tuple[Mapping[str, Any], bool]:
     return topics, definition.step.duration is not None
 
 
-def fitness_words(fitness: float, made_of: str) -> str:
-    """Return what is said of the fitness in every format; made_of: of how many episodes, in words."""
-    return f"{fitness + 0.0!r} ({made_of})" if made_of else f"{fitness + 0.0!r}"
+def fitness_words(fitness: float, aggregation: str) -> str:
+    """Return what is said of the fitness in every format; aggregation: of how many episodes, in words."""
+    return f"{fitness + 0.0!r} ({aggregation})" if aggregation else f"{fitness + 0.0!r}"
 
 
 def _facts(run: "Run", chosen: "Choice") -> tuple[tuple[str, str], ...]:
@@ -333,7 +333,7 @@ def _facts(run: "Run", chosen: "Choice") -> tuple[tuple[str, str], ...]:
         ("Run", f"{run.name}, seed {experiment.seed}, record SHA-256 {run.digest}"),
         ("Simulation", experiment.label),
         ("Candidate", f"{chosen.candidate} of generation {chosen.generation} (both from 0)"),
-        ("Fitness", fitness_words(chosen.fitness, chosen.made_of)),
+        ("Fitness", fitness_words(chosen.fitness, chosen.aggregation)),
         ("Controller", words_of(chosen.specification)),
     ]
     return tuple((name, plain(text)) for name, text in rows)

@@ -25,7 +25,7 @@ class Choice:
     that failed or were left out."""
     seeds: list[int]
     """Simulation seed of each of them."""
-    made_of: str
+    aggregation: str
     """How they became the fitness, in words; empty where it is that of one episode."""
     specification: dict[str, Any]
     """The controller as plain values."""
@@ -33,11 +33,11 @@ class Choice:
 
 def choose(run: "Run", generation: int | None = None, candidate: int | None = None) -> Choice:
     """Return a candidate of the run; arguments and errors as in `Run.evaluation`."""
-    from swarmwright.runs.code import of_generation  # noqa: PLC0415 - what is shown of a run needs no code
+    from swarmwright.runs.code import restore_experiment  # noqa: PLC0415 - what is shown of a run needs no code
 
     evaluation = run.evaluation(candidate, generation)
     specification = (
-        of_generation(run, evaluation.generation).representation().specification(evaluation.genome)
+        restore_experiment(run, evaluation.generation).representation().specification(evaluation.genome)
     )
     parts = instances(run, evaluation)
     return Choice(

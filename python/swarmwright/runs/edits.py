@@ -1,4 +1,4 @@
-"""Edits of a run's experiment.yaml. The file documents the run, which does not read it."""
+"""Edits of a run's experiment.yaml, which documents the run but is not read by it."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -23,28 +23,28 @@ _NOTHING = object()
 
 @dataclass(frozen=True)
 class Change:
-    """A key that has another value in the file than in the run."""
+    """A key whose value in the file differs from the run."""
 
     key: str
-    """With points: method.population."""
+    """Dotted key: method.population."""
     recorded: Any
     now: Any
 
     @property
     def matters(self) -> bool:
-        """Whether results depend on it, rather than where and how they are computed."""
+        """Whether results depend on it, rather than only where and how they are computed."""
         return self.key.partition(".")[0] not in ELSEWHERE
 
     def __str__(self) -> str:
-        """Return key and values in words."""
-        now, recorded = _value_in_words(self.now), _value_in_words(self.recorded)
+        """Return the key and both values."""
+        now, recorded = _format_value(self.now), _format_value(self.recorded)
         return f"{self.key} is {now} in the file, {recorded} in the run"
 
 
 def changes(run: "Run") -> tuple[list[Change], Experiment]:
-    """Return what differs between the file and the run as it is now, and the experiment as the file has it.
+    """Return the differences between the file and the present run, and the experiment in the file.
 
-    No difference where the file is gone. Raises InputError when it is not an experiment.
+    A missing file has no differences. Raises InputError when the file is not an experiment.
     """
     file = run.path / FILE
     if not file.is_file():
@@ -59,7 +59,7 @@ def changes(run: "Run") -> tuple[list[Change], Experiment]:
         return [], run.experiment
     written = Experiment._checked(read(file), file, ask=False)
     recorded = run.experiment if present == opened else stored_experiment(store, present)
-    # A missing key means its default in both.
+    # A missing key means its default value in both.
     return differences(recorded.to_mapping(), written.to_mapping()), written
 
 
@@ -73,53 +73,55 @@ def differences(recorded: Mapping[str, Any], now: Mapping[str, Any]) -> list[Cha
     ]
 
 
-def in_words(run: "Run") -> str | None:
-    """Return in words what was changed in the file, None when nothing was."""
+def describe_file_edits(run: "Run") -> str | None:
+    """Describe the edits of the file, None if there are none."""
     try:
-        found, _ = changes(run)
+        edited_keys, _ = changes(run)
     except InputError as error:
-        return f"{run.path / FILE} was edited and cannot be read any more: {error}"
-    if not found:
+        return f"{run.path / FILE} was edited and can no longer be read: {error}"
+    if not edited_keys:
         return None
-    return f"{run.path / FILE} was edited: {', '.join(map(str, found))}"
+    return f"{run.path / FILE} was edited: {', '.join(map(str, edited_keys))}"
 
 
-def taken_over(run: "Run", asked: Experiment) -> tuple[Experiment, list[str]]:
-    """Return the experiment with which a run goes on, and what it has from the file, in words.
+def adopt_file_edits(run: "Run", requested: Experiment) -> tuple[Experiment, list[str]]:
+    """Return the experiment to continue a run with, and descriptions of the changes from the file.
 
     Keys that say where and how it is computed are taken from the file.
 
-    asked: the experiment with what options say, a larger budget for instance, which the file may hold, too.
-    Raises InputError when something else was edited.
+    requested: the experiment with options applied, such as a larger budget, which the file may have as well.
+    Raises InputError when anything else was edited.
     """
     try:
-        found, written = changes(run)
+        edited_keys, written = changes(run)
     except InputError as error:
         raise InputError(
-            f"{error}\n{run.path / FILE} was edited since the run wrote it; restore it, or delete it, and it "
-            "is written anew"
+            f"{error}\n{run.path / FILE} was edited since the run wrote it; restore it, or delete it to have "
+            "it written again"
         ) from error
-    options = flatten(asked.to_mapping())
-    wrong = [change for change in found if change.matters and change.now != options.get(change.key, _NOTHING)]
+    options = flatten(requested.to_mapping())
+    wrong = [
+        change for change in edited_keys if change.matters and change.now != options.get(change.key, _NOTHING)
+    ]
     if wrong:
         lines = "".join(f"\n  {change}" for change in wrong)
         prolonged = all(change.key in _BUDGET for change in wrong)
-        cure = "To prolong the run, give the option --generations, or --set. " if prolonged else ""
+        remedy = "To prolong the run, use the option --generations or --set. " if prolonged else ""
         raise InputError(
-            f"{run.path / FILE} was edited, and a run goes on only with the experiment that it was begun "
-            f"with:{lines}\n{cure}To go on with this run, restore these values, or delete the file, and it "
-            f"is written anew. To use them, start another run: swarmwright optimize {run.path / FILE}"
+            f"{run.path / FILE} was edited, but a run can only continue with its original experiment:{lines}"
+            f"\n{remedy}To continue this run, restore these values, or delete the file to have it written "
+            f"again. To use the new values, start another run: swarmwright optimize {run.path / FILE}"
         )
-    moved = [change for change in found if change.key.partition(".")[0] in ELSEWHERE]
+    moved = [change for change in edited_keys if change.key.partition(".")[0] in ELSEWHERE]
     if not moved:
         return run.experiment, []
     sections = {change.key.partition(".")[0] for change in moved}
     experiment = dataclasses.replace(run.experiment, **{key: getattr(written, key) for key in sections})
     return experiment, [
-        f"{FILE}: {change.key} {_value_in_words(change.recorded)} -> {_value_in_words(change.now)}"
+        f"{FILE}: {change.key} {_format_value(change.recorded)} -> {_format_value(change.now)}"
         for change in moved
     ]
 
 
-def _value_in_words(value: Any) -> str:  # noqa: ANN401 - any value of a file
-    return "not given" if value is _NOTHING else format_value(value)
+def _format_value(value: Any) -> str:  # noqa: ANN401 - any value of a file
+    return "not set" if value is _NOTHING else format_value(value)

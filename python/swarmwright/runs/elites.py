@@ -1,4 +1,4 @@
-"""Elites of a run with several objectives or with quality diversity, made from its record."""
+"""Elites of a multi-objective or quality-diversity run, computed from its record."""
 
 import math
 from collections.abc import Container, Iterator, Sequence
@@ -31,44 +31,47 @@ class Elite(NamedTuple):
 
     generation: int
     candidate: int
-    """Index among the candidates evaluated in that generation: `run.evaluation(candidate, generation)`."""
+    """Index in that generation, for `run.evaluation(candidate, generation)`."""
     fitness: float
     metrics: dict[str, float]
-    """The measures or objectives, by name: means over the candidate's episodes."""
+    """Measures or objectives by name: means over the candidate's episodes."""
 
 
 class Outside(NamedTuple):
-    """Candidates whose measure is outside of its range, and so counts for its first or last bin."""
+    """Candidates whose measure is outside its range, so that they are in its first or last bin."""
 
     below: int
+    """Number of candidates below the range."""
     above: int
+    """Number of candidates above the range."""
     low: float
+    """Lower end of the range."""
     high: float
-    """The range."""
+    """Upper end of the range."""
     lowest: float
+    """Smallest value of all candidates of the run."""
     highest: float
-    """Of all candidates of the run."""
+    """Largest value of all candidates of the run."""
 
 
 @dataclass(frozen=True, repr=False)
 class Elites:
-    """The candidates that a run with several objectives or with quality diversity is made for.
+    """The elites of a multi-objective or quality-diversity run.
 
     Attributes:
-        kind: "archive" of `map_elites`: the best candidate of each cell. "front" of `nsga2`: the candidates
-            of the whole run that no other one dominates.
-        goals: of each metric, by name; "measure" in archives, "maximize" or "minimize" in fronts.
-        candidates: sorted by fitness, the best first; of candidates of a front that are equal in all values,
-            the earliest.
-        grid: the cells of an archive, None of fronts.
-        evaluated: candidates of the run whose evaluation did not fail.
-        missing: how many of them had no finite value of a metric, by its name, and so are no elites; without
-            metrics that all had.
-        outside: how many of them were outside of the range of a measure, by its name; without measures whose
-            range held all.
-        partial: how many of `candidates` had no value of a metric in some of their episodes, so that it is
-            the mean of the others, by its name; without metrics that have all.
-        experiment: of the run; elites of other experiments are equal where the values are.
+        kind: "archive" of `map_elites`, with the best candidate of each cell, or "front" of `nsga2`, with the
+            non-dominated candidates of the whole run.
+        goals: goal of each metric by name: "measure" in archives, "maximize" or "minimize" in fronts.
+        candidates: sorted by fitness, the best first; a front has the earliest of candidates that are equal
+            in all values.
+        grid: the cells of an archive, None for fronts.
+        evaluated: number of successfully evaluated candidates of the run.
+        missing: for each incomplete metric, the number of these candidates without a finite value, which
+            cannot be elites.
+        outside: for each measure with values outside its range, the numbers of these candidates.
+        partial: for each metric that is missing in some episodes of elites, the number of these elites, whose
+            value is the mean of the other episodes.
+        experiment: of the run; not compared by `==`.
     """
 
     kind: Literal["archive", "front"]
@@ -82,44 +85,44 @@ class Elites:
     experiment: "Experiment" = field(compare=False)
 
     def __repr__(self) -> str:
-        """Return what they are and how many, without each."""
+        """Return the kind and the number of elites."""
         goals = ", ".join(f"{name} ({goal})" for name, goal in self.goals.items())
         cells = "" if self.grid is None else f" in {self.grid.cells} cells"
         return f"<Elites: {self.kind} of {len(self.candidates)} candidates{cells}; fitness, {goals}>"
 
     @property
     def notes(self) -> list[str]:
-        """What users may not expect: candidates without a metric, and values outside of ranges, in words."""
-        found = [
+        """Notes on candidates without a metric, partial means, and values outside of ranges."""
+        notes = [
             f"{count:,} of {self.evaluated:,} candidates have no finite value of {name}, and are not in the "
             f"{self.kind}."
             for name, count in self.missing.items()
         ]
-        found += [
-            f"{name} of {count:,} of the {len(self.candidates):,} elites is the mean of fewer episodes than "
-            "they have: in the others it has no value (nan)."
+        notes += [
+            f"{count:,} of the {len(self.candidates):,} elites have no value of {name} (nan) in some "
+            "episodes; their value is the mean of the others."
             for name, count in self.partial.items()
         ]
         for name, outside in self.outside.items():
             parts = [(outside.below, "below", "first"), (outside.above, "above", "last")]
-            where = " and ".join(f"{count:,} {side}" for count, side, _ in parts if count)
-            bins = " and ".join(which for count, _, which in parts if count)
+            counts = " and ".join(f"{count:,} {side}" for count, side, _ in parts if count)
+            bins = " and ".join(bin_ for count, _, bin_ in parts if count)
             limits = f"{outside.low:g} to {outside.high:g}"
-            found.append(
-                f"Of {self.evaluated:,} candidates, {where} the range of {name}, {limits}, count "
-                f"for its {bins} bin; values are {outside.lowest:.6g} to {outside.highest:.6g}."
+            notes.append(
+                f"{counts} of {self.evaluated:,} candidates are outside the range of {name}, {limits}, and "
+                f"count for its {bins} bin; values are {outside.lowest:.6g} to {outside.highest:.6g}."
             )
-        return found
+        return notes
 
     @property
     def coverage(self) -> float | None:
-        """Share of an archive's cells that have an elite, 0 to 1; None of fronts."""
+        """Share of an archive's cells that have an elite, 0 to 1; None for fronts."""
         return None if self.grid is None else len(self.candidates) / self.grid.cells
 
     def qd_score(self, offset: float = 0.0) -> float | None:
-        """Return the sum over an archive's elites of fitness - offset; None of fronts.
+        """Return the sum of fitness - offset over an archive's elites; None for fronts.
 
-        offset: the worst fitness that there is, so that more elites are never worse (as in pyribs).
+        offset: the worst possible fitness, so that additional elites never lower the score (as in pyribs).
         """
         if self.grid is None:
             return None
@@ -131,15 +134,15 @@ class Elites:
         return np.array(rows, dtype=np.float64).reshape(len(rows), 1 + len(self.goals))
 
     def plot(self, path: "str | PathLike[str] | None" = None) -> "Figure":
-        """Return a matplotlib figure: a heat map of the archive, or the front.
+        """Draw a heat map of the archive, or the front; return the matplotlib figure.
 
-        An archive is drawn over its first two measures; where it has more, a cell shows the best of them. A
-        front is drawn over fitness and its first metric, colours show the second one.
+        An archive is drawn over its first two measures; with more measures, each cell shows the best of its
+        elites. A front is drawn over fitness and its first metric, and colours show the second metric.
 
         Args:
-            path: where it is written as well (.png, .svg or .pdf).
+            path: file to write (.png, .svg or .pdf); by default none.
 
-        Raises InputError when there is no elite, for another ending, or when the file cannot be written.
+        Raises InputError when there is no elite, for another file type, or when the file cannot be written.
         """
         from pathlib import Path  # noqa: PLC0415
 
@@ -155,118 +158,119 @@ class Elites:
         if self.grid is None:
             figure = front(values, names, list(self.goals.values()), heading)
         else:
-            seen = Grid(self.grid.axes[:2])
-            best = np.full(seen.cells, np.nan)
-            np.fmax.at(best, seen.cells_of(values[:, 1:3]), values[:, 0])
-            limits = [(axis.low, axis.high) for axis in seen.axes]
-            figure = archive(best.reshape(seen.shape), names, limits, (len(values), self.grid.cells), heading)
+            plane = Grid(self.grid.axes[:2])
+            best = np.full(plane.cells, np.nan)
+            np.fmax.at(best, plane.cells_of(values[:, 1:3]), values[:, 0])
+            limits = [(axis.low, axis.high) for axis in plane.axes]
+            figure = archive(
+                best.reshape(plane.shape), names, limits, (len(values), self.grid.cells), heading
+            )
         if path is not None:
             style.save(figure, Path(path))
         return figure
 
     def _metric_labels(self) -> list[str]:
-        """Return what figures call the metrics: in words, with the unit where it is known."""
-        known: dict[str, dict[str, str]] = {}
+        """Return labels of the metrics for figures, with the unit if it is known."""
+        descriptions: dict[str, dict[str, str]] = {}
         simulation, parameters = self.experiment.simulation, self.experiment.parameters
         if find_built_in(simulation) is not None:
-            known = description(simulation, parameters)["metrics"]
-        units = [known.get(name, {}).get("unit", "") for name in self.goals]
-        words = (name.replace("_", " ") for name in self.goals)
-        return [f"{name}, {unit}" if unit else name for name, unit in zip(words, units, strict=True)]
+            descriptions = description(simulation, parameters)["metrics"]
+        units = [descriptions.get(name, {}).get("unit", "") for name in self.goals]
+        labels = (name.replace("_", " ") for name in self.goals)
+        return [f"{label}, {unit}" if unit else label for label, unit in zip(labels, units, strict=True)]
 
 
 def has_elites(run: "Run") -> bool:
-    """Whether the run was made by a method with an archive or a front."""
+    """Return whether the run's method has an archive or a front."""
     return isinstance(run.experiment.method, MapElitesOptions | Nsga2Options)
 
 
-def of_run(run: "Run", at: int | None = None) -> Elites:
-    """Return the elites of a run, from its record. Raises InputError for other methods.
+def compute_elites(run: "Run", evaluations: int | None = None) -> Elites:
+    """Compute the elites of a run from its record. Raises InputError for other methods.
 
-    at: of its first so many evaluations; None: of all.
+    evaluations: use only the first so many evaluations; None for all.
     """
-    collected = _Collected(run)
-    left = run.evaluations if at is None else at
-    for evaluated in run._store.generations():
-        if evaluated.generation >= run.generations or left <= 0:
+    collector = _Collector(run)
+    remaining = run.evaluations if evaluations is None else evaluations
+    for generation in run._store.generations():
+        if generation.generation >= run.generations or remaining <= 0:
             break
-        left -= collected.add(evaluated, left)
-    return collected.elites()
+        remaining -= collector.add(generation, remaining)
+    return collector.elites()
 
 
-def over_generations(run: "Run", chosen: Container[int]) -> Iterator[tuple[int, Elites]]:
-    """Yield the elites of a run as they were at the end of these generations, with the generation's number.
+def compute_elites_over_generations(run: "Run", chosen: Container[int]) -> Iterator[tuple[int, Elites]]:
+    """Yield the number of each chosen generation with the elites at its end.
 
     Raises InputError for other methods.
     """
-    collected = _Collected(run)
-    for evaluated in run._store.generations():
-        if evaluated.generation >= run.generations:
+    collector = _Collector(run)
+    for generation in run._store.generations():
+        if generation.generation >= run.generations:
             break
-        collected.add(evaluated, len(evaluated.fitness))
-        if evaluated.generation in chosen:
-            yield evaluated.generation, collected.elites()
+        collector.add(generation, len(generation.fitness))
+        if generation.generation in chosen:
+            yield generation.generation, collector.elites()
 
 
-class _Collected:
-    """Elites of a run whose generations are added one after the other."""
+class _Collector:
+    """Collects the elites of a run, generation by generation."""
 
     def __init__(self, run: "Run") -> None:
         options = run.experiment.method
         if not isinstance(options, MapElitesOptions | Nsga2Options):
             kind: str = options.kind
             raise InputError(
-                f"{run.path}: was made by {kind}, which has one objective and no archive; runs of map_elites "
-                "and nsga2 have elites"
+                f"{run.path}: has no elites, since {kind} has a single objective and no archive; use a run "
+                "of map_elites or nsga2"
             )
         self._experiment = run.experiment
         self._options = options
         self._names = list(options.needed_metrics)
         self._columns = [run.metrics.index(name) for name in self._names]
         if isinstance(options, MapElitesOptions):
-            self._kept: _Best | _Front = _Best(options.grid)
-            self._seen = _Metrics(self._names, options.grid.axes)
+            self._elites: _Best | _Front = _Best(options.grid)
+            self._metrics = _Metrics(self._names, options.grid.axes)
         else:
-            self._kept = _Front(options)
-            self._seen = _Metrics(self._names, ())
+            self._elites = _Front(options)
+            self._metrics = _Metrics(self._names, ())
 
-    def add(self, evaluated: "GenerationResult", count: int) -> int:
-        """Add the first `count` candidates of a generation, or all where it has fewer; return how many."""
-        fitness, episodes = evaluated.fitness[:count], evaluated.metrics[:count, :, self._columns]
+    def add(self, generation: "GenerationResult", count: int) -> int:
+        """Add at most the first `count` candidates of a generation; return their number."""
+        fitness, episodes = generation.fitness[:count], generation.metrics[:count, :, self._columns]
         values = means(episodes)
-        self._kept.add(
-            evaluated.generation, fitness, values, np.logical_or.reduce(np.isnan(episodes), axis=1)
-        )
-        self._seen.add(fitness, values)
+        gaps = np.logical_or.reduce(np.isnan(episodes), axis=1)
+        self._elites.add(generation.generation, fitness, values, gaps)
+        self._metrics.add(fitness, values)
         return len(fitness)
 
     def elites(self) -> Elites:
-        """Return those so far."""
-        rows = sorted(self._kept.rows(), key=lambda row: (-row[2], row[0], row[1]))
-        found = [
+        """Return the elites so far."""
+        rows = sorted(self._elites.rows(), key=lambda row: (-row[2], row[0], row[1]))
+        candidates = [
             Elite(generation, candidate, fitness, dict(zip(self._names, metrics, strict=True)))
             for generation, candidate, fitness, metrics, _ in rows
         ]
         gaps = np.array([row[4] for row in rows], dtype=bool).reshape(len(rows), len(self._names)).sum(axis=0)
         partial = {name: count for name, count in zip(self._names, gaps.tolist(), strict=True) if count}
-        counts = self._seen.candidates, self._seen.missing(), self._seen.outside(), partial
+        counts = self._metrics.candidates, self._metrics.missing(), self._metrics.outside(), partial
         options = self._options
         if isinstance(options, MapElitesOptions):
             goals = dict.fromkeys(self._names, "measure")
-            return Elites("archive", goals, found, options.grid, *counts, self._experiment)
-        return Elites("front", dict(options.objectives), found, None, *counts, self._experiment)
+            return Elites("archive", goals, candidates, options.grid, *counts, self._experiment)
+        return Elites("front", dict(options.objectives), candidates, None, *counts, self._experiment)
 
 
 _Row = tuple[int, int, float, list[float], list[bool]]
-"""Generation, candidate, fitness, metrics, and which of them had no value in some episodes."""
+"""Generation, candidate, fitness, metrics, and whether each metric has no value in some episodes."""
 
 
-def _row(generation: int, row: int, fitness: Fitness, metrics: Values, gaps: NDArray[np.bool_]) -> _Row:
+def _make_row(generation: int, row: int, fitness: Fitness, metrics: Values, gaps: NDArray[np.bool_]) -> _Row:
     return generation, row, float(fitness[row]), metrics[row].tolist(), gaps[row].tolist()
 
 
 class _Best:
-    """Elites of cells."""
+    """The elites of an archive's cells."""
 
     def __init__(self, grid: Grid) -> None:
         self._cells = Archive(grid)
@@ -274,14 +278,14 @@ class _Best:
 
     def add(self, generation: int, fitness: Fitness, metrics: Values, gaps: NDArray[np.bool_]) -> None:
         for cell, row in self._cells.add(range(len(fitness)), fitness, metrics):
-            self._rows[cell] = _row(generation, row, fitness, metrics, gaps)
+            self._rows[cell] = _make_row(generation, row, fitness, metrics, gaps)
 
     def rows(self) -> list[_Row]:
         return list(self._rows.values())
 
 
 class _Front:
-    """Candidates that no other one dominates, the first of equal ones."""
+    """The non-dominated candidates, the first of equals."""
 
     def __init__(self, options: Nsga2Options) -> None:
         self._options = options
@@ -293,8 +297,8 @@ class _Front:
         finite = np.flatnonzero(np.isfinite(values).all(axis=1)).tolist()
         stays, joins = front_with(self._values, values[finite])
         new = [finite[index] for index in np.flatnonzero(joins)]
-        self._rows = [row for row, kept in zip(self._rows, stays.tolist(), strict=True) if kept]
-        self._rows += [_row(generation, row, fitness, metrics, gaps) for row in new]
+        self._rows = [row for row, is_stable in zip(self._rows, stays.tolist(), strict=True) if is_stable]
+        self._rows += [_make_row(generation, row, fitness, metrics, gaps) for row in new]
         self._values = np.concatenate([self._values[stays], values[new]])
 
     def rows(self) -> list[_Row]:
@@ -302,9 +306,9 @@ class _Front:
 
 
 class _Metrics:
-    """What values the metrics of all candidates have that did not fail.
+    """Counts and ranges of the metrics of all successful candidates.
 
-    axes: the ranges of measures; none for objectives.
+    axes: the ranges of measures; empty for objectives.
     """
 
     def __init__(self, names: list[str], axes: Sequence[Axis]) -> None:
@@ -316,15 +320,15 @@ class _Metrics:
 
     def add(self, fitness: Fitness, metrics: Values) -> None:
         values = metrics[np.isfinite(fitness)]
-        known = np.isfinite(values)
+        is_finite = np.isfinite(values)
         self.candidates += len(values)
-        self._missing += (~known).sum(axis=0)
+        self._missing += (~is_finite).sum(axis=0)
         for column, axis in enumerate(self._axes):
-            of = values[known[:, column], column]
-            self._below[column] += (of < axis.low).sum()
-            self._above[column] += (of > axis.high).sum()
-            self._lowest[column] = min(self._lowest[column], of.min(initial=np.inf))
-            self._highest[column] = max(self._highest[column], of.max(initial=-np.inf))
+            measure = values[is_finite[:, column], column]
+            self._below[column] += (measure < axis.low).sum()
+            self._above[column] += (measure > axis.high).sum()
+            self._lowest[column] = min(self._lowest[column], measure.min(initial=np.inf))
+            self._highest[column] = max(self._highest[column], measure.max(initial=-np.inf))
 
     def missing(self) -> dict[str, int]:
         counts = zip(self._names, self._missing.tolist(), strict=True)

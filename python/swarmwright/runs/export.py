@@ -1,4 +1,4 @@
-"""The record as a table for other programs."""
+"""Export the record as a table for other programs."""
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -7,35 +7,37 @@ from typing import TYPE_CHECKING, Any
 from swarmwright import _engine
 from swarmwright.common.errors import InputError
 from swarmwright.runs.store import Record, StoreReader
-from swarmwright.runs.store.table import column_of, pyarrow
+from swarmwright.runs.store.table import import_pyarrow, name_column
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 FORMATS = (".csv", ".parquet")
-"""Endings of files that can be written."""
+"""Suffixes of supported files."""
 
 
 def write_table(store: StoreReader, path: Path) -> None:
-    """Write a store's record to a file of one of the formats. Raises InputError as `write`."""
+    """Write a store's record to a table file. Raises InputError as `write`."""
     write(path, lambda: csv_lines(store), lambda: tables(store))
 
 
 def write(path: Path, lines: Callable[[], Iterable[str]], arrow: Callable[[], Iterable["pa.Table"]]) -> None:
-    """Write a table to a file of one of the formats.
+    """Write a table to a file.
 
     Args:
-        path: of the file.
-        lines: returns those of a CSV file.
-        arrow: returns parts of the table with the same columns.
+        path: of the file, whose suffix is one of `FORMATS`.
+        lines: returns the lines for CSV.
+        arrow: returns the parts for Parquet, with the same columns.
 
-    Raises InputError when that is not possible, or a store is damaged; then no file is left.
+    Raises InputError when the file cannot be written, or a store is damaged; then no file is left.
     """
-    ending = path.suffix.lower()
-    if ending not in FORMATS:
-        raise InputError(f"{path}: tables end with {' or '.join(FORMATS)}")
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise InputError(
+            f"{path}: unknown table format; choose a file name that ends with {' or '.join(FORMATS)}"
+        )
     try:
-        if ending == ".parquet":
+        if suffix == ".parquet":
             _write_parquet(arrow, path)
         else:
             with path.open("w", encoding="utf-8", newline="") as file:
@@ -43,16 +45,13 @@ def write(path: Path, lines: Callable[[], Iterable[str]], arrow: Callable[[], It
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
     except InputError:
-        if path.is_file():  # and no pipe
+        if path.is_file():  # not a pipe
             path.unlink()  # a partial record would look complete
         raise
 
 
 def csv_lines(store: StoreReader) -> Iterator[str]:
-    """Yield the header and a line per evaluation.
-
-    Numbers are the shortest decimals that read back as the same.
-    """
+    """Yield a header and a line per evaluation, with the shortest decimals that preserve each number."""
     metrics = store.metrics
     empty = True
     for part in store.rows():
@@ -79,7 +78,7 @@ def csv_lines(store: StoreReader) -> Iterator[str]:
 def _header(part: Record, metrics: list[str]) -> str:
     episodes = range(part.episodes.shape[1])
     columns = ["generation", "candidate", "fitness", *(f"episode_{episode}" for episode in episodes)]
-    columns += [f"{column_of(metric)}_{episode}" for metric in metrics for episode in episodes]
+    columns += [f"{name_column(metric)}_{episode}" for metric in metrics for episode in episodes]
     columns += [f"g{gene}" for gene in range(part.genomes.shape[1])]
     return ",".join(columns) + "\n"
 
@@ -91,7 +90,7 @@ def tables(store: StoreReader) -> Iterator["pa.Table"]:
 
 
 def _write_parquet(arrow: Callable[[], Iterable["pa.Table"]], path: Path) -> None:
-    pa = pyarrow(f"{path}: writing Parquet")
+    pa = import_pyarrow(f"{path}: writing Parquet")
     from pyarrow import parquet
 
     writer: Any = None
@@ -101,7 +100,7 @@ def _write_parquet(arrow: Callable[[], Iterable["pa.Table"]], path: Path) -> Non
                 writer = parquet.ParquetWriter(path, table.schema, compression="zstd")
             writer.write_table(table)
         if writer is None:
-            raise InputError(f"{path}: the run holds no finished generation to export")
+            raise InputError(f"{path}: the run has no finished generation to export")
     except pa.ArrowException as error:
         raise InputError(f"{path}: cannot be written: {error}") from error
     finally:
@@ -121,7 +120,7 @@ def _arrow(part: Record, metrics: list[str]) -> "pa.Table":
         # A failed evaluation has an empty fitness, not NaN.
         "fitness": pa.array(part.fitness, from_pandas=True),
         "episodes": lists(part.episodes),
-        **{column_of(name): lists(part.metrics[:, :, index].copy()) for index, name in enumerate(metrics)},
+        **{name_column(name): lists(part.metrics[:, :, index].copy()) for index, name in enumerate(metrics)},
         "genome": lists(part.genomes),
     }
     return pa.table(columns)

@@ -54,7 +54,7 @@ def failed_within(run: "Run", evaluations: int) -> int:
     if begin == evaluations or not summary.failed:
         return count
     ranking = run.experiment.new_ranking()
-    for evaluated in run._store.one_generation(summary.generation):
+    for evaluated in run._store.read_generation(summary.generation):
         some = (taken_in(evaluated, ranking).failed > 0) | ~np.isfinite(evaluated.fitness)
         count += int(np.count_nonzero(some[: evaluations - begin]))
     return count

@@ -1,4 +1,4 @@
-"""Learning curves: what the best so far of a run was worth on held-out seeds, generation after generation."""
+"""Learning curves: the fitness of a run's best so far on held-out seeds, over the generations."""
 
 import csv
 import io
@@ -15,9 +15,9 @@ from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.files import write_text
 from swarmwright.common.html import table
 from swarmwright.experiment.experiment import Experiment, experiment_of
-from swarmwright.runs.code import used_for
-from swarmwright.runs.post_evaluation import EPISODES, PostEvaluation, Where, of_candidates
-from swarmwright.runs.store.lookup import nothing
+from swarmwright.runs.code import resolve_experiment
+from swarmwright.runs.post_evaluation import EPISODES, EvaluationOptions, PostEvaluation, evaluate_candidates
+from swarmwright.runs.store.lookup import explain_missing_best
 from swarmwright.servers.evaluation.base import Progress, Servers
 
 if TYPE_CHECKING:
@@ -26,39 +26,39 @@ if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
 POINTS = 20
-"""Of a curve, unless another number is given."""
+"""Default number of points of a curve."""
 _HEAD = ("generation", "evaluations", "best", "recorded", "held-out", "low", "high", "failed")
 
 
 @dataclass(frozen=True, kw_only=True)
 class CurvePoint:
-    """The candidate that the run would have returned after a generation."""
+    """The best candidate of a run up to a generation."""
 
     generation: int
     evaluations: int
-    """Candidates evaluated since the start of the run, at the end of the generation."""
+    """Candidates evaluated from the start of the run to the end of the generation."""
     best: PostEvaluation
     """The candidate's recorded fitness, and its fitness on the held-out seeds."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class LearningCurve:
-    """Fitness of the best so far of a run on the same held-out seeds, over its generations.
+    """Fitness of a run's best so far on the same held-out seeds, over its generations.
 
-    In the record the best so far can only rise where fitness depends on the seed, also by luck. Here it falls
-    where evolution adapts to the seeds that it uses.
+    If fitness depends on the seed, the recorded best so far can only rise, partly by luck. This curve falls
+    if the evolution overfits to its seeds.
     """
 
     run: "Run"
     points: list[CurvePoint]
-    """With ascending generations; the last is that of the last finished one."""
+    """Points in the order of generations; the last is for the last finished generation."""
 
     def __repr__(self) -> str:
-        """Say where it ends."""
+        """Return the run and its fitness at the end."""
         return f"<LearningCurve of {self.run.path.name}: {self.points[-1].best.result} at the end>"
 
     def _repr_html_(self) -> str:
-        """Return it as a table, for notebooks."""
+        """Return a table, for notebooks."""
         return table(_HEAD, self._rows())
 
     @property
@@ -87,16 +87,16 @@ class LearningCurve:
         }
 
     def figure(self) -> "Figure":
-        """Return a matplotlib figure: recorded and held-out fitness of the best so far over evaluations."""
+        """Draw recorded and held-out fitness of the best so far over evaluations; return the figure."""
         from swarmwright.display.figures.learning_curve import draw  # noqa: PLC0415 - takes long
 
         return draw(self)
 
     @check_arguments
     def plot(self, path: str | PathLike[str]) -> Path:
-        """Draw `figure` into a file (.png, .svg or .pdf); return its path.
+        """Write `figure` to a file (.png, .svg or .pdf); return its path.
 
-        Raises InputError for another ending or a file that cannot be written.
+        Raises InputError for another file type or a file that cannot be written.
         """
         from swarmwright.display.figures.style import save  # noqa: PLC0415 - takes long
 
@@ -104,11 +104,11 @@ class LearningCurve:
 
     @check_arguments
     def export(self, path: str | PathLike[str]) -> Path:
-        """Write a table as CSV, a row for each point; return its path.
+        """Write a CSV table with a row for each point; return its path.
 
         Columns: generation, evaluations, best (generation:candidate), its recorded fitness, its mean fitness
-        on the held-out seeds, the ends of the 95 % confidence interval (Student's t), and how many of these
-        episodes failed, which the mean leaves out unless `ranking.failed` is a number.
+        on the held-out seeds, the ends of the 95 % confidence interval (Student's t), and the number of
+        failed episodes, which the mean excludes unless `ranking.failed` is a number.
 
         Raises InputError for a file that cannot be written.
         """
@@ -147,16 +147,16 @@ def learning_curve(
     servers: Servers | None = None,
     on_progress: Progress | None = None,
 ) -> LearningCurve:
-    """Evaluate what a run would have returned after several of its generations, on the same held-out seeds.
+    """Evaluate a run's best so far at several generations, on the same held-out seeds.
 
     Nothing is added to the run. A candidate that stays the best for several points is evaluated once.
 
     Args:
         run: a run with at least one finished generation, or its folder.
-        points: how many generations, from 1 on, evenly spaced from the first to the last finished one; all of
-            them where the run has fewer.
-        episodes: of each candidate, as in `post_evaluate`.
-        seed: as in `post_evaluate`; by default the seeds are those of the run's validation.
+        points: number of generations, at least 1, evenly spaced from the first to the last finished
+            generation; all generations if the run has fewer.
+        episodes: number of episodes of each candidate, as in `post_evaluate`.
+        seed: as in `post_evaluate`; by default the seeds of the run's validation.
         experiment: as in `post_evaluate`.
         broker: as in `optimize`.
         servers: as in `optimize`.
@@ -174,28 +174,32 @@ def learning_curve(
 
     See also: `post_evaluate`, for the best candidate alone; `Run.plot`, for the recorded fitness.
     """
-    from swarmwright.runs.run import run_of  # noqa: PLC0415 - it imports this module's
+    from swarmwright.runs.run import open_run  # noqa: PLC0415 - it imports this module's
 
-    run = run_of(run)
+    run = open_run(run)
     if points < 1:
         raise InputError(f"points: must be at least 1, not {points}")
-    where = Where.of(episodes, seed, broker, servers, on_progress)
+    where = EvaluationOptions.of(episodes, seed, broker, servers, on_progress)
     history = run.history
     if not history:
-        raise RunError(nothing(run.path))
-    places = np.unique(np.linspace(len(history) - 1, 0, points).round().astype(int)).tolist()
-    leaders = {place: run._store.leader(history[place].generation) for place in places}
+        raise RunError(explain_missing_best(run.path))
+    indices = np.unique(np.linspace(len(history) - 1, 0, points).round().astype(int)).tolist()
+    leaders = {index: run._store.leader(history[index].generation) for index in indices}
     distinct = list({evaluation.number: evaluation for evaluation in leaders.values()}.values())
-    experiment = used_for(run, history[-1].generation) if experiment is None else experiment_of(experiment)
-    found = {candidate.number: candidate for candidate in of_candidates(run, distinct, experiment, where)}
+    experiment = (
+        resolve_experiment(run, history[-1].generation) if experiment is None else experiment_of(experiment)
+    )
+    evaluated = {
+        candidate.number: candidate for candidate in evaluate_candidates(run, distinct, experiment, where)
+    }
     return LearningCurve(
         run=run,
         points=[
             CurvePoint(
-                generation=history[place].generation,
-                evaluations=history[place].evaluations,
-                best=found[leader.number],
+                generation=history[index].generation,
+                evaluations=history[index].evaluations,
+                best=evaluated[leader.number],
             )
-            for place, leader in leaders.items()
+            for index, leader in leaders.items()
         ],
     )

@@ -1,4 +1,4 @@
-"""Metrics over the generations of a run, gathered by how good candidates were."""
+"""Metrics over the generations of a run, grouped by the fitness of candidates."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -21,21 +21,21 @@ SHARES = ("best", "best quarter", "middle half", "worst quarter")
 """Parts of a generation, by fitness."""
 _FITNESS = "fitness"
 _QUARTER = 4
-"""Candidates from which on a generation has quarters."""
+"""Smallest number of candidates of a generation with quarters."""
 
 
-def names_of(runs: Sequence[Run], names: Names) -> list[str]:
-    """Return the metrics that are asked for; "all": those that every run has recorded.
+def select_names(runs: Sequence[Run], names: Names) -> list[str]:
+    """Return the requested metrics; "all" selects those that every run has recorded.
 
-    Raises InputError for one that a run has not recorded, and where there is none.
+    Raises InputError for a metric that a run has not recorded, and if there is none.
     """
     shared = [name for name in runs[0].metrics if all(name in run.metrics for run in runs)]
     if names == "all":
         if not shared:
             without = next((run for run in runs if not run.metrics), runs[0])
             raise InputError(
-                f"{without.path}: has recorded no metric that all runs have; runs record those that their "
-                "fitness, objectives or measures are made of"
+                f"{without.path}: has no metric in common with all runs; runs record the metrics of their "
+                "fitness, objectives or measures"
             )
         return shared
     require_list("metrics", names, "names of metrics")
@@ -47,12 +47,12 @@ def names_of(runs: Sequence[Run], names: Names) -> list[str]:
     return list(names)
 
 
-def _label(run: Run, name: str) -> str:
-    """Return what a metric is called on an axis: with its unit, if that is known."""
+def _format_label(run: Run, name: str) -> str:
+    """Return the axis label of a metric, with its unit if that is known."""
     if name == _FITNESS or not catalogue.has_description(run.experiment.simulation):
         return name
-    found = catalogue.description(run.experiment.simulation, run.experiment.parameters)["metrics"]
-    unit = found.get(name, {}).get("unit")
+    metrics = catalogue.description(run.experiment.simulation, run.experiment.parameters)["metrics"]
+    unit = metrics.get(name, {}).get("unit")
     return escape_line(f"{name} ({unit})") if unit and unit != name else name
 
 
@@ -60,8 +60,8 @@ class MetricCurves:
     """Fitness and metrics of a run over its generations.
 
     Args:
-        run: with a finished generation at least.
-        names: metrics that it has recorded.
+        run: with at least one finished generation.
+        names: recorded metrics.
     """
 
     shares = SHARES
@@ -74,35 +74,35 @@ class MetricCurves:
     def values(self) -> Values:
         """Means over candidates, (fitness and metrics, shares, generations), in the order of `SHARES`.
 
-        A metric of a candidate is its mean over episodes. Candidates that failed do not count; NaN where a
-        share has no candidate, or none with a value.
+        A candidate's metric is its mean over episodes. Failed candidates do not count; NaN if a share has no
+        candidate with a value.
         """
         run = self._run
         columns = [run.metrics.index(name) for name in self.names[1:]]
-        found = np.full((len(self.names), len(SHARES), run.generations), np.nan)
+        values = np.full((len(self.names), len(SHARES), run.generations), np.nan)
         waiting: list[Values] = []
         number = 0
         for part in run._store.rows():
             with np.errstate(invalid="ignore"):
-                of_part = np.column_stack([part.fitness, _means(part.metrics[:, :, columns])])
+                rows = np.column_stack([part.fitness, _compute_means(part.metrics[:, :, columns])])
             for generation in np.unique(part.generation):
-                if generation >= run.generations:  # a run that goes on may have more by now
+                if generation >= run.generations:  # a run in progress may have more by now
                     break
                 if generation != number:
-                    found[:, :, number] = _shares(waiting)
+                    values[:, :, number] = _compute_shares(waiting)
                     waiting, number = [], int(generation)
-                waiting.append(of_part[part.generation == generation])
+                waiting.append(rows[part.generation == generation])
         if waiting:
-            found[:, :, number] = _shares(waiting)
-        return found
+            values[:, :, number] = _compute_shares(waiting)
+        return values
 
     @property
     def labels(self) -> list[str]:
-        """What fitness and metrics are called on axes."""
-        return [_label(self._run, name) for name in self.names]
+        """Axis labels of fitness and metrics."""
+        return [_format_label(self._run, name) for name in self.names]
 
-    def places(self, x: str) -> Values:
-        """Return x of the generations, (generations,): "evaluations" done at the end, or "generations"."""
+    def x_positions(self, x: str) -> Values:
+        """Return x of the generations, (generations,): "evaluations" at their end, or "generations"."""
         history = self._run.history
         return np.array(
             [summary.evaluations if x == "evaluations" else summary.generation for summary in history],
@@ -110,19 +110,19 @@ class MetricCurves:
         )
 
 
-def _means(metrics: Values) -> Values:
-    """Return means over episodes that have a value; (candidates, metrics)."""
-    known = np.isfinite(metrics)
-    count = known.sum(axis=1)
-    sums = np.where(known, metrics, 0.0).sum(axis=1)
+def _compute_means(metrics: Values) -> Values:
+    """Return the means over episodes with a value, (candidates, metrics)."""
+    is_finite = np.isfinite(metrics)
+    count = is_finite.sum(axis=1)
+    sums = np.where(is_finite, metrics, 0.0).sum(axis=1)
     means: Values = np.where(count > 0, sums / np.maximum(count, 1), np.nan)
     return means
 
 
-def _shares(parts: Sequence[Values]) -> Values:
-    """Return means of the shares of a generation, (fitness and metrics, shares).
+def _compute_shares(parts: Sequence[Values]) -> Values:
+    """Return the means of the shares of a generation, (fitness and metrics, shares).
 
-    parts: of its candidates fitness and metrics, (candidates, 1 + metrics) each.
+    parts: fitness and metrics of its candidates, (candidates, 1 + metrics) each.
     """
     rows = np.concatenate(parts)
     rows = rows[np.isfinite(rows[:, 0])]
@@ -131,4 +131,4 @@ def _shares(parts: Sequence[Values]) -> Values:
     quarter = count // _QUARTER
     chosen = [rows[:1], rows[:quarter], rows[quarter : count - quarter] if quarter else rows[:0]]
     chosen.append(rows[count - quarter :] if quarter else rows[:0])
-    return np.column_stack([_means(share[None]).reshape(-1) for share in chosen])
+    return np.column_stack([_compute_means(share[None]).reshape(-1) for share in chosen])

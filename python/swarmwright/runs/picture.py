@@ -1,4 +1,4 @@
-"""`fitness.png`, drawn by a child process, so that a run's result does not wait for Matplotlib."""
+"""Draw `fitness.png` in a child process, so that a run's result does not wait for Matplotlib."""
 
 import atexit
 import os
@@ -16,8 +16,8 @@ FILE = "fitness.png"
 _LONGEST_DRAWING_S = 60.0
 """Seconds until a drawing process is abandoned."""
 
-_DELAY = 0.05
-"""Seconds until a process is started to draw: its start takes milliseconds from what is going on."""
+_DELAY_S = 0.05
+"""Delay of the drawing process, whose start slows down this process for milliseconds."""
 
 _lock = Lock()
 _waiting: list[Path] = []
@@ -25,37 +25,37 @@ _process: subprocess.Popen[bytes] | None = None
 _timer: Timer | None = None
 
 
-def wanted() -> bool:
-    """Return whether runs end with a plot: unless SWARMWRIGHT_PLOT=0, or Matplotlib is not installed."""
+def is_enabled() -> bool:
+    """Return whether runs end with a plot: Matplotlib is installed, and SWARMWRIGHT_PLOT is not 0."""
     return os.environ.get("SWARMWRIGHT_PLOT") != "0" and find_spec("matplotlib") is not None
 
 
 def draw_later(folder: Path) -> None:
-    """Have the plot of the run in `folder` drawn soon, if it is wanted.
+    """Draw the plot of the run in `folder` soon, if plots are enabled.
 
-    This process draws all before it ends, see `wait`.
+    This process waits for all plots before it ends, see `wait`.
     """
-    global _timer  # noqa: PLW0603 - there is one, as there is one interpreter
-    if not wanted():
+    global _timer  # noqa: PLW0603 - shared by the whole process
+    if not is_enabled():
         return
     with _lock:
         _waiting.append(folder.absolute())
         if _timer is None or not _timer.is_alive():
-            _timer = Timer(_DELAY, _start_now)
+            _timer = Timer(_DELAY_S, _start_now)
             _timer.daemon = True
             with suppress(RuntimeError):  # no memory or threads are left; `wait` draws it
                 _timer.start()
 
 
 def draw_missing(folder: Path) -> None:
-    """Have the plot of a finished run drawn soon where it is missing or empty, because a disk was full."""
+    """Draw the plot of a finished run soon if it is missing or empty, for example after a full disk."""
     file = folder / FILE
     if os.access(folder, os.W_OK) and not (file.exists() and file.stat().st_size):
         draw_later(folder)
 
 
 def wait() -> None:
-    """Wait until all plots are drawn. Errors are printed on standard error."""
+    """Wait until all plots are drawn. Errors are printed to standard error."""
     with _lock:
         if _timer is not None:
             _timer.cancel()
@@ -77,12 +77,12 @@ def _at_exit() -> None:
     except KeyboardInterrupt:
         pass  # the process continues by itself
     except (OSError, MemoryError) as error:
-        sys.stderr.write(f"swarmwright: no plot is drawn: {error}\n")
+        sys.stderr.write(f"swarmwright: the plot cannot be drawn: {error}\n")
 
 
 def _start_now() -> None:
-    """Draw all waiting runs, unless a process is drawing others; they are drawn after those then."""
-    global _timer  # noqa: PLW0603 - there is one, as there is one interpreter
+    """Draw all waiting runs, or leave them for later if a process is still drawing others."""
+    global _timer  # noqa: PLW0603 - shared by the whole process
     with _lock:
         _timer = None
         if _process is None or _process.poll() is not None:
@@ -91,14 +91,13 @@ def _start_now() -> None:
 
 def _start() -> None:
     """Draw all waiting runs in one process."""
-    global _process  # noqa: PLW0603 - there is one, as there is one interpreter
+    global _process  # noqa: PLW0603 - shared by the whole process
     _process = None
     if not _waiting:
         return
     command = [sys.executable, "-P", "-m", __spec__.name, *map(str, _waiting)]
     _waiting.clear()
-    # A new session, so that Ctrl-C, which ends the tool, does not interrupt it. No linear algebra is needed,
-    # for which each thread of OpenBLAS takes memory.
+    # A new session, so that Ctrl-C does not interrupt it. A single thread of OpenBLAS saves memory.
     _process = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -116,7 +115,7 @@ def draw(folder: Path) -> None:
 
     run = Run.open(folder)
     if not run.history:
-        raise InputError(f"{folder}: holds no finished generation to draw")
+        raise InputError(f"{folder}: has no finished generation to draw")
     style.save(fitness(run), folder / FILE)
 
 
@@ -125,6 +124,6 @@ if __name__ == "__main__":
         try:
             draw(Path(name))
         except (SwarmwrightError, OSError) as error:
-            # A run may have been deleted meanwhile; its folder may go last, or be another's already.
+            # Ignore runs that have been deleted meanwhile.
             if (Path(name) / STORE).exists():
                 sys.stderr.write(f"swarmwright: {error}\n")

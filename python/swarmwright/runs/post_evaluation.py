@@ -22,7 +22,7 @@ from swarmwright.common.values import ComparedByValue
 from swarmwright.controllers.controller import Controller
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.methods.rankings import Ranking
-from swarmwright.runs.code import used_for
+from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.store import Evaluation
 from swarmwright.servers.evaluation.base import Backend, Controllers, Progress, Results, Servers
 from swarmwright.servers.evaluation.code_failures import build_error
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 
 EPISODES = 100
-"""Episodes of a post-evaluation, unless another number is given."""
+"""Default number of episodes of a post-evaluation."""
 _HELD_OUT_OFFSET = 1_000_000_000
-"""Of held-out seeds from `parameters.seed`: far from the seeds that evolution uses."""
+"""Distance of held-out seeds from `parameters.seed`, far from the seeds that evolution uses."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -47,26 +47,26 @@ class ControllerEvaluation(ComparedByValue):
     seeds: list[int]
     """Simulation seed of each episode."""
     episodes: NDArray[np.float64]
-    """(episodes,) fitness of each, NaN where it failed."""
+    """Fitness of each episode, (episodes,), NaN for failed episodes."""
     ranking: Ranking = field(compare=False)
-    """Of the experiment."""
+    """Ranking of the experiment."""
     metrics: dict[str, NDArray[np.float64]]
-    """By name, (episodes,) each, NaN where the episode failed: those that the fitness needs, and those that
-    were asked for."""
+    """Metrics by name, (episodes,) each, NaN for failed episodes: those that the fitness needs, and the
+    requested ones."""
 
     def __repr__(self) -> str:
-        """Say how good it is."""
-        whose = f" of {self.label}" if self.label else ""
-        return f"<{type(self).__name__}{whose}: mean fitness {self.result}>"
+        """Return the candidate and its mean fitness."""
+        candidate = f" of {self.label}" if self.label else ""
+        return f"<{type(self).__name__}{candidate}: mean fitness {self.result}>"
 
     @property
     def label(self) -> str:
-        """The candidate, `generation:candidate`; empty of a controller from elsewhere."""
+        """The candidate as `generation:candidate`; empty for a controller that is not from a run."""
         return ""
 
     @property
     def result(self) -> str:
-        """Mean fitness of an episode in words: its interval, and how many episodes there were."""
+        """Description of the mean fitness, with its interval and the number of episodes."""
         interval = ""
         if self.mean.low is not None:
             interval = f", 95 % confidence interval {self.mean.low:.4g} to {self.mean.high:.4g}"
@@ -75,55 +75,57 @@ class ControllerEvaluation(ComparedByValue):
         return f"{self.mean.mean + 0.0:.6g}{interval}, {count} episode{'' if count == 1 else 's'}{failed}"
 
     def _repr_html_(self) -> str:
-        """Return it as a table, for notebooks."""
+        """Return a table, for notebooks."""
         return facts(type(self).__name__, self._lines())
 
     def _lines(self) -> list[tuple[str, object]]:
-        measured = [(name, f"{estimate(_finite_of(of)).mean:.6g}") for name, of in self.metrics.items()]
-        return [("mean fitness", self.result), *measured]
+        metrics = [
+            (name, f"{estimate(_select_finite(column)).mean:.6g}") for name, column in self.metrics.items()
+        ]
+        return [("mean fitness", self.result), *metrics]
 
     @cached_property
     def measured(self) -> list[float]:
-        """Fitness of the episodes that did not fail."""
-        return _finite_of(self.episodes)
+        """Fitness of the successful episodes."""
+        return _select_finite(self.episodes)
 
     @property
     def failed(self) -> int:
-        """Episodes that failed."""
+        """Number of failed episodes."""
         return len(self.episodes) - len(self.measured)
 
     @cached_property
     def counted(self) -> list[float]:
-        """Fitness of the episodes that count: failed ones do where `ranking.failed` is a number."""
-        return _finite_of(self.ranking.counted(self.episodes))
+        """Fitness of the episodes that count; failed ones count if `ranking.failed` is a number."""
+        return _select_finite(self.ranking.counted(self.episodes))
 
     @property
     def is_reportable(self) -> bool:
         """Whether every episode counts: none failed, or `ranking.failed` gives failures a fitness.
 
-        Otherwise the figures are those of the episodes that happened to work.
+        Otherwise the statistics cover only the episodes that happened to succeed.
         """
         return len(self.counted) == len(self.episodes)
 
     @property
     def failed_words(self) -> str:
-        """How many episodes failed, and how they count."""
+        """Description of the failed episodes and how they count."""
         value = self.ranking.options.failure_fitness
-        how = "which are left out" if value is None else f"which count as {value:g}"
-        return f"{self.failed} failed, {how}"
+        effect = "which are excluded" if value is None else f"which count as {value:g}"
+        return f"{self.failed} failed, {effect}"
 
     @cached_property
     def mean(self) -> Estimate:
-        """Mean fitness of the episodes that count, with Student's interval."""
+        """Mean fitness of the episodes that count, with Student's t interval."""
         return estimate(self.counted)
 
     @cached_property
     def fitness(self) -> Estimate:
-        """Fitness as the experiment's ranking makes it of its number of episodes: beside `recorded`.
+        """Fitness as the experiment's ranking aggregates it, comparable with `recorded`.
 
         With the aggregate mean it is the mean of the episodes that count.
         """
-        return estimate(_finite_of(self.ranking.samples(self.counted)))
+        return estimate(_select_finite(self.ranking.samples(self.counted)))
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values."""
@@ -148,8 +150,8 @@ class ControllerEvaluation(ComparedByValue):
             "values": self.episodes.tolist(),
             "metrics": {
                 name: {
-                    **vars(estimate(_finite_of(column))),
-                    "without": len(column) - len(_finite_of(column)),
+                    **vars(estimate(_select_finite(column))),
+                    "without": len(column) - len(_select_finite(column)),
                     "values": column.tolist(),
                 }
                 for name, column in self.metrics.items()
@@ -158,8 +160,8 @@ class ControllerEvaluation(ComparedByValue):
 
     def summary(self) -> dict[str, Any]:
         """Return plain values, without those of each episode."""
-        named = {"fitness" if key == "mean" else key: value for key, value in vars(self.fitness).items()}
-        return {**named, "failed": self.failed, "reportable": self.is_reportable}
+        fitness = {"fitness" if key == "mean" else key: value for key, value in vars(self.fitness).items()}
+        return {**fitness, "failed": self.failed, "reportable": self.is_reportable}
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -167,20 +169,20 @@ class PostEvaluation(ControllerEvaluation):
     """A candidate's recorded fitness, and its fitness in other episodes."""
 
     number: int
-    """Of the evaluation in the whole run, from 0."""
+    """Number of the evaluation in the whole run, from 0."""
     generation: int
     candidate: int
     recorded: float
     """Fitness in the record, by which it was chosen."""
     seen: int
-    """How many of these seeds the evolution of the run had used as well."""
+    """How many of the seeds the evolution had used as well."""
     validated: int = 0
-    """How many of these seeds the run's own validation had used as well: there, the results are no further
+    """How many of the seeds the run's validation had used as well; these results are not additional
     evidence."""
 
     @property
     def label(self) -> str:
-        """The candidate, `generation:candidate`."""
+        """The candidate as `generation:candidate`."""
         return f"{self.generation}:{self.candidate}"
 
     def _lines(self) -> list[tuple[str, object]]:
@@ -202,7 +204,7 @@ class PostEvaluation(ControllerEvaluation):
 
     @property
     def _identity(self) -> dict[str, Any]:
-        """Which candidate it is."""
+        """The numbers and the recorded fitness of the candidate."""
         return {
             "number": self.number,
             "generation": self.generation,
@@ -211,29 +213,29 @@ class PostEvaluation(ControllerEvaluation):
         }
 
 
-def kept_values(evaluation: PostEvaluation) -> dict[str, Any]:
-    """Return the values of a post-evaluation that exported packages keep."""
+def export_values(evaluation: PostEvaluation) -> dict[str, Any]:
+    """Return the values of a post-evaluation for exported packages."""
     return {
         **evaluation._identity, "seeds": evaluation.seeds, "seen": evaluation.seen,
-        "episodes": finite(evaluation.episodes),
+        "episodes": encode_numbers(evaluation.episodes),
     }  # fmt: skip
 
 
-def stored_post_evaluation(values: Mapping[str, Any], ranking: Ranking) -> PostEvaluation:
-    """Return a post-evaluation from the values that a run's store keeps of a validation."""
-    others = {key: values[key] for key in ("number", "generation", "candidate", "recorded", "seen")}
-    return PostEvaluation(**others, **_measured(values), ranking=ranking)
+def load_post_evaluation(values: Mapping[str, Any], ranking: Ranking) -> PostEvaluation:
+    """Build a post-evaluation from the values of a validation in a run's store."""
+    identity = {key: values[key] for key in ("number", "generation", "candidate", "recorded", "seen")}
+    return PostEvaluation(**identity, **_parse_episodes(values), ranking=ranking)
 
 
-def stored_controller_evaluation(values: Mapping[str, Any], ranking: Ranking) -> ControllerEvaluation:
-    """Return the evaluation of a controller from the values that a run's store keeps of a validation."""
-    return ControllerEvaluation(**_measured(values), ranking=ranking)
+def load_controller_evaluation(values: Mapping[str, Any], ranking: Ranking) -> ControllerEvaluation:
+    """Build the evaluation of a controller from the values of a validation in a run's store."""
+    return ControllerEvaluation(**_parse_episodes(values), ranking=ranking)
 
 
-def _measured(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return seeds, fitness and metrics of episodes from the values that a store keeps."""
-    episodes, names = numbers(values["episodes"]), values["metrics"]
-    columns = numbers(values.get("values", [])).reshape(len(episodes), len(names)).T
+def _parse_episodes(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Parse seeds, fitness and metrics of episodes from stored values."""
+    episodes, names = decode_numbers(values["episodes"]), values["metrics"]
+    columns = decode_numbers(values.get("values", [])).reshape(len(episodes), len(names)).T
     return {
         "seeds": values["seeds"], "episodes": episodes, "metrics": dict(zip(names, columns, strict=True))
     }  # fmt: skip
@@ -288,35 +290,37 @@ def post_evaluate(
     on_progress: Progress | None = None,
     metrics: Sequence[str] | Literal["all"] = (),
 ) -> ControllerEvaluation:
-    """Evaluate a candidate of a run, or any controller, in other episodes than those it was chosen by.
+    """Evaluate a candidate of a run, or any controller, in new episodes.
 
-    Wherever fitness depends on the seed, the best of many evaluations is biased: its recorded fitness is too
-    high. New episodes estimate it without bias. Nothing is added to the run.
+    If fitness depends on the seed, the recorded fitness of the best of many evaluations is biased upwards.
+    New episodes give an unbiased estimate. Nothing is added to the run.
 
     Args:
-        run: where the candidate is recorded, or its folder; with `controller` also an experiment, its file,
-            or a mapping with the keys of one, whose simulation, parameters, fitness and ranking are used.
-        candidate: as in `Run.evaluation`; without both, the best of the run.
+        run: the run of the candidate, or its folder; with `controller` also an experiment, its file, or a
+            mapping with the keys of such a file, to use its simulation, parameters, fitness and ranking.
+        candidate: as in `Run.evaluation`; by default the best of the run.
         generation: as in `Run.evaluation`.
-        controller: instead of a candidate of the run: one from elsewhere, a file as `Controller.load` reads
-            it, or a run folder with its best. Its fitness is returned as a `ControllerEvaluation`, which has
-            no candidate and no recorded fitness.
-        episodes: how many, from 1 on; where a fitness is made of several, such as a median, at least these.
-        seed: simulation seed of the first episode, the next ones follow; default: held-out seeds, which the
-            evolution of the run did not use. They are the same for every run whose `parameters.seed` is the
-            same, for its validation, and for its experiment; for fresh ones, name another seed.
-        experiment: instead of the run's, with other parameters, say; the controller's sizes are the same.
+        controller: evaluate this controller instead of a candidate: a controller, a file as for
+            `Controller.load`, or a run folder, for its best. The result is a `ControllerEvaluation`, which
+            has no candidate and no recorded fitness.
+        episodes: number of episodes, at least 1; at least `ranking.episodes` if the ranking aggregates
+            several episodes, such as by their median.
+        seed: simulation seed of the first episode, followed by consecutive seeds. By default held-out seeds,
+            which the evolution did not use. They are the same for all runs with the same `parameters.seed`,
+            for the validation, and for the experiment; choose another seed for fresh episodes.
+        experiment: replaces the run's experiment, for example to change parameters; numbers of sensors and
+            actuators must be the same.
         broker: as in `optimize`.
         servers: as in `optimize`.
         on_progress: as in `optimize`.
-        metrics: names of metrics to be measured beside those that the fitness needs; "all": those that the
-            simulation announces.
+        metrics: names of metrics to measure besides those that the fitness needs, or "all" for all metrics of
+            the simulation.
 
     Raises:
-        InputError: there is no such candidate or metric, the controller does not fit the simulation, or a
+        InputError: the candidate or a metric does not exist, the controller does not fit the simulation, or a
             number is out of range.
         SimulationError: every episode failed, the last in the code of the simulation.
-        RunError: no broker, no fitting server, or every episode failed for another reason.
+        RunError: no broker, no suitable server, or every episode failed for another reason.
 
     Examples:
         >>> evaluation = swarmwright.post_evaluate("result", episodes=20, servers="in-process")
@@ -326,30 +330,34 @@ def post_evaluate(
     See also: `compare_controllers`, for two controllers in the same episodes; `transfer`, for other
     simulations.
     """
-    from swarmwright.runs.run import Run, run_of  # noqa: PLC0415 - it imports this module
+    from swarmwright.runs.run import Run, open_run  # noqa: PLC0415 - it imports this module
 
     if experiment is not None:
         experiment = experiment_of(experiment)
-    where = Where.of(episodes, seed, broker, servers, on_progress, metrics)
+    where = EvaluationOptions.of(episodes, seed, broker, servers, on_progress, metrics)
     if controller is not None:
         if candidate is not None or generation is not None:
-            raise InputError("controller: is evaluated instead of a candidate; leave out one of them")
+            raise InputError(
+                "controller: cannot be combined with a candidate or generation; omit one of them"
+            )
         if isinstance(run, str | PathLike) and Path(run).is_dir():
-            run = run_of(run)
-        used = run._store.used_seeds() if isinstance(run, Run) else set()
+            run = open_run(run)
+        used = run._store.collect_seeds() if isinstance(run, Run) else set()
         if experiment is None:
-            experiment = used_for(run, None) if isinstance(run, Run) else experiment_of(run)
-        return _of_controller(controller, experiment, where, used)
+            experiment = resolve_experiment(run, None) if isinstance(run, Run) else experiment_of(run)
+        if not isinstance(controller, Controller):
+            controller = Controller.load(controller)
+        return evaluate_controllers({"controller": controller}, experiment, where, used)[0]
     if isinstance(run, Experiment | Mapping):
-        raise InputError("run: is an experiment, which has no candidates; name a controller=..")
-    run = run_of(run)
+        raise InputError("run: an experiment has no candidates; specify controller=..")
+    run = open_run(run)
     evaluation = run.evaluation(candidate, generation)
-    experiment = experiment or used_for(run, evaluation.generation)
-    return of_candidates(run, [evaluation], experiment, where)[0]
+    experiment = experiment or resolve_experiment(run, evaluation.generation)
+    return evaluate_candidates(run, [evaluation], experiment, where)[0]
 
 
-class Where(NamedTuple):
-    """In which episodes, and where, a controller is evaluated; seed, broker, .. as in `post_evaluate`."""
+class EvaluationOptions(NamedTuple):
+    """Options of a post-evaluation, as in `post_evaluate`."""
 
     episodes: int
     seed: int | None
@@ -368,36 +376,39 @@ class Where(NamedTuple):
         on_progress: Progress | None,
         metrics: Sequence[str] | Literal["all"] = (),
     ) -> Self:
-        """Return it from the arguments of `post_evaluate`. Raises InputError for no episode."""
+        """Check and convert arguments of `post_evaluate`. Raises InputError for fewer than 1 episode."""
         if episodes < 1:
             raise InputError(f"episodes: must be at least 1, not {episodes}")
         return cls(episodes, None if seed is None else index(seed), broker, servers, on_progress, metrics)
 
     def seeds(self, experiment: Experiment, used: set[int]) -> list[int]:
-        """Return the seed of each episode; used: by evolution. Raises InputError for one out of range."""
+        """Return the seed of each episode. Raises InputError for seeds out of range.
+
+        used: seeds of the evolution, which are skipped unless a seed was requested.
+        """
         if self.seed is None:
-            return unseen_seeds(experiment.first_seed, used, self.episodes)
+            return choose_unseen_seeds(experiment.first_seed, used, self.episodes)
         if not 0 <= self.seed <= 2**63 - self.episodes:
             raise InputError(f"seed: must be from 0 to 2**63 - {self.episodes}, not {self.seed}")
         return list(range(self.seed, self.seed + self.episodes))
 
     def check(self, experiment: Experiment) -> None:
-        """Raise InputError where there are too few episodes for one fitness."""
+        """Raise InputError if there are too few episodes for a fitness."""
         from swarmwright.experiment.ranking_checks import makes_fitness  # noqa: PLC0415 - takes long, not for reading runs
 
         if not makes_fitness(experiment.ranking, self.episodes):
             needed = experiment.ranking.episodes
             raise InputError(
-                f"episodes: must be at least ranking.episodes, {needed}, of which a fitness is made, not "
+                f"episodes: must be at least ranking.episodes ({needed}), which the fitness aggregates, not "
                 f"{self.episodes}"
             )
 
 
-def of_candidates(
-    run: "Run", candidates: Sequence[Evaluation], experiment: Experiment, where: Where
+def evaluate_candidates(
+    run: "Run", candidates: Sequence[Evaluation], experiment: Experiment, where: EvaluationOptions
 ) -> list[PostEvaluation]:
-    """Evaluate candidates of a run in the same episodes, by an experiment; raises as `post_evaluate`."""
-    used = run._store.used_seeds()
+    """Evaluate candidates of a run in the same episodes of an experiment; raises as `post_evaluate`."""
+    used = run._store.collect_seeds()
     validated = set((run._store.validation() or {}).get("seeds", ()))
     seeds = where.seeds(run.experiment, used)
     where.check(experiment)
@@ -409,7 +420,7 @@ def of_candidates(
         metrics=select_metrics(experiment, where.metrics),
     ) as backend:
         genomes = np.stack([candidate.genome for candidate in candidates])
-        results = evaluated(experiment, backend, genomes, seeds, where.on_progress)
+        results = evaluate_genomes(experiment, backend, genomes, seeds, where.on_progress)
         names = backend.metrics
     return [
         PostEvaluation(
@@ -428,39 +439,31 @@ def of_candidates(
     ]
 
 
-def _of_controller(
-    given: Controller | str | PathLike[str], experiment: Experiment, where: Where, used: set[int]
-) -> ControllerEvaluation:
-    """Evaluate a controller from elsewhere. used: seeds that are not taken unless they are asked for."""
-    controller = given if isinstance(given, Controller) else Controller.load(given)
-    return of_controllers({"controller": controller}, experiment, where, used)[0]
-
-
-def of_controllers(
+def evaluate_controllers(
     controllers: Mapping[str, Controller],
     experiment: Experiment,
-    where: Where,
+    where: EvaluationOptions,
     used: set[int],
     *,
     may_fail: bool = False,
 ) -> list[ControllerEvaluation]:
-    """Evaluate controllers of any kinds in the same episodes, one after the other.
+    """Evaluate controllers of any kinds in the same episodes, sequentially.
 
     Args:
-        controllers: by what messages call them.
-        experiment: whose simulation, fitness and ranking.
-        where: in which episodes, and where.
-        used: seeds that are not taken unless they are asked for.
-        may_fail: whether a controller may fail in every episode.
+        controllers: by their names in messages.
+        experiment: has the simulation, fitness and ranking.
+        where: options of the evaluation.
+        used: seeds to skip, unless a seed was requested.
+        may_fail: accept controllers that fail in every episode.
 
-    Raises as `post_evaluate`, before the first episode where a controller does not fit.
+    Raises as `post_evaluate`, and before the first episode if a controller does not fit.
     """
     from swarmwright.servers.evaluation.evaluate import check_fit  # noqa: PLC0415 - takes long, not for reading runs
 
     seeds = where.seeds(experiment, used)
     where.check(experiment)
     total = len(controllers) * len(seeds)
-    found: list[ControllerEvaluation] = []
+    evaluations: list[ControllerEvaluation] = []
     with _servers_for(controllers.values(), experiment, where, total) as (broker, servers):
         for name, controller in controllers.items():
             specification = controller.specification
@@ -472,19 +475,19 @@ def of_controllers(
                 metrics=select_metrics(experiment, where.metrics),
                 controller=specification,
             ) as backend:
-                for place, member in controllers.items():
-                    check_fit(member, backend.sensors, backend.actuators, experiment.simulation, place)
+                for label, member in controllers.items():
+                    check_fit(member, backend.sensors, backend.actuators, experiment.simulation, label)
                 weights = np.array([specification["weights"]], dtype=np.float32)
-                results = _results(
+                results = _evaluate(
                     backend,
                     Controllers(specification, weights),
                     seeds,
-                    _part(where.on_progress, len(found) * len(seeds), total),
+                    _offset_progress(where.on_progress, len(evaluations) * len(seeds), total),
                     may_fail=may_fail,
-                    whose="" if len(controllers) == 1 else f"{name}: ",
+                    prefix="" if len(controllers) == 1 else f"{name}: ",
                 )
                 names = backend.metrics
-            found.append(
+            evaluations.append(
                 ControllerEvaluation(
                     seeds=seeds,
                     episodes=results.fitness[0] + 0.0,
@@ -492,33 +495,33 @@ def of_controllers(
                     metrics=dict(zip(names, results.metrics[0].T + 0.0, strict=True)),
                 )
             )
-    return found
+    return evaluations
 
 
 @contextmanager
 def _servers_for(
-    controllers: Collection[Controller], experiment: Experiment, where: Where, most: int
+    controllers: Collection[Controller], experiment: Experiment, where: EvaluationOptions, most: int
 ) -> Iterator[tuple[str | None, Servers | None]]:
     """Start servers once for several controllers; yield broker and servers as `open_once` does."""
-    # Servers are started with the modules in Python of the controllers that they get.
+    # Servers that run modules in Python are started for a single controller.
     if len(controllers) == 1 or any(is_in_python(controller.specification) for controller in controllers):
         yield where.broker, where.servers
         return
-    with open_once(experiment, where.broker, where.servers, most=most) as opened:
-        yield opened
+    with open_once(experiment, where.broker, where.servers, most=most) as broker_and_servers:
+        yield broker_and_servers
 
 
-def _part(on_progress: Progress | None, before: int, total: int) -> Progress | None:
-    """Return the progress of a part of all episodes. before: episodes of the parts before it."""
+def _offset_progress(on_progress: Progress | None, before: int, total: int) -> Progress | None:
+    """Return a callback for a part of all episodes, with `before` episodes before it."""
     if on_progress is None:
         return None
     return lambda done, _total, waiting_for: on_progress(before + done, total, waiting_for)
 
 
-def unseen_seeds(first: int, used: set[int], count: int, begin: int | None = None) -> list[int]:
-    """Return simulation seeds that are none of `used`, the first ones from `begin` on.
+def choose_unseen_seeds(first: int, used: set[int], count: int, begin: int | None = None) -> list[int]:
+    """Return the first `count` simulation seeds from `begin` on that are not in `used`.
 
-    Default of `begin`: parameters.seed, which is `first`, + 10**9.
+    `begin` is by default `first`, which is parameters.seed, + 10**9.
     """
     seed = begin if begin is not None else first + _HELD_OUT_OFFSET if first < 2**62 else first - 2**61
     seeds: list[int] = []
@@ -529,7 +532,7 @@ def unseen_seeds(first: int, used: set[int], count: int, begin: int | None = Non
     return seeds
 
 
-def evaluated(
+def evaluate_genomes(
     experiment: Experiment,
     backend: Backend,
     genomes: Genomes,
@@ -538,52 +541,52 @@ def evaluated(
     *,
     may_fail: bool = False,
 ) -> Results:
-    """Return the results of genomes, (candidates, genome_size), in an episode of each seed.
+    """Evaluate genomes, (candidates, genome_size), in an episode of each seed.
 
-    Raises RunError when every episode failed, unless that may be.
+    Raises RunError when every episode failed, unless `may_fail`.
     """
     representation = experiment.representation(backend.sensors, backend.actuators)
     if genomes.shape[1] != representation.genome_size:
         raise InputError(
-            f"the run's controllers have {genomes.shape[1]} genes, those of this experiment have "
+            f"the run's controllers have {genomes.shape[1]} genes, but those of this experiment have "
             f"{representation.genome_size}"
         )
     controllers = Controllers.from_genomes(representation, genomes)
-    return _results(backend, controllers, seeds, on_progress, may_fail=may_fail)
+    return _evaluate(backend, controllers, seeds, on_progress, may_fail=may_fail)
 
 
-def _results(
+def _evaluate(
     backend: Backend,
     controllers: Controllers,
     seeds: Sequence[int],
     on_progress: Progress | None,
     *,
     may_fail: bool,
-    whose: str = "",
+    prefix: str = "",
 ) -> Results:
-    """Return the results of controllers in an episode of each seed; raises as `evaluated`.
+    """Evaluate controllers in an episode of each seed; raises as `evaluate_genomes`.
 
-    whose: begins the message when every episode failed.
+    prefix: of the message when every episode failed.
     """
     backend.announce_post_evaluation()
     results = backend.evaluate(controllers, seeds, on_progress or (lambda *_: None))
     if not (may_fail or np.isfinite(results.fitness).any()):
-        words = f"{whose}every episode failed; the last reason: "
-        raise build_error(words, results.journal.errors, backend.failure_of, unknown="not known")
+        message = f"{prefix}every episode failed; the last reason: "
+        raise build_error(message, results.journal.errors, backend.failure_of, unknown="not known")
     return results
 
 
-def _finite_of(values: NDArray[np.float64]) -> list[float]:
+def _select_finite(values: NDArray[np.float64]) -> list[float]:
     return [value for value in values.tolist() if math.isfinite(value)]
 
 
-def finite(values: NDArray[np.float64]) -> list[Any]:
-    """Return numbers as nested lists, None in the place of those that are not finite."""
+def encode_numbers(values: NDArray[np.float64]) -> list[Any]:
+    """Return numbers as nested lists for JSON, with None for those that are not finite."""
     if values.ndim > 1:
-        return [finite(number) for number in values]
+        return [encode_numbers(number) for number in values]
     return [value if math.isfinite(value) else None for value in values.tolist()]
 
 
-def numbers(values: list[Any]) -> NDArray[np.float64]:
-    """Return what `finite` was made of; it cannot be changed, since runs keep it."""
+def decode_numbers(values: list[Any]) -> NDArray[np.float64]:
+    """Return the read-only array that `encode_numbers` encoded."""
     return read_only_array(np.array(values, dtype=np.float64))  # None becomes NaN

@@ -1,4 +1,4 @@
-"""Repeating an evaluation from its record."""
+"""Repeat an evaluation from its record."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from swarmwright.common.arguments import check_arguments
 from swarmwright.common.values import ComparedByValue
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.methods.rankings.race import Race
-from swarmwright.runs.code import used_for
+from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.instances import instances
 from swarmwright.runs.store import Evaluation
 from swarmwright.servers.evaluation.base import Controllers, Servers
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
 _VARYING = re.compile(r"\b0x[0-9a-fA-F]+\b|\bserver \d+|[^\s(]*/(?=[^\s/])")
-"""What differs between two failures for one reason: addresses, servers, and folders of files."""
+"""Parts that may differ between equal failures: addresses, servers, and folders of files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,40 +33,40 @@ class Repetition(ComparedByValue):
     """A recorded evaluation and its repetition."""
 
     number: int
-    """In the whole run, from 0."""
+    """Number in the whole run, from 0."""
     generation: int
     candidate: int
     recorded: NDArray[np.float64]
-    """(episodes,) fitness as recorded, of the episodes that were run; with racing and with `reevaluate` those
-    of all evaluations that the candidate's fitness is made of"""
+    """Recorded fitness of the episodes, (episodes,); with racing and with `reevaluate` those of all
+    evaluations that the candidate's fitness aggregates."""
     repeated: NDArray[np.float64]
-    """(episodes,) fitness now"""
+    """Fitness in the repetition, (episodes,)."""
     left_out: int = 0
-    """Episodes of the generation that the candidate did not go through, since it was dropped from a race"""
+    """Episodes of the generation that the candidate skipped, because a race had dropped it."""
     seeds: list[int] = field(default_factory=list)
-    """Simulation seed of each episode"""
+    """Simulation seed of each episode."""
     recorded_errors: list[str] = field(default_factory=list)
-    """Why episodes failed as recorded, each reason once"""
+    """Recorded reasons of failed episodes, each once."""
     errors: list[str] = field(default_factory=list)
-    """Why episodes fail now, each reason once"""
+    """Reasons of failed episodes in the repetition, each once."""
 
     @property
     def same(self) -> bool:
-        """Whether every episode came out the same, to the bit; those that failed, for a reason as recorded.
+        """Whether all episodes are bit-identical, and failures have a recorded reason.
 
         Addresses of objects, numbers of servers and folders in the reasons may differ.
         """
         failed = np.isnan(self.recorded)
         if (failed != np.isnan(self.repeated)).any():
             return False
-        # -0.0 and 0.0 are equal numbers, but other bits.
+        # -0.0 and 0.0 are equal numbers with different bits.
         if self.recorded[~failed].tobytes() != self.repeated[~failed].tobytes():
             return False
-        return not self.failed_again or bool(_plain(self.errors) & _plain(self.recorded_errors))
+        return not self.failed_again or bool(_normalize(self.errors) & _normalize(self.recorded_errors))
 
     @property
     def failed_again(self) -> int:
-        """Episodes that failed as recorded and now."""
+        """Number of episodes that failed both in the record and in the repetition."""
         return int((np.isnan(self.recorded) & np.isnan(self.repeated)).sum())
 
 
@@ -81,41 +81,41 @@ def repeat(
     servers: Servers | None = None,
     simulation: str | type | None = None,
 ) -> Repetition:
-    """Evaluate a candidate of a run once more, with the seeds of its record.
+    """Repeat an evaluation of a run with its recorded seeds, to check reproducibility.
+
+    Later edits of the simulation's code or of experiment.yaml are reported as warnings.
 
     Args:
-        run: where it is recorded, or its folder.
+        run: the run, or its folder.
         candidate: as in `Run.evaluation`.
         generation: as in `Run.evaluation`.
-        experiment: instead of the run's, with other servers or time-outs.
+        experiment: replaces the run's experiment, for example to change servers or time-outs.
         broker: as in `optimize`.
         servers: as in `optimize`.
-        simulation: a class, or `FILE:Class`, instead of the code with which it was evaluated.
-
-    Edits made after the run, of the simulation's code or experiment.yaml, are reported as a warning.
+        simulation: a class, or `FILE:Class`, in place of the code that evaluated the candidate.
 
     Raises:
-        InputError: there is no such evaluation, or the code is gone.
-        RunError: no broker or no fitting server.
+        InputError: the evaluation does not exist, or its code is missing.
+        RunError: no broker or no suitable server.
 
     Examples:
-        >>> again = swarmwright.repeat("result", servers="in-process")
-        >>> again.repeated == again.recorded
+        >>> repetition = swarmwright.repeat("result", servers="in-process")
+        >>> repetition.repeated == repetition.recorded
         array([ True])
 
     See also: `post_evaluate`, for other seeds than those of the record.
     """
-    from swarmwright.runs.run import run_of  # noqa: PLC0415 - it imports this module
+    from swarmwright.runs.run import open_run  # noqa: PLC0415 - it imports this module
 
-    run = run_of(run)
+    run = open_run(run)
     if experiment is not None:
         experiment = experiment_of(experiment)
     recorded = run.evaluation(candidate, generation)
     parts = instances(run, recorded)
-    ran = _episodes_run(run, recorded)
+    ran = _count_episodes(run, recorded)
     seeds = [seed for part in parts[:-1] for seed in part.seeds] + recorded.seeds[:ran]
     before = np.concatenate([*(part.episodes for part in parts[:-1]), recorded.episodes[:ran]])
-    experiment = experiment or used_for(run, recorded.generation, simulation)
+    experiment = experiment or resolve_experiment(run, recorded.generation, simulation)
     with open_backend(experiment, broker=broker, servers=servers, most=len(seeds)) as backend:
         representation = experiment.representation(backend.sensors, backend.actuators)
         controllers = Controllers.from_genomes(representation, recorded.genome[np.newaxis])
@@ -135,26 +135,28 @@ def repeat(
 
 
 def _recorded_errors(run: "Run", parts: Sequence[Evaluation]) -> list[str]:
-    """Return why episodes of these evaluations failed, each reason once."""
-    of = {(part.generation, part.candidate) for part in parts}
+    """Return the reasons of failed episodes of these evaluations, each once."""
+    keys = {(part.generation, part.candidate) for part in parts}
     errors = [
         attempt.error
         for attempt in run.attempts()
         if attempt.error is not None
         and attempt.outcome in NO_RESULT
-        and any((attempt.generation, attempt.candidate + index) in of for index in range(attempt.candidates))
+        and any(
+            (attempt.generation, attempt.candidate + index) in keys for index in range(attempt.candidates)
+        )
     ]
     return list(dict.fromkeys(errors))
 
 
-def _plain(errors: Sequence[str]) -> set[str]:
+def _normalize(errors: Sequence[str]) -> set[str]:
     return {_VARYING.sub("", error) for error in errors}
 
 
-def _episodes_run(run: "Run", recorded: Evaluation) -> int:
-    """Return how many episodes a candidate went through: all, but for one that was dropped from a race."""
+def _count_episodes(run: "Run", recorded: Evaluation) -> int:
+    """Return how many episodes a candidate ran: all, unless a race dropped it."""
     ranking = run.experiment.new_ranking()
     if not isinstance(ranking, Race):
         return len(recorded.seeds)
-    evaluated = next(run._store.one_generation(recorded.generation))
-    return int(ranking.ran(evaluated.episodes)[recorded.candidate])
+    generation = next(run._store.read_generation(recorded.generation))
+    return int(ranking.ran(generation.episodes)[recorded.candidate])

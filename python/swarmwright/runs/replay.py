@@ -1,4 +1,4 @@
-"""Episodes of runs, played again."""
+"""Replays of episodes of a run."""
 
 import dataclasses
 import json
@@ -17,7 +17,7 @@ from swarmwright.controllers.kinds import words_of
 from swarmwright.display import Caption
 from swarmwright.experiment.settings import Setting, parse_settings, refuse_seed
 from swarmwright.runs.choice import Choice, choose
-from swarmwright.runs.code import used_for
+from swarmwright.runs.code import resolve_experiment
 from swarmwright.servers.evaluation.module_code import is_in_python
 from swarmwright.servers.evaluation.shown import ShownEpisode, check_showable
 from swarmwright.simulations import catalogue
@@ -25,29 +25,28 @@ from swarmwright.simulations import catalogue
 if TYPE_CHECKING:
     from swarmwright.display import Recording
     from swarmwright.display.pictures import PictureRecording
-    from swarmwright.experiment.experiment import Experiment
     from swarmwright.runs.run import Run
 
 
-_MOST_CHANGED = 6
-"""Changed parameters that a page lists."""
+_MAX_CHANGES = 6
+"""Largest number of changed parameters in a caption."""
 _VALUE_CHARACTERS = 40
-"""Characters of a value there."""
+"""Largest number of characters of their values."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Replay(ShownEpisode):
-    """One episode of one controller, in the simulation of a run, whose parameters may be set to others."""
+    """An episode of a controller in the simulation of a run, possibly with changed parameters."""
 
     run: "Run"
     choice: Choice | None = None
-    """The candidate of the run that the controller is; None when it comes from elsewhere."""
+    """The candidate of the run, None if the controller is not from the run."""
     number: int | None = None
-    """Index of the episode; None for one that the run did not have."""
-    other: "Run | None" = None
-    """The run that the controller is a candidate of, where that is another one."""
+    """Index of the episode; None if the run did not have it."""
+    controller_run: "Run | None" = None
+    """The run that the controller is a candidate of, if it is another run."""
     settings: tuple[str, ...] = ()
-    """What is set of the parameters and fitness of the run, `KEY.PATH=VALUE` each."""
+    """Changed parameters and fitness, each `KEY.PATH=VALUE`."""
 
     @classmethod
     def of(
@@ -64,30 +63,30 @@ class Replay(ShownEpisode):
         broker: str | None = None,
         prefix: str | None = None,
     ) -> Self:
-        """Choose what is played.
+        """Choose the controller and the episode.
 
         Args:
-            run: whose simulation and parameters.
+            run: has the simulation and its parameters.
             generation: as in `Run.evaluation`.
             candidate: as in `Run.evaluation`.
-            controller: file or run folder with another controller, instead of a candidate of the run.
-            episode: one of the run's, default 0.
-            seed: of the simulation, for an episode that the run did not have.
-            simulation: a class, or `FILE:Class`, instead of the code with which the candidate was evaluated.
-            settings: other values of parameters and fitness than the run's, see `Experiment.load`.
-            broker: a server on it computes the episode and sends its scenes. Default: this process does, or,
-                where the simulation is not here, servers on the run's broker.
-            prefix: of topics on the broker, instead of the run's.
+            controller: file or run folder with another controller, in place of a candidate of the run.
+            episode: index of an episode of the run, by default 0.
+            seed: simulation seed, for an episode that is not in the run.
+            simulation: a class, or `FILE:Class`, in place of the code that evaluated the candidate.
+            settings: changes of parameters and fitness, see `Experiment.load`.
+            broker: compute the episode on a server on this broker that sends scenes. By default in this
+                process, or if the simulation is not installed, on the run's broker.
+            prefix: of topics on the broker, in place of the run's.
 
         Raises:
-            InputError: the simulation is not here and no broker is known, or there is no such candidate,
-                controller or episode.
+            InputError: the simulation is not installed and no broker is known, or the candidate, controller
+                or episode does not exist.
         """
         settings = list(settings)
         refuse_seed(settings)
-        broker = broker or _broker_of(run, simulation)
+        broker = broker or _find_broker(run, simulation)
         chosen = None if controller is not None else choose(run, generation, candidate)
-        used = used_for(run, None if chosen is None else chosen.generation, simulation)
+        used = resolve_experiment(run, None if chosen is None else chosen.generation, simulation)
         experiment = used.with_settings(
             settings, only=("parameters", "fitness"), reason="only parameters and fitness can be set here"
         )
@@ -98,16 +97,16 @@ class Replay(ShownEpisode):
         if seed is not None:
             simulation_seed("seed", seed)
         if number is not None and not 0 <= number < len(seeds):
-            has = "one episode, 0" if len(seeds) == 1 else f"{len(seeds)} episodes, 0 to {len(seeds) - 1}"
+            available = "only episode 0" if len(seeds) == 1 else f"episodes 0 to {len(seeds) - 1}"
             raise InputError(
-                f"episode {number}: the run evaluated {has}; name the seed of another one, --seed S "
-                "(in Python, seed=S)"
+                f"episode {number}: the run has {available}; for another episode specify its seed with "
+                "--seed S (in Python: seed=S)"
             )
-        played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
-        check_showable(broker, played)
+        replayed = Controller(chosen.specification) if chosen is not None else Controller.load(controller)  # type: ignore[arg-type] # chosen is None only with a controller
+        check_showable(broker, replayed)
         return cls(
             run=run,
-            controller=played,
+            controller=replayed,
             choice=chosen,
             source=controller,
             number=number,
@@ -125,57 +124,60 @@ class Replay(ShownEpisode):
         chosen = choose(other)
         controller = Controller(chosen.specification)
         self._check_fits(controller, other)
-        return dataclasses.replace(self, controller=controller, choice=chosen, source=None, other=other)
+        return dataclasses.replace(
+            self, controller=controller, choice=chosen, source=None, controller_run=other
+        )
 
     def _check_fits(self, controller: Controller, other: "Run") -> None:
-        here = f"{self.experiment.label} as {self.run.path} has it"
         advice = f"; show it alone: swarmwright replay {other.path}"
         if self.broker is not None and is_in_python(controller.specification):
             raise InputError(
-                f"{other.path}: behaviours and conditions in Python are shown in this process alone; leave "
-                f"the broker out{advice}"
+                f"{other.path}: behaviours and conditions in Python can only be shown in this process; omit "
+                f"the broker{advice}"
             )
         if controller.parameters:  # they steer no agents
             if controller.parameters.keys() != self.controller.parameters.keys():
                 raise InputError(
-                    f"{other.path}: its controllers are parameters of {other.experiment.label}, others than "
+                    f"{other.path}: its controllers have other parameters of {other.experiment.label} than "
                     f"those of {self.run.path}{advice}"
                 )
             return
         if self.broker is not None:
-            return  # what the simulation has there, its servers know
+            return  # only the servers know the sensors and actuators
         try:
             dataclasses.replace(self, controller=controller).engine_episode()
         except InputError as error:
-            raise InputError(f"{other.path}: does not fit {here}: {error}{advice}") from error
+            raise InputError(
+                f"{other.path}: does not fit {self.experiment.label} of {self.run.path}: {error}{advice}"
+            ) from error
 
     @property
     def name(self) -> str:
-        """What is played, as the command line names it: GENERATION:CANDIDATE, or the controller's file."""
+        """Name on the command line: GENERATION:CANDIDATE, or the controller's file."""
         if self.choice is None:
             return str(self.source)
         return f"{self.choice.generation}:{self.choice.candidate}"
 
     @property
     def title(self) -> str:
-        """What is played, in a line."""
-        return f"{self.run.experiment.label}: {self.whose}{self._which}"
+        """Title with the simulation, the controller and the episode."""
+        return f"{self.run.experiment.label}: {self.controller_text}{self._episode_label}"
 
     @property
-    def who(self) -> str:
-        """Which candidate or controller it is, in a sentence."""
+    def controller_sentence(self) -> str:
+        """Sentence that describes the candidate or controller."""
         number = "" if self.choice is None else f", evaluation {self.choice.number}"
-        return f"{self.whose[:1].upper()}{self.whose[1:]}{number}."
+        return f"{self.controller_text[:1].upper()}{self.controller_text[1:]}{number}."
 
     @property
-    def whose(self) -> str:
-        """Which candidate or controller it is, in words."""
+    def controller_text(self) -> str:
+        """Description of the candidate or controller."""
         if self.choice is None:
             return f"controller of {self.source}"
         return f"candidate {self.choice.candidate} of generation {self.choice.generation}"
 
     @property
-    def _which(self) -> str:
+    def _episode_label(self) -> str:
         if self.number is None:
             return f", simulation seed {self.seed}"
         return f", episode {self.number} ({self._episodes} in all)" if self._episodes > 1 else ""
@@ -185,41 +187,45 @@ class Replay(ShownEpisode):
         return self.run.experiment.ranking.episodes if self.choice is None else len(self.choice.seeds)
 
     def outcome(self, fitness: float) -> str:
-        """Return the episode's fitness in words, beside the candidate's when that is another thing."""
-        said = f"Fitness {fitness + 0.0:.6g}"  # no -0
+        """Describe the episode's fitness, and the candidate's if that is something else."""
+        text = f"Fitness {fitness + 0.0:.6g}"  # no -0
         if self.choice is None:
-            return f"{said}."
+            return f"{text}."
         if self.number is not None and self._as_recorded:
             recorded = self.choice.episodes[self.number]
             if fitness != recorded and not math.isnan(recorded):
-                was = f"in the run it was {recorded + 0.0:.6g}"
-                return f"{said}; {was}: this simulation is not bit-identical here."
-            if not self.choice.made_of:
-                return f"{said}."
-        where = f"in episode {self.number}" if self.number is not None else f"with seed {self.seed}"
-        meaning = f" ({self.choice.made_of})" if self.choice.made_of else ""
+                return (
+                    f"{text}, but {recorded + 0.0:.6g} in the run: this simulation is not bit-identical here."
+                )
+            if not self.choice.aggregation:
+                return f"{text}."
+        episode = f"in episode {self.number}" if self.number is not None else f"with seed {self.seed}"
+        meaning = f" ({self.choice.aggregation})" if self.choice.aggregation else ""
         whole = f"{self.choice.fitness + 0.0:.6g}{meaning}"
-        return f"{said} {where}; recorded fitness of the candidate: {whole}."
+        return f"{text} {episode}; recorded fitness of the candidate: {whole}."
 
     @property
     def _as_recorded(self) -> bool:
         """Whether parameters and fitness are those of the run."""
-        mine, runs = self.experiment, self.run.experiment
-        return (mine.parameters, mine.fitness) == (runs.parameters, runs.fitness)
+        present, recorded = self.experiment, self.run.experiment
+        return (present.parameters, present.fitness) == (recorded.parameters, recorded.fitness)
 
-    def _changed(self) -> Iterator[tuple[str, str]]:
-        """Yield what is not as in the run."""
-        mine, runs = self.experiment, self.run.experiment
-        changed = list(_changed(mine.parameters, runs.parameters, parse_settings(self.settings)))
-        if changed:
-            more = [f"and {len(changed) - _MOST_CHANGED} more"] if len(changed) > _MOST_CHANGED else []
-            yield ("changed parameters", ", ".join([*changed[:_MOST_CHANGED], *more]))
-        if mine.fitness != runs.fitness:
-            own = "the simulation's"
-            yield ("changed fitness", f"{mine.fitness or own} (in the run {runs.fitness or own})")
+    def _list_differences(self) -> Iterator[tuple[str, str]]:
+        """Yield differences from the recorded run."""
+        present, recorded = self.experiment, self.run.experiment
+        changes = list(_list_changes(present.parameters, recorded.parameters, parse_settings(self.settings)))
+        if changes:
+            more = [f"and {len(changes) - _MAX_CHANGES} more"] if len(changes) > _MAX_CHANGES else []
+            yield ("changed parameters", ", ".join([*changes[:_MAX_CHANGES], *more]))
+        if present.fitness != recorded.fitness:
+            default = "the simulation's"
+            yield (
+                "changed fitness",
+                f"{present.fitness or default} (in the run {recorded.fitness or default})",
+            )
 
     def identity(self) -> dict[str, Any]:
-        """Return what is played as plain values, for `--json`."""
+        """Return the controller and the episode as plain values, for `--json`."""
         choice = self.choice
         return {
             "episode": self.number,
@@ -231,16 +237,17 @@ class Replay(ShownEpisode):
         }
 
     def caption(self, recording: "Recording | PictureRecording | None" = None) -> Caption:
-        """Return the title and the facts of the experiment that are beside a picture.
+        """Return the title and the facts of the experiment for a picture.
 
-        recording: of the episode, which says what was simulated and what came out.
+        recording: of the episode, with its simulation and fitness.
         """
         experiment = self.run.experiment
-        facts = [*self._iter_mission(recording), *self._changed()]
-        facts += [("controller", words_of(self.controller.specification)), *_origin(experiment)]
+        facts = [*self._iter_mission(recording), *self._list_differences()]
+        facts.append(("controller", words_of(self.controller.specification)))
+        facts += [("method", label_of(experiment.method.kind)), ("seed of the run", str(experiment.seed))]
         if self.choice is not None:
             value = f"{self.choice.fitness + 0.0:.6g}"
-            episodes = f" ({self.choice.made_of})" if self.choice.made_of else ""
+            episodes = f" ({self.choice.aggregation})" if self.choice.aggregation else ""
             facts.append(("fitness of the candidate", f"{value}{episodes}"))
         if recording is not None and (self.choice is None or recording.fitness != self.choice.fitness):
             facts.append(("fitness of this episode", f"{recording.fitness + 0.0:.6g}"))
@@ -248,50 +255,52 @@ class Replay(ShownEpisode):
         return Caption(self.title, tuple(facts))
 
 
-def names(replays: Iterable[Replay]) -> list[str]:
-    """Return what episodes beside each other are called, with the names of their runs where these differ."""
+def name_replays(replays: Iterable[Replay]) -> list[str]:
+    """Return labels of episodes shown side by side, with the names of their runs if these differ."""
     replays = list(replays)
-    runs = [(replay.other or replay.run).path.resolve() for replay in replays]
-    if len(set(runs)) < 2:
+    folders = [(replay.controller_run or replay.run).path.resolve() for replay in replays]
+    if len(set(folders)) < 2:
         return [replay.name for replay in replays]
-    # Folders of the same name are told apart by those that they are in.
-    of = [path.name for path in runs]
+    # Folders of the same name need the names of their parents.
+    labels = [path.name for path in folders]
     depth = 1
-    while len(set(of)) < len(set(runs)):
+    while len(set(labels)) < len(set(folders)):
         depth += 1
-        of = [str(Path(*path.parts[-depth:])) for path in runs]
+        labels = [str(Path(*path.parts[-depth:])) for path in folders]
     return [
-        f"{run} {replay.name}" if replay.choice else replay.name
-        for run, replay in zip(of, replays, strict=True)
+        f"{label} {replay.name}" if replay.choice else replay.name
+        for label, replay in zip(labels, replays, strict=True)
     ]
 
 
-def _changed(now: Mapping[str, Any], before: Mapping[str, Any], settings: Iterable[Setting]) -> Iterator[str]:
-    """Yield parameters that are not as they were, as words: what was set as it was typed, then all others."""
-    said: set[str] = set()
-    # The last one of a key holds.
+def _list_changes(
+    now: Mapping[str, Any], before: Mapping[str, Any], settings: Iterable[Setting]
+) -> Iterator[str]:
+    """Yield descriptions of changed parameters: settings as they were typed, then all others."""
+    listed: set[str] = set()
+    # The last setting of a key counts.
     for path, value in {
         setting.path[1:]: setting.value for setting in settings if setting.path[0] == "parameters"
     }.items():
         if not path or _value_at(now, path) == _value_at(before, path):
             continue
-        said.add(path[0])  # a name of which a part is set is a mapping now: not all of it is news
-        yield f"{'.'.join(path)} {_shortened(value)}{_earlier_value(_value_at(before, path))}"
+        listed.add(path[0])  # setting a part makes the whole a mapping, whose other parts are unchanged
+        yield f"{'.'.join(path)} {_shorten(value)}{_format_recorded(_value_at(before, path))}"
     flat_now, flat_before = flatten(now), flatten(before)
     for key in dict.fromkeys([*flat_now, *flat_before]):
-        if key == "seed" or key.split(".")[0] in said:
+        if key == "seed" or key.split(".")[0] in listed:
             continue
-        value, was = flat_now.get(key, _NONE), flat_before.get(key, _NONE)
-        if value != was:
-            yield f"{key} {_shortened(value)}{_earlier_value(was)}"
+        value, recorded = flat_now.get(key, _NONE), flat_before.get(key, _NONE)
+        if value != recorded:
+            yield f"{key} {_shorten(value)}{_format_recorded(recorded)}"
 
 
 _NONE = object()
-"""Stands for a parameter that is not given."""
+"""Stands for a parameter that is not set."""
 
 
 def _value_at(values: Any, path: Iterable[str]) -> Any:  # noqa: ANN401 - any value of a file
-    """Return a parameter, or a part of one."""
+    """Return a parameter, or a part of it."""
     for part in path:
         if isinstance(values, Mapping):
             values = values.get(part, _NONE)
@@ -302,26 +311,22 @@ def _value_at(values: Any, path: Iterable[str]) -> Any:  # noqa: ANN401 - any va
     return values
 
 
-def _shortened(value: Any) -> str:  # noqa: ANN401 - any value of a file
+def _shorten(value: Any) -> str:  # noqa: ANN401 - any value of a file
     if value is _NONE:
-        return "not given"
+        return "not set"
     text = value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= _VALUE_CHARACTERS else f"{text[: _VALUE_CHARACTERS - 1]}…"
 
 
-def _earlier_value(value: Any) -> str:  # noqa: ANN401 - any value of a file
-    """Return what a parameter was, in words; nothing where the run did not give it."""
-    return "" if value is _NONE else f" (in the run {_shortened(value)})"
+def _format_recorded(value: Any) -> str:  # noqa: ANN401 - any value of a file
+    """Describe the recorded value of a parameter; empty if the run did not set it."""
+    return "" if value is _NONE else f" (in the run {_shorten(value)})"
 
 
-def _origin(experiment: "Experiment") -> list[tuple[str, str]]:
-    return [("method", label_of(experiment.method.kind)), ("seed of the run", str(experiment.seed))]
+def _find_broker(run: "Run", simulation: str | type | None) -> str | None:
+    """Return the broker for a simulation that is not installed; None for an installed simulation.
 
-
-def _broker_of(run: "Run", simulation: str | type | None) -> str | None:
-    """Where a simulation is computed that is not here; None for one that is.
-
-    simulation: instead of the run's.
+    simulation: in place of the run's.
     """
     title, broker = simulation or run.experiment.simulation, run.experiment.broker
     if isinstance(title, type) or catalogue.is_local(title):
@@ -329,8 +334,8 @@ def _broker_of(run: "Run", simulation: str | type | None) -> str | None:
     if broker is not None:
         return broker
     raise InputError(
-        f"{run.path}: the simulation '{title}' is not built in; name the broker of a server that offers it "
-        f"and has scenes (--broker URL), name its class or environment if that is here (--simulation NAME), "
-        f"or have a server draw it itself: swarmwright simulate "
-        f"{run.path / 'experiment.yaml'} --controller {run.path} --visual --broker URL"
+        f"{run.path}: the simulation '{title}' is not built in; specify the broker of a server that offers "
+        f"it with scenes (--broker URL), or its class or environment (--simulation NAME), or let a server "
+        f"draw it: swarmwright simulate {run.path / 'experiment.yaml'} --controller {run.path} --visual "
+        "--broker URL"
     )

@@ -1,4 +1,4 @@
-"""Reading run folders, the results of optimizations."""
+"""Read run folders, the results of optimizations."""
 
 import math
 import os
@@ -27,7 +27,7 @@ from swarmwright.runs.instances import best_words
 from swarmwright.runs.store import Evaluation, StoreReader
 from swarmwright.runs.store.folder import find_store
 from swarmwright.runs.store.lock import is_locked
-from swarmwright.runs.store.lookup import nothing
+from swarmwright.runs.store.lookup import explain_missing_best
 from swarmwright.runs.store.table import RecordTable
 from swarmwright.servers.rows import Attempt, Event, FailureReason, ServerShare, Session
 from swarmwright.simulations.user_code.trust import trusting
@@ -49,12 +49,12 @@ State = Literal["done", "stopped", "running", "interrupted", "killed", "failed"]
 
 @dataclass(frozen=True)
 class Best:
-    """The best candidate of a run; of equals, the first."""
+    """The best candidate of a run; the first of equals."""
 
     fitness: float
     generation: int
     candidate: int
-    """Index among the candidates evaluated in that generation."""
+    """Index in its generation."""
     specification: dict[str, Any] = field(repr=False)
     """The controller as plain values."""
 
@@ -65,51 +65,50 @@ class Best:
 
 
 class Run:
-    """An optimization's results, in a folder.
+    """The results of an optimization, in a folder.
 
-    Made by `swarmwright.optimize`, `Run.open(folder)` or `Run(folder)`. The files: run.sqlite (every
-    evaluation with its seeds, servers and errors), experiment.yaml (every default written out), best.json
-    (the best controller) and fitness.png. A run that was killed can be opened too, and one that still
-    goes on.
+    Returned by `swarmwright.optimize`, `Run.open(folder)` and `Run(folder)`. The folder has run.sqlite (all
+    evaluations with their seeds, servers and errors), experiment.yaml (with all defaults), best.json (the
+    best controller) and fitness.png. Killed and running runs can be opened, too.
 
-    All of it is as it was when it was opened, whatever is added later: generations, sessions, attempts,
-    validation. Only `state`, and with it `interrupted` and `ended`, tell of a run that goes on what has
-    become of it; `validation_is_due` and `transfer_is_due` say what is missing now. `Run.open(run.path)` has
-    what was added. Two of these objects are equal when they are the same object.
+    A run is a snapshot of the moment when it was opened: generations, sessions, attempts and validation that
+    are added later do not appear; open it again with `Run.open(run.path)` to read them. Only `state`,
+    `interrupted` and `ended` follow a run in progress, and `validation_is_due` and `transfer_is_due` describe
+    the present folder. Two runs are equal only if they are the same object.
     """
 
     _values: dict[str, Any] | None = None
-    """The experiment as plain values, where it is made of them later."""
+    """The experiment as plain values, if it is created from them later."""
 
     def __init__(self, path: str | os.PathLike[str], store: StoreReader | None = None) -> None:
         folder = path_of("path", path, "a run folder")
         self._place = StablePath(folder if store else find_store(folder))
         if store is None:
-            with StoreReader.opened(self.path) as store:
-                pass  # it keeps to this moment
+            with StoreReader.open_snapshot(self.path) as store:
+                pass  # fixes the moment of the snapshot
         self._store = store
-        """What run.sqlite holds, table by table; for this library only."""
+        """Reader of run.sqlite; private to this library."""
 
     @property
     def path(self) -> Path:
-        """The folder: as it was given, or absolute where the working folder has changed since."""
+        """The folder as passed to the constructor, or absolute if the working directory has changed."""
         return self._place.path
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], *, trust: bool = False) -> Self:
-        """Open a run folder, which runs no code of it.
+        """Open a run folder without executing any code in it.
 
         Args:
             path: of the folder.
-            trust: execute its simulation's code when it is evaluated or shown, although it is not of a run
-                that this user has made here. It is remembered for this code.
+            trust: allow its simulation's code to be executed when candidates are evaluated or shown, although
+                another user or machine made the run. The permission is remembered for this code.
 
-        Raises InputError when `path` is not a run folder, or when its store cannot be read.
+        Raises InputError when `path` is not a run folder, or its store cannot be read.
         """
         flag("trust", trust)
         run = cls(path)
         with trusting() if trust else nullcontext():
-            _ = run.history, run.experiment  # report errors now rather than later
+            _ = run.history, run.experiment  # report errors early
         if trust:
             from swarmwright.runs.code import trust_code
 
@@ -118,47 +117,47 @@ class Run:
 
     @cached_property
     def experiment(self) -> Experiment:
-        """The experiment as it was run."""
+        """The experiment of the run."""
         return stored_experiment(self._store, self._values)
 
     @property
     def name(self) -> str:
-        """What the experiment's file was called, or else its simulation."""
+        """Name of the experiment's file without its suffix, or else of the simulation."""
         return self._store.name
 
     @property
     def created(self) -> str:
-        """When it was started, ISO 8601, UTC."""
+        """Start of the run, ISO 8601, UTC."""
         return self._store.created
 
     @cached_property
     def history(self) -> list[Summary]:
-        """The figures of each finished generation."""
+        """Statistics of each finished generation."""
         return self._store.history()
 
     @property
     def best_words(self) -> str:
-        """What the best fitness so far of `history` is, in words: with racing or `reevaluate` it can fall."""
+        """Description of the best fitness so far in `history`; with racing or `reevaluate` it can fall."""
         return best_words(self.experiment)
 
     @property
     def generations(self) -> int:
-        """Finished generations."""
+        """Number of finished generations."""
         return self._store.finished
 
     @property
     def evaluations(self) -> int:
-        """Evaluated candidates."""
+        """Number of evaluated candidates."""
         return self.history[-1].evaluations if self.history else 0
 
     @property
     def failed_evaluations(self) -> int:
-        """Evaluated candidates of which at least one episode failed."""
+        """Number of evaluated candidates with at least one failed episode."""
         return sum(summary.failed for summary in self.history)
 
     @cached_property
     def failed_episodes(self) -> int:
-        """Episodes of the record that failed; where there are any, every evaluation is read."""
+        """Number of failed episodes in the record; if there are any, all evaluations are read."""
         if not self.failed_evaluations:
             return 0
         return sum(int(entry.failed.sum()) for entry in taken(self))
@@ -168,26 +167,26 @@ class Run:
         """The best candidate. Raises RunError when no candidate was evaluated."""
         best = self._store.best()
         if best is None:
-            raise RunError(nothing(self.path))
-        from swarmwright.runs.code import of_generation
+            raise RunError(explain_missing_best(self.path))
+        from swarmwright.runs.code import restore_experiment
 
-        experiment = of_generation(self, best.generation)
+        experiment = restore_experiment(self, best.generation)
         specification = experiment.representation().specification(best.genome)
         return Best(best.fitness, best.generation, best.candidate, specification)
 
     @cached_property
     def validation(self) -> "Validation | None":
-        """The best candidates on held-out seeds, evaluated when the run ended, as `validate` says.
+        """The best candidates on held-out seeds, evaluated at the end of the run as set by `validate`.
 
-        None where that is switched off or has not been done, and of runs that are too short for it.
+        None if validation is switched off or not done yet, or the run is too short for it.
         """
-        from swarmwright.runs.validation import of_run
+        from swarmwright.runs.validation import load_run_validation
 
-        return of_run(self) if self.generations else None
+        return load_run_validation(self) if self.generations else None
 
     @cached_property
     def episodes_saved(self) -> int:
-        """Episodes that candidates did not go through because a race had dropped them: `ranking: race`."""
+        """Episodes saved because a race dropped candidates (`ranking: race`)."""
         ranking = self.experiment.ranking
         if not isinstance(ranking, RaceOptions):
             return 0
@@ -197,24 +196,24 @@ class Run:
 
     @cached_property
     def slow_evaluations(self) -> int:
-        """Candidates that were evaluated in the ranking's slow simulation as well, but for failed ones."""
-        return self._store.measured(METRIC) if isinstance(self.experiment.ranking, SlowOptions) else 0
+        """Candidates successfully evaluated in the ranking's slow simulation."""
+        return self._store.count_measured(METRIC) if isinstance(self.experiment.ranking, SlowOptions) else 0
 
     @property
     def audit(self) -> dict[str, int] | None:
-        """How many evaluations were repeated when the run ended, and how they came out; None for none.
+        """Result of the audit at the end of the run; None without an audit. See `faults: {audit}`.
 
-        `evaluations` and `episodes` that were compared, `elsewhere`, how many of these episodes another
-        server repeated, `failed`, how many failed when they were repeated, and `differ`, how many evaluations
-        came out differently. See `faults: {audit}`.
+        Keys: `evaluations` and `episodes` that were compared, `elsewhere` (episodes repeated by another
+        server), `failed` (episodes that failed in the repetition) and `differ` (evaluations with another
+        result).
         """
         return self._store.audit()
 
     @property
     def validation_is_due(self) -> bool:
-        """Whether the validation was interrupted, or a run that is done lacks it: `resume` does it.
+        """Whether the validation was interrupted, or is missing in a finished run; `resume` completes it.
 
-        As the run is now, also where it has gone on since it was opened.
+        This describes the present folder, even if the run has continued since it was opened.
         """
         from swarmwright.runs.validation import is_due
 
@@ -226,10 +225,10 @@ class Run:
 
     @cached_property
     def transferred(self) -> "tuple[Transferred, ...]":
-        """The best candidates in the other simulations that `validate` names, evaluated when the run ended.
+        """The best candidates in the other simulations that `validate` names, evaluated at the run's end.
 
-        One for each simulation that could be reached, in the order of `validate`.
-        `swarmwright.transfer(run, ..)` evaluates them in others, without adding anything to the run.
+        One result for each simulation that was available, in the order of `validate`. To evaluate them in
+        other simulations, without adding anything to the run, use `swarmwright.transfer(run, ..)`.
         """
         from swarmwright.runs.transfer.at_end import of_run
 
@@ -237,9 +236,9 @@ class Run:
 
     @property
     def transfer_is_due(self) -> bool:
-        """Whether the run has ended and simulations that `validate` names are missing: `resume` does them.
+        """Whether the run has ended without all simulations that `validate` names; `resume` adds them.
 
-        As the run is now, also where it has gone on since it was opened.
+        This describes the present folder, even if the run has continued since it was opened.
         """
         from swarmwright.runs.transfer.at_end import is_due
 
@@ -250,30 +249,30 @@ class Run:
 
     @property
     def unseen(self) -> "PostEvaluation | None":
-        """The candidate with the best recorded fitness, evaluated on held-out seeds: `validation.best`.
+        """The candidate with the best recorded fitness on held-out seeds: `validation.best`.
 
-        None where it has not been, or fitness depends on no seed.
+        None without a validation, or if fitness does not depend on the seed.
         """
         validation = self.validation
         return None if validation is None or not validation.depends_on_seed else validation.best
 
     @cached_property
     def sessions(self) -> list[Session]:
-        """Its sessions: the first process, then one for each time that it was resumed."""
+        """Sessions of the run: the first process, and one more each time it was resumed."""
         return self._store.sessions()
 
     @property
     def state(self) -> State:
         """The state of the run.
 
-        done: the budget is used or the target reached; stopped: a callback ended it;
-        interrupted: Ctrl-C or a closed output did; killed: it ended without writing an outcome; failed: no
-        server, a full disk, ..; running: a process works on it. Of a run that had not ended when it was
-        opened, this is its present state; the generations remain those that were finished then.
+        done: the budget is used up or the target is reached. stopped: a callback ended it. interrupted: by
+        Ctrl-C or a closed output. killed: it ended without writing an outcome. failed: no server, a full
+        disk, .. running: a process works on it. For a run that had not ended when it was opened, this is the
+        present state, while the generations remain those of that moment.
         """
         outcome: Any = self._outcome
         if outcome is None:
-            # First the lock: an outcome that is written in between is not missed then.
+            # Check the lock first, so that an outcome written in between is not missed.
             locked = is_locked(self.path)
             outcome = self._store.outcome()
             if outcome is None:
@@ -283,39 +282,39 @@ class Run:
 
     @property
     def _outcome(self) -> str | None:
-        """How its last session had ended when it was opened."""
+        """Outcome of the last session when the run was opened."""
         return self.sessions[-1].outcome if self.sessions else None
 
     @property
     def ended(self) -> Ended | None:
-        """What ended a run that is done: `generations`, `evaluations`, `seconds` or `target`; else None."""
-        ended: Any = self._store.ended(now=self._outcome is None) if self.state == "done" else ""
+        """What ended a finished run: `generations`, `evaluations`, `seconds` or `target`; otherwise None."""
+        ended: Any = self._store.find_end_reason(now=self._outcome is None) if self.state == "done" else ""
         return ended if ended in get_args(Ended) else None
 
     @property
     def interrupted(self) -> bool:
-        """Whether it ended before its time: by Ctrl-C, by being killed, or by a failure."""
+        """Whether the run ended early: by Ctrl-C, a killed process, or a failure."""
         return self.state not in {"done", "stopped"}
 
     @property
     def ended_since_opened(self) -> bool:
-        """Whether it has ended since it was opened, so that this object lacks its last generations."""
+        """Whether the run has ended since it was opened, so that this object lacks its last generations."""
         return self._outcome is None and not self.interrupted
 
     @property
     def seconds(self) -> float:
-        """Duration of all sessions together, of one without an outcome up to its last generation."""
+        """Total duration of all sessions; killed sessions count up to their last generation."""
         return math.fsum(session.seconds or 0.0 for session in self.sessions)
 
     @property
     def code(self) -> dict[int, str]:
-        """SHA-256 of each version of the source that was copied into the folder, from 1 on; in code/1, .."""
+        """SHA-256 of each version of user code copied into the folder, by number from 1 (code/1, ..)."""
         return self._store.code()
 
     def attempts(self) -> Iterator[Attempt]:
-        """Yield attempts at evaluations: which server, when, how long, what went wrong.
+        """Yield attempts at evaluations, with server, time, duration and error.
 
-        All of those by servers and worker processes; in this process, of evaluations that failed.
+        All attempts by servers and worker processes are recorded; in this process only failed ones.
         """
         return self._store.attempts()
 
@@ -333,7 +332,7 @@ class Run:
 
     @cached_property
     def record(self) -> RecordTable:
-        """Every evaluation of the finished generations: arrays, and a mapping of the columns of a table.
+        """All evaluations of the finished generations, as arrays and as a mapping of table columns.
 
         `pandas.DataFrame(run.record)` has the columns that `export` writes.
         """
@@ -351,20 +350,20 @@ class Run:
     def evaluation(
         self, candidate: SupportsIndex | None = None, generation: SupportsIndex | None = None
     ) -> Evaluation:
-        """Return one line of the record.
+        """Return an evaluation from the record, by default the best of the run.
 
         Args:
-            candidate: index among the candidates evaluated in `generation`, the best of them if not given;
-                without a generation, the number of the evaluation in the whole run, from 0.
-            generation: from 0. Without both, the best of the run is returned.
+            candidate: index in `generation`, by default of its best candidate; without a generation, the
+                number of the evaluation in the whole run, from 0.
+            generation: from 0.
 
-        Raises InputError when there is no such evaluation, RunError when there is nothing at all.
+        Raises InputError when the evaluation does not exist, RunError when the record is empty.
         """
         return self._store.evaluation(candidate, generation)
 
     @check_arguments
     def seeds(self, generation: int) -> list[int]:
-        """Return the simulation seed of each episode of a generation. Raises InputError without that one."""
+        """Return the simulation seed of each episode of a generation. Raises InputError if it is missing."""
         return self._store.seeds(generation)
 
     @property
@@ -374,27 +373,27 @@ class Run:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256, in hexadecimal, of the record: the same for the same results.
+        """SHA-256 of the record in hexadecimal; equal records have equal digests.
 
-        It is that of the last generation in the store, which goes on from those of all generations before.
+        It is the digest of the last generation, which includes those of all generations before.
         """
         return self._store.digest()
 
     @cached_property
     def elites(self) -> "Elites":
         """The archive of `map_elites`, or the front of `nsga2`. Raises InputError for other methods."""
-        from swarmwright.runs.elites import of_run
+        from swarmwright.runs.elites import compute_elites
 
-        return of_run(self)
+        return compute_elites(self)
 
     @check_arguments
     def export(self, path: str | PathLike[str]) -> None:
-        """Write the record as a table, a line per evaluation, sorted by generation and candidate.
+        """Write the record as a table with a row per evaluation, sorted by generation and candidate.
 
-        `.csv`: generation, candidate, fitness, episode_0, .. (its episodes' fitness), then metrics if there
-        are any (name_0, ..), then g0, .. (its genome). A metric that is called like another column, such as
-        episode, is metric_episode. `.parquet`: the same with lists in the columns
-        episodes and genome and in those of the metrics; this needs `pip install 'swarmwright[parquet]'`.
+        `.csv` has the columns generation, candidate, fitness, episode_0, .. (fitness of the episodes), then
+        metrics if there are any (name_0, ..), then g0, .. (the genome). A metric with the name of another
+        column, such as episode, becomes metric_episode. `.parquet` has the same columns, with lists for
+        episodes, genome and each metric; it needs `pip install 'swarmwright[parquet]'`.
         Raises InputError when the file cannot be written.
         """
         write_table(self._store, Path(path))
@@ -410,28 +409,28 @@ class Run:
         width: str | float | None = None,
         title: str | None = None,
     ) -> "Figure":
-        """Return a matplotlib figure of fitness and diversity, or of metrics, which a notebook shows.
+        """Draw fitness and diversity, or metrics; return the matplotlib figure, which a notebook shows.
 
         Args:
-            path: where it is written as well (.png, .svg or .pdf); without it, nothing is.
+            path: file to write (.png, .svg or .pdf); by default none.
             x: "evaluations" or "generations".
-            metrics: draw fitness and these instead, to see what good and poor candidates do: names of metrics
-                that the run has recorded, or "all". Each has lines of the best candidate of a generation, and
-                of the means of the best quarter, the middle half and the worst quarter by fitness.
-            style: "screen", or a publisher's: "ieee", "nature", "science", "acm", "elsevier" or "springer",
-                with the widths of its columns, its fonts and sizes, and without a title.
+            metrics: draw fitness and these metrics instead, to compare good and poor candidates: names of
+                recorded metrics, or "all". Each has a line for the best candidate of a generation, and for
+                the means of the best quarter, the middle half and the worst quarter by fitness.
+            style: "screen", or a publisher's column widths, fonts and sizes, without a title: "ieee",
+                "nature", "science", "acm", "elsevier" or "springer".
             width: "column" (the default) or "page" of the style, inches, or a length such as "89 mm".
-            title: instead of the figure's own; "" for none.
+            title: replaces the figure's title; "" for none.
 
-        Raises InputError when the run has no finished generation or has not recorded a metric, for another
-        style, width or ending, or when the file cannot be written.
+        Raises InputError when the run has no finished generation or lacks a metric, for an unknown style,
+        width or file type, or when the file cannot be written.
         """
         from swarmwright.display.figures.style import Page, check, on, save
 
         if path is not None:
             check(Path(path))
         if not self.history:
-            raise InputError(f"{self.path}: holds no finished generation to draw")
+            raise InputError(f"{self.path}: has no finished generation to draw")
         with on(Page.of(style, width, title)):
             figure = self._figure(x, metrics)
         if path is not None:
@@ -439,12 +438,12 @@ class Run:
         return figure
 
     def _figure(self, x: str, metrics: "Names | None") -> "Figure":
-        """Return the figure of `plot` for the present page."""
+        """Draw the figure of `plot` for the present page."""
         if metrics is not None:
             from swarmwright.display.figures import metrics as drawing
-            from swarmwright.runs.metric_curves import MetricCurves, names_of
+            from swarmwright.runs.metric_curves import MetricCurves, select_names
 
-            return drawing.draw(self, MetricCurves(self, names_of([self], metrics)), x=x)
+            return drawing.draw(self, MetricCurves(self, select_names([self], metrics)), x=x)
         from swarmwright.display.figures.run import draw
         from swarmwright.runs.diversity import diversity
 
@@ -461,18 +460,19 @@ class Run:
         speed: float = 1.0,
         broker: str | None = None,
     ) -> "ReplayPage":
-        """Play an episode again; return the page that shows it, which a notebook displays.
+        """Replay an episode; return a page with its animation, which a notebook displays.
 
         Args:
             generation: of the candidate, from 0; as in `evaluation`.
-            candidate: as in `evaluation`; default: the best one.
-            episode: one of the run's, default 0.
-            seed: of the simulation, for an episode that the run did not have.
-            speed: how many times faster than the simulation's step size it plays at first.
-            broker: a server on it that has scenes computes the episode, as for a simulation that is not here.
+            candidate: as in `evaluation`; by default the best.
+            episode: index of an episode of the run, by default 0.
+            seed: simulation seed, for an episode that is not in the run.
+            speed: initial speed of the animation, as a multiple of the simulated time.
+            broker: compute the episode on a server on this broker that has scenes, for simulations that are
+                not installed here.
 
-        Raises InputError when the simulation is not here and no broker is known, or there is no such
-        candidate or episode; RunError when no server shows it.
+        Raises InputError when the simulation is not installed and no broker is known, or the candidate or
+        episode does not exist; RunError when no server shows it.
         """
         from swarmwright.runs.page import ReplayPage
 
@@ -504,8 +504,8 @@ class Run:
         if not self.history:
             return facts(f"Run {self.path}", rows)
         best = self.best
-        where = f"generation {best.generation}, candidate {best.candidate}, both from 0"
-        rows.append(("best fitness", f"{best.fitness + 0.0:.6g} ({where})"))
+        position = f"generation {best.generation}, candidate {best.candidate}, both from 0"
+        rows.append(("best fitness", f"{best.fitness + 0.0:.6g} ({position})"))
         if self.unseen is not None:
             held_out, count = self.unseen.fitness, len(self.unseen.episodes)
             interval = ""
@@ -514,13 +514,11 @@ class Run:
             failed = f", {self.unseen.failed_words}" if self.unseen.failed else ""
             rows.append(("on held-out seeds", f"{held_out.mean:.4g} ({count} episodes{failed}{interval})"))
         for transfer in self.transferred:
-            there, lost = transfer.target_fitness[0], transfer.losses[0]
-            interval = f"{there.mean:.4g}; loses {lost.mean:.4g}"
-            if lost.low is not None:
-                interval = f"{interval}, 95 % confidence interval {lost.low:.4g} to {lost.high:.4g}"
-            rows.append(
-                (f"in {transfer.target}", f"{interval} ({transfer.source_episodes.shape[1]} episodes)")
-            )
+            fitness_there, loss = transfer.target_fitness[0], transfer.losses[0]
+            text = f"{fitness_there.mean:.4g}; loses {loss.mean:.4g}"
+            if loss.low is not None:
+                text = f"{text}, 95 % confidence interval {loss.low:.4g} to {loss.high:.4g}"
+            rows.append((f"in {transfer.target}", f"{text} ({transfer.source_episodes.shape[1]} episodes)"))
         from swarmwright.display.figures.run import fitness
 
         return facts(f"Run {self.path}", rows) + picture(
@@ -528,18 +526,18 @@ class Run:
         )
 
     def __repr__(self) -> str:
-        """Name the folder and how far it got."""
+        """Return the folder and its numbers of generations and evaluations."""
         return f"<Run {self.path}: {self.generations} generations, {self.evaluations} evaluations>"
 
 
-def run_of(given: Run | str | os.PathLike[str]) -> Run:
-    """Return a run that is given as such, or as its folder. Raises InputError as `Run.open`."""
-    return given if isinstance(given, Run) else Run.open(given)
+def open_run(run: Run | str | os.PathLike[str]) -> Run:
+    """Return a run, or open its folder. Raises InputError as `Run.open`."""
+    return run if isinstance(run, Run) else Run.open(run)
 
 
-def written_run(path: Path) -> Run:
-    """Open the folder of a run that this process has written: what is in it is read when it is needed."""
-    with StoreReader.opened(path) as store:
+def open_written_run(path: Path) -> Run:
+    """Open the folder of a run that this process has written, and read its content only when needed."""
+    with StoreReader.open_snapshot(path) as store:
         run = Run(path, store)
         run._values = store.experiment()
     return run

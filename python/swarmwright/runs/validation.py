@@ -1,9 +1,9 @@
-"""Validation: a run's best candidates on held-out seeds, when it has ended.
+"""Validation of a run's best candidates on held-out seeds at its end.
 
-What is stored of it is apart from the record: `state`, `seeds`, `seen`, `metrics`, and `candidates` with
-their fitness of each episode; `start`, the controller that the method's first sample was drawn around, where
-there was one. The state is `due` (under way, with the episodes so far), `done`, `same`
-(fitness does not depend on the seed) or `none` (switched off, or the run was too short).
+It is stored separately from the record: `state`, `seeds`, `seen`, `metrics`, `candidates` with the fitness of
+each episode, and `start`, the controller that the method's first sample was drawn around, if there is one.
+The state is `due` (in progress, with the episodes so far), `done`, `same` (fitness does not depend on the
+seed) or `none` (switched off, or the run was too short).
 """
 
 import dataclasses
@@ -42,29 +42,32 @@ from swarmwright.runs.post_evaluation import (
     EPISODES,
     ControllerEvaluation,
     PostEvaluation,
-    evaluated,
-    finite,
-    numbers,
-    stored_controller_evaluation,
-    stored_post_evaluation,
-    unseen_seeds,
+    choose_unseen_seeds,
+    decode_numbers,
+    encode_numbers,
+    evaluate_genomes,
+    load_controller_evaluation,
+    load_post_evaluation,
 )
 from swarmwright.runs.store import Evaluation, StoreReader
-from swarmwright.runs.store.table import column_of
+from swarmwright.runs.store.table import name_column
 from swarmwright.servers.evaluation.base import Backend, Progress
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
-_SHARE = 0.05  # of a run's episodes, at most, are spent on validating its best with `episodes: auto`
-_LEAST = 10  # episodes; fewer are not informative
-_TRIED = 20
-"""Episodes after which it is decided whether fitness depends on the seed, where their number is auto."""
-_PARTS = 20  # at most, in which the other episodes are evaluated and stored
-_PART = 25  # episodes of each candidate, at least, in one of them
-
-_LONG_S = 5.0
-"""Seconds from which on a validation is announced."""
+_MAX_SHARE = 0.05
+"""Largest share of a run's episodes for the validation, with `episodes: auto`."""
+_MIN_EPISODES = 10
+"""Smallest number of episodes that is informative."""
+_TRIAL_EPISODES = 20
+"""Episodes after which `episodes: auto` decides whether fitness depends on the seed."""
+_MAX_PARTS = 20
+"""Largest number of parts in which the episodes after the trial are evaluated and stored."""
+_MIN_PART_EPISODES = 25
+"""Smallest number of episodes per candidate in such a part."""
+_ANNOUNCED_S = 5.0
+"""Expected seconds from which a validation is announced."""
 progress = logging.getLogger("swarmwright.progress")
 
 Keep = Callable[[dict[str, Any]], None]
@@ -72,28 +75,27 @@ Keep = Callable[[dict[str, Any]], None]
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Validation:
-    """A run's best candidates in the same episodes, those of `seeds`, with held-out seeds.
+    """A run's best candidates in the same episodes with held-out seeds.
 
-    Fitness is in the units of the simulation, more is better; NaN where an episode failed.
+    Fitness is in the units of the simulation; larger is better, and failed episodes have NaN.
     """
 
     candidates: list[PostEvaluation]
-    """The best of the run, then the next best ones with other controllers, by their fitness in the record;
-    never empty."""
+    """The best candidates of the run with different controllers, by their recorded fitness; never empty."""
     depends_on_seed: bool
-    """Whether fitness depends on the seed, as far as it was tried. If not, candidates have the episodes of
-    this trial alone."""
+    """Whether fitness depends on the seed, as far as it was tried. If not, candidates have only the episodes
+    of this trial."""
     by_instance: bool = False
     """True for the method racing: recorded fitness is the mean over all instances (one in each generation) on
     which the candidate had been evaluated."""
     slow: str | None = None
-    """Name of the slow simulation of the ranking, where the candidates were evaluated in that one."""
+    """Name of the ranking's slow simulation, if the candidates were evaluated in it."""
     start: ControllerEvaluation | None = None
-    """The controller that the method's first sample was drawn around, which is not a candidate of the run.
-    None where there is no such controller."""
+    """The controller that the method's first sample was drawn around, which is not a candidate of the run;
+    None if there is none."""
 
     def __repr__(self) -> str:
-        """Say how good the best of the run is."""
+        """Return the number of candidates and the mean fitness of the best."""
         count = len(self.candidates)
         candidates = f"{count} candidate{'' if count == 1 else 's'}"
         return f"<Validation of {candidates}; the best, {self.best.label}: mean fitness {self.best.result}>"
@@ -110,19 +112,19 @@ class Validation:
 
     @property
     def best(self) -> PostEvaluation:
-        """The best of the run, by its fitness in the record."""
+        """The candidate with the best recorded fitness."""
         return self.candidates[0]
 
     @property
     def failed(self) -> int:
-        """Episodes that failed, of all candidates."""
+        """Number of failed episodes of all candidates."""
         return sum(candidate.failed for candidate in self.candidates)
 
     @property
     def leading(self) -> PostEvaluation:
-        """The candidate with the highest fitness on the held-out seeds; of equals, the first.
+        """The candidate with the highest fitness on the held-out seeds; the first of equals.
 
-        One whose mean leaves failed episodes out comes after all others.
+        Candidates whose mean excludes failed episodes come after all others.
         """
         return max(
             self.candidates,
@@ -135,19 +137,19 @@ class Validation:
 
     @property
     def lead(self) -> Estimate | None:
-        """How much `leading` is better than `best`, of the same episodes; None where they are the same one.
+        """Paired difference in fitness between `leading` and `best`; None if they are the same candidate.
 
-        The interval is one of as many as there are other candidates: `leading` is chosen among them, and the
-        luckiest of equal ones would often seem better otherwise. None also where an episode failed and
-        `ranking.failed` is no number, so that they cannot be compared one by one.
+        The interval is corrected for the number of other candidates, since the luckiest of several equal
+        candidates would otherwise often seem better. None also if an episode failed and `ranking.failed` is
+        not a number, so that episodes cannot be paired.
         """
         ahead, best = self.leading, self.best
-        return None if ahead is best else gain_of(ahead, best, of=len(self.candidates) - 1)
+        return None if ahead is best else estimate_gain(ahead, best, intervals=len(self.candidates) - 1)
 
     @property
     def gain(self) -> Estimate | None:
-        """How much `best` is better than `start`, of the same episodes; None without it, or as for `lead`."""
-        return None if self.start is None else gain_of(self.best, self.start)
+        """Paired difference in fitness between `best` and `start`; None without `start`, or as for `lead`."""
+        return None if self.start is None else estimate_gain(self.best, self.start)
 
     @property
     def seeds(self) -> list[int]:
@@ -165,68 +167,72 @@ class Validation:
         }
 
     def export(self, path: str | PathLike[str]) -> None:
-        """Write every episode of every candidate as a table, .csv, in the order of `candidates` and `seeds`.
+        """Write all episodes of all candidates as a CSV table, in the order of `candidates` and `seeds`.
 
-        Columns: generation, candidate, recorded, seed, fitness (nan where the episode failed), metrics.
-        Raises InputError for another ending, and when the file cannot be written.
+        Columns: generation, candidate, recorded, seed, fitness (nan for failed episodes), metrics.
+        Raises InputError for another file type, and when the file cannot be written.
         """
         if Path(path).suffix.lower() != ".csv":
-            raise InputError(f"{path}: the table of a validation ends with .csv")
+            raise InputError(f"{path}: a validation can only be exported to .csv")
         names = list(self.best.metrics)
-        lines = [",".join(["generation", "candidate", "recorded", "seed", "fitness", *map(column_of, names)])]
+        lines = [
+            ",".join(["generation", "candidate", "recorded", "seed", "fitness", *map(name_column, names)])
+        ]
         for candidate in self.candidates:
             columns = [
                 candidate.seeds,
                 candidate.episodes.tolist(),
                 *(candidate.metrics[name].tolist() for name in names),
             ]
-            whose = (candidate.generation, candidate.candidate, candidate.recorded)
-            lines += [",".join(map(repr, (*whose, *row))) for row in zip(*columns, strict=True)]
+            key = (candidate.generation, candidate.candidate, candidate.recorded)
+            lines += [",".join(map(repr, (*key, *row))) for row in zip(*columns, strict=True)]
         write_text(path, "\n".join([*lines, ""]))
 
 
-def gain_of(one: ControllerEvaluation, other: ControllerEvaluation, of: int = 1) -> Estimate | None:
-    """Return how much one is better than another in the same episodes; None where one does not count.
+def estimate_gain(
+    better: ControllerEvaluation, baseline: ControllerEvaluation, intervals: int = 1
+) -> Estimate | None:
+    """Estimate the paired difference in fitness in the same episodes; None if either is not reportable.
 
-    of: intervals that are looked at together.
+    intervals: number of simultaneous intervals, for the correction.
     """
-    if not (one.is_reportable and other.is_reportable):
+    if not (better.is_reportable and baseline.is_reportable):
         return None
-    samples = (each.ranking.samples(each.counted) for each in (one, other))
-    return estimate([first - second for first, second in zip(*samples, strict=True)], of=of)
+    samples = (evaluation.ranking.samples(evaluation.counted) for evaluation in (better, baseline))
+    return estimate([first - second for first, second in zip(*samples, strict=True)], of=intervals)
 
 
-def stored_validation(
+def load_validation(
     values: dict[str, Any], ranking: Ranking, *, by_instance: bool = False, slow: str | None = None
 ) -> Validation:
-    """Return a validation from what a store keeps of it."""
+    """Build a validation from its stored values."""
     shared = {key: values[key] for key in ("seeds", "seen", "metrics")}
     start = values.get("start")
     return Validation(
         candidates=[
-            stored_post_evaluation({**shared, **candidate}, ranking) for candidate in values["candidates"]
+            load_post_evaluation({**shared, **candidate}, ranking) for candidate in values["candidates"]
         ],
         depends_on_seed=values["state"] != "same",
         by_instance=by_instance,
         slow=slow,
-        start=None if start is None else stored_controller_evaluation({**shared, **start}, ranking),
+        start=None if start is None else load_controller_evaluation({**shared, **start}, ranking),
     )
 
 
-def of_run(run: "Run") -> Validation | None:
-    """Return a run's validation; None where there is none of its best."""
+def load_run_validation(run: "Run") -> Validation | None:
+    """Load a run's validation; None if there is none of its best candidate."""
     values = run._store.validation()
     if values is None or values["state"] not in {"done", "same"}:
         return None
     if values["candidates"][0]["number"] != run.evaluation().number:
-        return None  # the run went on, and another one is the best
+        return None  # the run has continued, and has another best candidate
     experiment = run.experiment
     reason = unreadable(experiment.ranking)
     if reason is not None:
-        warn_once(f"{run.path}: held-out fitness is not shown: {reason}")
+        warn_once(f"{run.path}: held-out fitness is unavailable: {reason}")
         return None
     target = slow_of(experiment) if reports_slow(experiment) else None
-    return stored_validation(
+    return load_validation(
         values,
         experiment.new_ranking(),
         by_instance=by_instance(experiment),
@@ -236,52 +242,48 @@ def of_run(run: "Run") -> Validation | None:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What is evaluated."""
+    """The candidates and seeds to evaluate."""
 
     candidates: list[Evaluation]
     seeds: list[int]
-    tried: int
-    """Episodes after which it is decided."""
+    trial: int
+    """Episodes after which it is decided whether fitness depends on the seed."""
     first: Evaluation
     """The first evaluation of the run."""
 
-    @property
-    def numbers(self) -> list[int]:
-        """Of the evaluations in the whole run."""
-        return [candidate.number for candidate in self.candidates]
-
     def fits(self, stored: dict[str, Any] | None) -> bool:
-        """Return whether what is stored is of the same candidates and seeds."""
+        """Return whether the stored values have the same candidates and seeds."""
         if stored is None or stored["state"] == "none":
             return False
-        numbers = [candidate["number"] for candidate in stored["candidates"]]
-        seeds = self.seeds[: self.tried] if stored["state"] == "same" else self.seeds
-        return bool(numbers == self.numbers and stored["seeds"] == seeds)
+        stored_numbers = [candidate["number"] for candidate in stored["candidates"]]
+        seeds = self.seeds[: self.trial] if stored["state"] == "same" else self.seeds
+        same_candidates = stored_numbers == [candidate.number for candidate in self.candidates]
+        return bool(same_candidates and stored["seeds"] == seeds)
 
 
 def is_due(experiment: Experiment, reader: StoreReader, *, changed: bool) -> bool:
-    """Return whether a run that has ended is to be validated still.
+    """Return whether an ended run still lacks its validation.
 
-    changed: whether it is asked for otherwise than before.
+    changed: whether the options of the validation have changed.
     """
     stored = reader.validation()
     if stored is not None and stored["state"] == "due":
         return True
     if not changed and not _is_missing(experiment, reader, stored):
         return False
-    plan = _planned(experiment, reader)
+    plan = _plan_validation(experiment, reader)
     return plan is not None and not plan.fits(stored)
 
 
 def _is_missing(experiment: Experiment, reader: StoreReader, stored: dict[str, Any] | None) -> bool:
-    """Whether a run that is done may lack its validation: it was interrupted just before that."""
+    """Return whether a finished run may lack its validation, for example after an interrupt."""
     if "validate" not in reader.experiment() or reader.last() is None:
-        return False  # of a version that validated nothing, or the best alone
+        return False  # from a version without this validation
     if stored is None:
         return True
     if stored["state"] == "none":
         return experiment.validate.episodes not in {0, AUTO}  # a number is always evaluated
-    # The run was prolonged, and another one is the best now.
+    # The run was prolonged, and may have another best candidate now.
     return bool(stored["candidates"][0]["number"] != reader.evaluation(None, None).number)
 
 
@@ -289,35 +291,38 @@ class TooShort(NamedTuple):
     """Why a run with `validate.episodes: auto` was not validated."""
 
     share: float
-    """Of a run's evaluations, that a validation takes at most."""
+    """Largest share of a run's episodes for the validation."""
     affordable: int
-    """Episodes that this share is."""
+    """Number of episodes in this share."""
     needed: int
-    """Fewest episodes of a validation."""
+    """Smallest number of episodes of a validation."""
     command: str
-    """Validates the run."""
+    """Command that validates the run."""
 
 
-def too_short(run: "Run") -> TooShort | None:
-    """Return why a run that is done has no validation; None where it has one, or was not to have one."""
+def check_affordability(run: "Run") -> TooShort | None:
+    """Return why a finished run has no automatic validation; None if it has one, or the reason is another."""
     if run.state != "done" or not run.generations or run.validation is not None:
         return None
     experiment = run.experiment
-    if experiment.validate.episodes != AUTO or _planned(experiment, run._store) is not None:
+    if experiment.validate.episodes != AUTO or _plan_validation(experiment, run._store) is not None:
         return None
-    affordable, needed = _affordable(experiment, run._store), max(_LEAST, experiment.ranking.episodes)
-    return TooShort(_SHARE, affordable, needed, command_to_validate(run))
+    affordable, needed = (
+        _compute_affordable_episodes(experiment, run._store),
+        max(_MIN_EPISODES, experiment.ranking.episodes),
+    )
+    return TooShort(_MAX_SHARE, affordable, needed, format_validation_command(run))
 
 
-def command_to_validate(run: "Run", episodes: int = EPISODES) -> str:
-    """Return the command by which a run that has no validation is validated.
+def format_validation_command(run: "Run", episodes: int = EPISODES) -> str:
+    """Return the command that validates a run without a validation.
 
-    episodes: held-out episodes, where the run itself asks for none.
+    episodes: number of held-out episodes, if the experiment does not set it.
     """
-    asked = run.experiment.validate.episodes not in {0, AUTO}
-    # What the run asks for comes at its end; where it asks for none, or is too short for one, a number must.
+    is_set = run.experiment.validate.episodes not in {0, AUTO}
+    # Resuming validates with the experiment's number; if it has none, or the run is too short, set a number.
     option = f" --set validate.episodes={episodes}"
-    if run.validation_is_due or (asked and run.state != "done"):
+    if run.validation_is_due or (is_set and run.state != "done"):
         option = ""
     return f"swarmwright resume {shlex.quote(str(run.path))}{option}"
 
@@ -325,52 +330,54 @@ def command_to_validate(run: "Run", episodes: int = EPISODES) -> str:
 def validate(
     experiment: Experiment, reader: StoreReader, backend: Backend, on_progress: Progress | None, keep: Keep
 ) -> None:
-    """Validate the best candidates of a run that has ended.
+    """Validate the best candidates of an ended run.
 
     Args:
-        experiment: as it was run; `validate` says how many episodes of how many candidates.
+        experiment: the run's; `validate` has the numbers of episodes and candidates.
         reader: reads the run.
         backend: evaluates.
         on_progress: as in `optimize`.
-        keep: stores what is known so far; a validation that was interrupted goes on from there.
+        keep: stores the results so far, from which an interrupted validation continues.
 
     Raises RunError when every episode fails, or servers do.
     """
-    plan = _planned(experiment, reader)
+    plan = _plan_validation(experiment, reader)
     if plan is None:
         keep({"state": "none"})
         return
     stored = reader.validation()
     work = _Work(experiment, plan, backend, on_progress, keep)
     if stored is not None and plan.fits(stored) and stored["state"] == "due":
-        work.take_up(stored)
+        work.restore(stored)
     else:
         work.keep("due")
-    begun, before = time.monotonic(), work.done
-    work.to(min(plan.tried, _TRIED))
-    rate = (time.monotonic() - begun) / max(work.done - before, 1)
+    start, before = time.monotonic(), work.done
+    work.evaluate_up_to(min(plan.trial, _TRIAL_EPISODES))
+    seconds_per_episode = (time.monotonic() - start) / max(work.done - before, 1)
 
-    def alike() -> bool:
-        return not (_differ(work.rows) or _record_differs(experiment, reader) or work.other())
+    def is_independent_of_seed() -> bool:
+        return not (
+            _differ(work.rows) or _record_differs(experiment, reader) or work.first_candidate_differs()
+        )
 
-    if plan.tried < len(plan.seeds) and alike():
+    if plan.trial < len(plan.seeds) and is_independent_of_seed():
         work.evaluate_start()
         work.keep("same")
         return
-    if rate * (len(plan.seeds) - work.done) > _LONG_S:
+    if seconds_per_episode * (len(plan.seeds) - work.done) > _ANNOUNCED_S:
         progress.info(
-            "validating: %d episodes with held-out seeds of each of the best %d candidates",
+            "validation: running %d episodes with held-out seeds for each of the best %d candidates",
             len(plan.seeds), len(plan.candidates),
         )  # fmt: skip
-    size = max(_PART, math.ceil(len(plan.seeds) / _PARTS))
+    size = max(_MIN_PART_EPISODES, math.ceil(len(plan.seeds) / _MAX_PARTS))
     while work.done < len(plan.seeds):
-        work.to(min(len(plan.seeds), work.done + size))
+        work.evaluate_up_to(min(len(plan.seeds), work.done + size))
     work.evaluate_start()
-    work.keep("same" if plan.tried == len(plan.seeds) and alike() else "done")
+    work.keep("same" if plan.trial == len(plan.seeds) and is_independent_of_seed() else "done")
 
 
 class _Work:
-    """A validation under way."""
+    """A validation in progress."""
 
     def __init__(
         self,
@@ -393,25 +400,27 @@ class _Work:
         """Episodes of each candidate so far."""
         return self._fitness.shape[1]
 
-    def take_up(self, stored: dict[str, Any]) -> None:
-        """Go on from what is stored, unless other metrics are."""
+    def restore(self, stored: dict[str, Any]) -> None:
+        """Continue from stored results, unless they have other metrics."""
         if stored["metrics"] != list(self._backend.metrics):
             return
-        self._fitness = np.stack([numbers(candidate["episodes"]) for candidate in stored["candidates"]])
-        self._metrics = np.stack([numbers(candidate["values"]) for candidate in stored["candidates"]])
+        self._fitness = np.stack(
+            [decode_numbers(candidate["episodes"]) for candidate in stored["candidates"]]
+        )
+        self._metrics = np.stack([decode_numbers(candidate["values"]) for candidate in stored["candidates"]])
         self._metrics = self._metrics.reshape(*self._fitness.shape, len(self._backend.metrics))
 
-    def to(self, count: int) -> None:
-        """Evaluate until each candidate has so many episodes, and store them."""
+    def evaluate_up_to(self, count: int) -> None:
+        """Evaluate until each candidate has `count` episodes, and store them."""
         if count <= self.done:
             return
-        before, all_ = self.done * len(self._genomes), len(self._plan.seeds) * len(self._genomes)
+        before, total = self.done * len(self._genomes), len(self._plan.seeds) * len(self._genomes)
 
         def on_progress(done: int, _: int, waiting_for: str) -> None:
             if self._on_progress is not None:
-                self._on_progress(before + done, all_, waiting_for)
+                self._on_progress(before + done, total, waiting_for)
 
-        results = evaluated(
+        results = evaluate_genomes(
             self._experiment,
             self._backend,
             self._genomes,
@@ -432,15 +441,15 @@ class _Work:
         if start is None:
             return
         seeds = self._plan.seeds[: self.done]
-        results = evaluated(
+        results = evaluate_genomes(
             self._experiment, self._backend, start[:1], seeds, self._on_progress, may_fail=True
         )
         self._start = {
-            "episodes": finite(results.fitness[0] + 0.0), "values": finite(results.metrics[0])
+            "episodes": encode_numbers(results.fitness[0] + 0.0), "values": encode_numbers(results.metrics[0])
         }  # fmt: skip
 
     def keep(self, state: str) -> None:
-        """Store what is known."""
+        """Store the results so far."""
         plan = self._plan
         self._keep(
             {
@@ -454,8 +463,8 @@ class _Work:
                         "generation": candidate.generation,
                         "candidate": candidate.candidate,
                         "recorded": candidate.fitness,
-                        "episodes": finite(self._fitness[index]),
-                        "values": finite(self._metrics[index]),
+                        "episodes": encode_numbers(self._fitness[index]),
+                        "values": encode_numbers(self._metrics[index]),
                     }
                     for index, candidate in enumerate(plan.candidates)
                 ],
@@ -465,68 +474,75 @@ class _Work:
 
     @property
     def rows(self) -> list[NDArray[np.float64]]:
-        """Return the fitness of each candidate's episodes, with those in the record before them."""
+        """Fitness of each candidate's recorded and held-out episodes."""
         return [
             np.concatenate([candidate.episodes, values])
             for candidate, values in zip(self._plan.candidates, self._fitness, strict=True)
         ]
 
-    def other(self) -> bool:
-        """Try the first candidate of the run, which is not a good one yet; whether its episodes differ."""
+    def first_candidate_differs(self) -> bool:
+        """Evaluate the first candidate of the run, a poor one; return whether its episodes differ."""
         first = self._plan.first
-        results = evaluated(
+        results = evaluate_genomes(
             self._experiment,
             self._backend,
             first.genome[np.newaxis],
-            self._plan.seeds[:_TRIED],
+            self._plan.seeds[:_TRIAL_EPISODES],
             lambda *_: None,
             may_fail=True,
         )
         return _differ([np.concatenate([first.episodes, results.fitness[0] + 0.0])])
 
 
-def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
-    """Return what is evaluated; None for nothing."""
+def _plan_validation(experiment: Experiment, reader: StoreReader) -> _Plan | None:
+    """Plan the validation of a run; None if there is nothing to evaluate."""
     options, ranking, last = experiment.validate, experiment.ranking, reader.last()
     automatic = options.episodes == AUTO
     if last is None or options.episodes == 0:
         return None
     count, most = options.episodes, options.candidates
     if automatic:
-        affordable = _affordable(experiment, reader)
+        affordable = _compute_affordable_episodes(experiment, reader)
         count = min(max(EPISODES, 4 * ranking.episodes), affordable)
         count -= count % ranking.episodes
-        if count < max(_LEAST, ranking.episodes):
+        if count < max(_MIN_EPISODES, ranking.episodes):
             return None
         most = max(1, min(most, affordable // count))
-    candidates = [_recorded(experiment, evaluation) for evaluation in leading(experiment, reader, most)]
-    seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count, options.seed)
-    # A number that is given is evaluated: what fails in one of twenty seeds may go well in the first ones.
-    tried = min(count, _TRIED) if automatic else count
-    return _Plan(candidates, seeds, tried, _recorded(experiment, reader.evaluation(0, 0)))
+    candidates = [
+        _select_simulation_episodes(experiment, evaluation)
+        for evaluation in find_leading(experiment, reader, most)
+    ]
+    seeds = choose_unseen_seeds(experiment.first_seed, reader.collect_seeds(), count, options.seed)
+    # An explicit number is always evaluated: a rare failure may not occur in the first seeds.
+    trial = min(count, _TRIAL_EPISODES) if automatic else count
+    return _Plan(candidates, seeds, trial, _select_simulation_episodes(experiment, reader.evaluation(0, 0)))
 
 
-def _affordable(experiment: Experiment, reader: StoreReader) -> int:
-    """Return how many episodes a validation may take whose number is automatic."""
-    evaluations = reader.measured(METRIC) if reports_slow(experiment) else _budgeted(experiment, reader)
-    return int(evaluations * experiment.ranking.episodes * _SHARE)
+def _compute_affordable_episodes(experiment: Experiment, reader: StoreReader) -> int:
+    """Return the largest number of episodes of an automatic validation."""
+    evaluations = (
+        reader.count_measured(METRIC)
+        if reports_slow(experiment)
+        else _count_budgeted_evaluations(experiment, reader)
+    )
+    return int(evaluations * experiment.ranking.episodes * _MAX_SHARE)
 
 
-def _budgeted(experiment: Experiment, reader: StoreReader) -> int:
-    """Return the evaluations of a run; its whole budget where no other generation fitted into it.
+def _count_budgeted_evaluations(experiment: Experiment, reader: StoreReader) -> int:
+    """Return the evaluations of a run, or its whole budget if another generation would not fit into it.
 
-    Runs with the same budget are so validated in equally many episodes, whatever their generations have.
+    So runs with the same budget are validated in the same number of episodes, whatever their generation size.
     """
     last, most = reader.last(), experiment.budget.evaluations
     used = 0 if last is None else last.evaluations
-    if most is None or reader.ended() != "evaluations":
+    if most is None or reader.find_end_reason() != "evaluations":
         return used
-    # What ended an earlier session, with a smaller budget, may be stored still.
+    # The stored reason may be that of an earlier session with a smaller budget.
     return most if most < 2 * used else used
 
 
-def _recorded(experiment: Experiment, evaluation: Evaluation) -> Evaluation:
-    """Return an evaluation with the episodes of the simulation that it is validated in."""
+def _select_simulation_episodes(experiment: Experiment, evaluation: Evaluation) -> Evaluation:
+    """Return an evaluation with its episodes in the simulation that validates it."""
     return (
         dataclasses.replace(evaluation, episodes=evaluation.metrics[:, -1])
         if reports_slow(experiment)
@@ -534,53 +550,53 @@ def _recorded(experiment: Experiment, evaluation: Evaluation) -> Evaluation:
     )
 
 
-def leading(experiment: Experiment, reader: StoreReader, count: int) -> list[Evaluation]:
-    """Return the best evaluation of a run, and the next best ones of other controllers; at most `count`."""
+def find_leading(experiment: Experiment, reader: StoreReader, count: int) -> list[Evaluation]:
+    """Return at most `count` best evaluations of a run with different controllers."""
     return reader.leading(
         count,
         last_only=experiment.ranking.reevaluate,
         by_instance=by_instance(experiment),
-        key=_key(experiment.representation()),
+        key=_make_controller_key(experiment.representation()),
     )
 
 
-def _key(representation: Representation) -> Callable[[Genome], str | bytes]:
-    """Return what is the same for genomes of the same controller."""
+def _make_controller_key(representation: Representation) -> Callable[[Genome], str | bytes]:
+    """Return a function with equal values for genomes of the same controller."""
 
-    def of_weights(genome: Genome) -> bytes:
+    def get_weights(genome: Genome) -> bytes:
         weights: NDArray[np.float32] = representation.weights(genome[np.newaxis])
         return weights.astype(np.float32).tobytes()
 
-    def of_specification(genome: Genome) -> str:
+    def get_specification(genome: Genome) -> str:
         return json.dumps(representation.specification(genome), sort_keys=True)
 
-    # Text takes longer, and is needed only where a representation says more of a controller than its weights.
-    alike = type(representation).specification is Representation.specification
-    return of_weights if alike else of_specification
+    # Specifications take longer, and matter only if they have more than the weights.
+    weights_suffice = type(representation).specification is Representation.specification
+    return get_weights if weights_suffice else get_specification
 
 
 def _differ(rows: list[NDArray[np.float64]]) -> bool:
-    """Whether the episodes of any candidate came out differently: that some failed is a difference, too."""
+    """Return whether the episodes of any candidate differ, in fitness or by a failure."""
     return any(len(set(row[np.isfinite(row)].tolist())) + (not np.isfinite(row).all()) > 1 for row in rows)
 
 
 def _record_differs(experiment: Experiment, reader: StoreReader) -> bool:
-    """Whether the episodes of any candidate of the run came out differently."""
+    """Return whether the recorded episodes of any candidate of the run differ."""
     if experiment.ranking.episodes == 1:
         return False
-    # The episodes that a race leaves out are stored like those that failed.
+    # Episodes skipped by a race are stored like failed ones.
     races = isinstance(experiment.ranking, RaceOptions)
     return any(_any_differs(block.episodes, failures=not races) for block in reader.rows())
 
 
 def _any_differs(episodes: NDArray[np.float64], *, failures: bool) -> bool:
-    """As `_differ`, of (candidates, episodes) at once: records have millions of candidates.
+    """Vectorized `_differ` of (candidates, episodes), since records have millions of candidates.
 
     failures: whether an episode without fitness has failed.
     """
-    worked = np.isfinite(episodes)
-    if failures and (worked.any(axis=1) & ~worked.all(axis=1)).any():
+    succeeded = np.isfinite(episodes)
+    if failures and (succeeded.any(axis=1) & ~succeeded.all(axis=1)).any():
         return True
-    least = np.where(worked, episodes, np.inf).min(axis=1)
-    most = np.where(worked, episodes, -np.inf).max(axis=1)
-    return bool((least < most).any())
+    smallest = np.where(succeeded, episodes, np.inf).min(axis=1)
+    largest = np.where(succeeded, episodes, -np.inf).max(axis=1)
+    return bool((smallest < largest).any())

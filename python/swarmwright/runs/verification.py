@@ -10,7 +10,7 @@ from swarmwright.common.files import read_contents
 from swarmwright.common.json_text import loads
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import Evaluation, StoreReader
-from swarmwright.runs.store.verification import Verified
+from swarmwright.runs.store.verification import Verification
 from swarmwright.runs.store.verification import verify as verify_store
 
 _BEST = "best.json"
@@ -18,7 +18,7 @@ _COMPLETE = {"done", "stopped"}
 """Outcomes of a session after which best.json is of the best candidate; a killed one leaves an old file."""
 
 
-def verify(folder: Path) -> Verified:
+def verify(folder: Path) -> Verification:
     """Compare everything in a run folder that has a digest, and best.json with the record.
 
     No code of the run is executed: what only that could compute is among what was not compared.
@@ -50,7 +50,7 @@ def _problem(folder: Path, not_compared: list[str]) -> str | None:
     controller = values.get("controller") if isinstance(values, dict) else None
     if not isinstance(controller, dict):
         return "has no controller"
-    with StoreReader.opened(folder) as reader:
+    with StoreReader.open_snapshot(folder) as reader:
         run = Run(folder, reader)
         best, where = reader.best(), tuple(values.get(key) for key in ("generation", "candidate"))
         if best is None or not all(type(number) is int for number in where):

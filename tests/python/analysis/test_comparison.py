@@ -601,7 +601,7 @@ def test_the_same_figure_is_the_same_file(tmp_path: Path, ending: str, x: str) -
 def test_what_cannot_be_compared_or_written(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no runs to compare"):
         compare([])
-    with pytest.raises(InputError, match="there is no such folder"):
+    with pytest.raises(InputError, match="does not exist"):
         compare([tmp_path / "nowhere"])
     with pytest.raises(InputError, match="no finished generation"):
         compare([KnownRun(tmp_path / "empty", [])])

@@ -64,7 +64,7 @@ def command(*arguments: str | Path, status: int = 0) -> str:
 
 def test_both_get_seeds_that_neither_run_used(folder: Path) -> None:
     found = compare_controllers(folder / "a", folder / "b", episodes=30)
-    used = Run.open(folder / "b")._store.used_seeds()
+    used = Run.open(folder / "b")._store.collect_seeds()
     assert 1_000_000_000 in used
     assert not used & set(found.seeds)
     assert found.held_out
@@ -200,14 +200,14 @@ def test_what_does_not_fit_is_refused(folder: Path) -> None:
         compare_controllers(a, folder / "exit", experiment=NOISY)
     with pytest.raises(InputError, match=r"^B \(.*mine.json\): has 4 sensors .*; emergency_exit has"):
         compare_controllers(folder / "exit", folder / "mine.json")
-    with pytest.raises(InputError, match="holds the generations 0 to 2, not 9"):
+    with pytest.raises(InputError, match="has generations 0 to 2, but no generation 9"):
         compare_controllers(a, f"{a}:9:0")
     with pytest.raises(InputError, match="there is no such file"):
         compare_controllers(a, folder / "nothing.json")
     with pytest.raises(InputError, match="B: must be the path of a run folder or a controller"):
         compare_controllers(a, 3)  # type: ignore[arg-type]
     worst = Run.open(a).experiment.replace(ranking={"aggregate": "worst"})
-    with pytest.raises(InputError, match=r"episodes: must be at least ranking\.episodes, 2"):
+    with pytest.raises(InputError, match=r"episodes: must be at least ranking\.episodes \(2\)"):
         compare_controllers(a, b, episodes=1, experiment=worst)
 
 

@@ -90,7 +90,7 @@ def test_what_is_left_out_is_named(results: Path, caplog: pytest.LogCaptureFixtu
         shutil.rmtree(run)
     with pytest.raises(InputError, match=r"population_4-1, .* and 1 more: missing; the same sweep runs them"):
         swarmwright.compare(results)
-    with pytest.raises(InputError, match=r"is not a folder; name a run folder"):
+    with pytest.raises(InputError, match=r"is not a folder; specify a run folder"):
         swarmwright.compare([results / "notes.txt"])
 
 
@@ -133,7 +133,9 @@ def test_a_sweep_and_a_comparison_of_its_folder_leave_out_the_same_runs(results:
 
 
 def test_it_is_no_run(swept: Path) -> None:
-    with pytest.raises(InputError, match="is the folder of a sweep, not of a run; name one of its runs"):
+    with pytest.raises(
+        InputError, match="is the folder of a sweep, not of a run; specify one of the run folders"
+    ):
         swarmwright.Run.open(swept)
 
 

@@ -63,7 +63,7 @@ def test_a_sweep_with_links_or_a_busy_run_stays_whole(
     first, second, *_ = (run.path for run in swept.runs)
     with closing(Lock(second)):
         assert command(["runs", "delete", str(swept.path), "--yes"]) == 2
-    assert "a process works on this run" in capsys.readouterr().err
+    assert "a process is writing this run" in capsys.readouterr().err
     moved = swept.path.parent / "moved"
     first.rename(moved)
     first.symlink_to(moved)

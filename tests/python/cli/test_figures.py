@@ -137,7 +137,7 @@ def test_controllers_are_drawn(program: Any, runs: Path, tmp_path: Path) -> None
     assert (tmp_path / "mine.png").exists()
     for arguments, said in (
         (("mine.json", "--generation", "1"), "are for runs"),
-        ((runs / "nnga-1", "--generation", "9"), "holds the generations 0 to 2, not 9"),
+        ((runs / "nnga-1", "--generation", "9"), "has generations 0 to 2, but no generation 9"),
         (("mine.json", "--out", "x.txt"), ".png, .svg or .pdf"),
         (("nothing.json",), "does not exist"),
     ):

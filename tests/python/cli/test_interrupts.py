@@ -128,7 +128,7 @@ def test_a_large_population_is_announced_and_may_be_interrupted(start: Any, tmp_
     (tmp_path / "large.yaml").write_text(LARGE)
     process = start("optimize", "large.yaml", "--out", "large")
     assert "400,000 candidates with 49 genes each: " in (first := process.stderr.readline())
-    assert first.rstrip().endswith(("and a while", "if the run ends early"))
+    assert first.rstrip().endswith(("and some time", "if the run is killed"))
     assert process.stderr.readline() == "swarmwright: generation 0: making candidates\n"
     process.send_signal(signal.SIGINT)
     _, complaint = process.communicate(timeout=20)

@@ -87,7 +87,7 @@ def test_a_run_that_another_process_works_on_is_not_resumed(finished: Run) -> No
         lock.close()
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == (
-        f"swarmwright: {finished.path}: another process works on this run; wait for it, or stop it\n"
+        f"swarmwright: {finished.path}: another process is writing this run; wait for it, or stop it\n"
     )
 
 
@@ -188,7 +188,7 @@ def test_a_run_of_a_newer_format_is_not_called_damaged(
         store.execute("PRAGMA user_version = 99")
     assert swarmwright(["runs", "verify", str(copy), str(finished.path), "--json"]) == 2
     found = capsys.readouterr()
-    assert "has format 99; this Swarmwright reads format " in found.err
+    assert "has format 99, but this version of Swarmwright reads format " in found.err
     assert [json.loads(line)["run"] for line in found.out.splitlines()] == [str(finished.path)]
 
 

@@ -54,7 +54,7 @@ def test_too_few_episodes_for_one_fitness(program: Any, noisy: Path) -> None:
     settings = ["method.generations=1", "ranking={episodes: 3, aggregate: median}", "validate=false"]
     run = optimize(Experiment.load(noisy, settings), out=noisy.parent / "run")
     refused = program("evaluate", "run", "--episodes", "2")
-    words = "episodes: must be at least ranking.episodes, 3, of which a fitness is made, not 2"
+    words = "episodes: must be at least ranking.episodes (3), which the fitness aggregates, not 2"
     assert (refused.returncode, words in refused.stderr) == (2, True)
     with pytest.raises(InputError, match=words):
         post_evaluate(run, episodes=2)

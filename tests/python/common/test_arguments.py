@@ -157,10 +157,10 @@ def experiment() -> Experiment:
         (lambda run: run.plot(x=["foo"]), r"^x: must be one of evaluations, generations, not \['foo'\]$"),
         (lambda run: run.export(None), r"^path: must be the path of a file, not nothing$"),
         (lambda run: run.evaluation(1.5, 0), r"^candidate: must be an integer, not 1.5$"),
-        (lambda run: run.evaluation(10**30), r": holds the evaluations 0 to \d+, not 10{30}$"),
+        (lambda run: run.evaluation(10**30), r": has evaluations 0 to \d+, but no evaluation 10{30}$"),
         (lambda run: run.replay(speed=0), r"^speed: must be greater than 0, not 0$"),
         (lambda run: run.replay(seed=-1), r"^seed: must be from 0 to 2\*\*63 - 1, not -1$"),
-        (lambda run: run.replay(episode=-1), r"^episode -1: the run evaluated "),
+        (lambda run: run.replay(episode=-1), r"^episode -1: the run has "),
         (lambda _: library.Controller(None), r"^controller: must be a mapping, not nothing; write "),
         (
             lambda _: library.callbacks.together(5),

@@ -168,7 +168,7 @@ def test_a_run_can_be_prolonged_and_not_cut(tmp_path: Path) -> None:
     for settings, words in (
         (["method.evaluations=10"], "evaluations: 10 is less than the experiment's 80"),
         (["method.population=30"], "only its budget can be changed"),
-        (["seed=3"], "--set seed=3: seed: a run goes on with what it has"),
+        (["seed=3"], "--set seed=3: seed: it is fixed when a run begins"),
     ):
         with pytest.raises(InputError, match=words):
             resume(run, settings=settings)

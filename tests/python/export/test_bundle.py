@@ -672,7 +672,7 @@ def test_half_a_bundle_is_damaged(bundle: Path, tmp_path: Path) -> None:
         (["--bundle", "there.zip"], "there.zip: is there already and is not a bundle"),
         (["--bundle", "x.zip", "--to", "c"], "leave out --to, --output and --verify"),
         (["--bundle", "x.zip", "--prefix", "int"], "'int' is a word of C, C++ or Python"),
-        (["--bundle", "x.zip", "--candidate", "999:0"], "holds the generations 0 to 29, not 999"),
+        (["--bundle", "x.zip", "--candidate", "999:0"], "has generations 0 to 29, but no generation 999"),
         (["--to", "c", "--mapping", "there.zip"], "--mapping and --license are for bundles"),
         ([], "name a format: --to c, cpp, "),
     ],

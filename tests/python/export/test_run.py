@@ -205,8 +205,8 @@ def test_verification_fails_where_bits_differ(
     [
         (["--to", "cc"], "unknown export format 'cc'; did you mean 'c'? available: c, "),
         ([], "name a format: --to "),
-        (["--to", "c", "--candidate", "9:0"], "holds the generations 0 to 2, not 9"),
-        (["--to", "c", "--candidate", "0:8"], "generation 0 has the candidates 0 to 7, not 8"),
+        (["--to", "c", "--candidate", "9:0"], "has generations 0 to 2, but no generation 9"),
+        (["--to", "c", "--candidate", "0:8"], "generation 0 has candidates 0 to 7, but no candidate 8"),
         (["--to", "c", "--candidate", "best"], "'best' is not G:N, such as 19:3"),
         (["--to", "c", "--candidate", "1:"], "'1:' is not G:N, such as 19:3"),
         (["--to", "c", "--candidate", "1:0", "--generation", "2"], "leave out --generation"),

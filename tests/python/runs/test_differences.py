@@ -44,7 +44,7 @@ def test_damage_below_equal_digests_is_found(finished: Run, copy: Path) -> None:
     with closing(sqlite3.connect(copy / "run.sqlite")) as store:
         store.execute("UPDATE block SET fitness = zeroblob(length(fitness)) WHERE generation = 1")
         store.commit()
-    with pytest.raises(InputError, match="is damaged: generation 1: the table block disagrees"):
+    with pytest.raises(InputError, match="is damaged: generation 1: the table block does not match"):
         first_difference(finished, Run.open(copy))
 
 

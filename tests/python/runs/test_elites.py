@@ -361,7 +361,7 @@ def test_elites_are_short_in_a_session(run: Run) -> None:
 
 
 def test_other_methods_have_no_elites(finished: Run) -> None:
-    with pytest.raises(InputError, match=r"was made by nnga, which has one objective and no archive"):
+    with pytest.raises(InputError, match=r"has no elites, since nnga has a single objective and no archive"):
         _ = finished.elites
 
 

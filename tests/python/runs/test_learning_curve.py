@@ -86,7 +86,7 @@ def test_mistakes(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="episodes: must be at least 1"):
         learning_curve(run, episodes=0)
     median = run_of(tmp_path, validate=False, **PLAIN, ranking={"episodes": 3, "aggregate": "median"})
-    with pytest.raises(InputError, match=r"episodes: must be at least ranking\.episodes, 3"):
+    with pytest.raises(InputError, match=r"episodes: must be at least ranking\.episodes \(3\)"):
         learning_curve(median, episodes=2)
     other = run.experiment.replace(controller={"hidden": [3]})
     with pytest.raises(InputError, match="genes"):

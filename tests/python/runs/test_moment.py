@@ -75,9 +75,9 @@ def test_all_of_a_run_is_of_the_moment_when_it_was_opened(
         assert _all(run) == expected
         assert run.experiment.method.generations == 3
         assert (run.state, run.ended, len(run.sessions)) == ("done", "generations", 1)
-        with pytest.raises(InputError, match="holds the generations 0 to 2, not 3"):
+        with pytest.raises(InputError, match="has generations 0 to 2, but no generation 3"):
             run.evaluation(generation=3)
-        with pytest.raises(InputError, match=f"holds the evaluations 0 to {run.evaluations - 1}"):
+        with pytest.raises(InputError, match=f"has evaluations 0 to {run.evaluations - 1}"):
             run.evaluation(run.evaluations)
         assert repeat(run).generation < 3
     old.export(tmp_path / "table.csv")
@@ -93,7 +93,7 @@ def _all(run: Run) -> list[object]:
     return [
         *(run.generations, run.evaluations, run.history, run.digest, best, run.seconds, run.sessions),
         *(record.fitness.tobytes(), record.genomes.tobytes(), run.evaluation().number),
-        *(leading, by_instance, run._store.used_seeds(), run._store.session_of(run.generations - 1)),
+        *(leading, by_instance, run._store.collect_seeds(), run._store.session_of(run.generations - 1)),
         *(list(run.attempts()), list(run.events()), run._store.servers(), run._store.failures()),
     ]
 
@@ -118,8 +118,8 @@ def test_attempts_and_events_are_of_the_moment_too(tmp_path: Path) -> None:
 def test_iterators_that_are_not_used_up_keep_no_process_from_going_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmwright.runs.store.journal._LINES", 2)
-    monkeypatch.setattr(database, "_PATIENCE", 0.0)
+    monkeypatch.setattr("swarmwright.runs.store.journal._PIECE_ROWS", 2)
+    monkeypatch.setattr(database, "_PATIENCE_S", 0.0)
     run = optimize(EXPERIMENT, out=tmp_path / "run", servers=1)
     attempts, rows = run.attempts(), run._store.rows()
     begun = [next(attempts), next(attempts), next(attempts)]
@@ -130,13 +130,15 @@ def test_iterators_that_are_not_used_up_keep_no_process_from_going_on(
 
 
 def test_who_goes_on_waits_for_a_program_that_reads(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(database, "_PATIENCE", 0.0)
+    monkeypatch.setattr(database, "_PATIENCE_S", 0.0)
     reader = sqlite3.connect(copy / FILE, isolation_level=None, check_same_thread=False)
     reader.execute("BEGIN")
     reader.execute("SELECT count(*) FROM fact").fetchone()
-    with pytest.raises(InputError, match="is being used by another program, or by another part of this one"):
+    with pytest.raises(
+        InputError, match="is locked by an SQLite transaction of another program, or of another part of"
+    ):
         StoreWriter.resume(copy)
-    monkeypatch.setattr(database, "_PATIENCE", 60.0)
+    monkeypatch.setattr(database, "_PATIENCE_S", 60.0)
     end = Timer(0.3, reader.close)
     end.start()
     with StoreWriter.resume(copy):

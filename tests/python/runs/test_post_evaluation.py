@@ -8,7 +8,7 @@ import pytest
 
 from swarmwright import Controller, Experiment, InputError, Run, evaluate, optimize, post_evaluate
 from swarmwright.common.statistics import estimate
-from swarmwright.runs.post_evaluation import unseen_seeds
+from swarmwright.runs.post_evaluation import choose_unseen_seeds
 
 NOISY: dict[str, Any] = {
     "simulation": "minisim",
@@ -72,11 +72,9 @@ def test_a_controller_from_elsewhere_has_the_statistics_of_a_candidate(tmp_path:
     harder = run.experiment.with_settings(["parameters.speedDefenders=0.8"])
     assert post_evaluate(run, controller=file, episodes=12, experiment=harder).mean.mean < found.mean.mean
     assert post_evaluate(run, controller=file, episodes=2, seed=7).seeds == [7, 8]
-    with pytest.raises(InputError, match="is evaluated instead of a candidate"):
+    with pytest.raises(InputError, match="cannot be combined with a candidate"):
         post_evaluate(run, 3, controller=file)  # type: ignore[call-overload]
-    with pytest.raises(
-        InputError, match=r"is an experiment, which has no candidates; name a controller=\.\."
-    ):
+    with pytest.raises(InputError, match=r"an experiment has no candidates; specify controller=\.\."):
         post_evaluate(run.experiment)  # type: ignore[call-overload]
     with pytest.raises(InputError, match="has 4 sensors and 1 actuators; emergency_exit has"):
         post_evaluate(Experiment.from_mapping({"simulation": "emergency_exit"}), controller=file)
@@ -117,5 +115,5 @@ def test_the_interval_is_students() -> None:
 
 
 def test_unseen_seeds_are_none_of_the_run() -> None:
-    assert unseen_seeds(3, {1_000_000_004, 7}, 3) == [1_000_000_003, 1_000_000_005, 1_000_000_006]
-    assert max(unseen_seeds(2**63 - 1, set(), 4)) < 2**63
+    assert choose_unseen_seeds(3, {1_000_000_004, 7}, 3) == [1_000_000_003, 1_000_000_005, 1_000_000_006]
+    assert max(choose_unseen_seeds(2**63 - 1, set(), 4)) < 2**63

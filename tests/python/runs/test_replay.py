@@ -4,7 +4,7 @@ from typing import Any, cast
 
 import pytest
 
-from swarmwright.runs.replay import names
+from swarmwright.runs.replay import name_replays
 
 
 @pytest.mark.parametrize(
@@ -21,9 +21,11 @@ def test_different_runs_have_different_names(
     tmp_path: Path, paths: list[str], named: list[str] | None
 ) -> None:
     replays = [
-        SimpleNamespace(other=None, run=SimpleNamespace(path=tmp_path / path), name="0:1", choice=object())
+        SimpleNamespace(
+            controller_run=None, run=SimpleNamespace(path=tmp_path / path), name="0:1", choice=object()
+        )
         for path in paths
     ]
-    found = names(cast(Any, replays))
+    found = name_replays(cast(Any, replays))
     assert len(set(found)) == len(set(paths))
     assert named is None or found == named

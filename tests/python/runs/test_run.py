@@ -111,7 +111,7 @@ def test_the_class_opens_a_folder_by_its_name(finished: Run, tmp_path: Path) -> 
     run = Run(str(finished.path))
     assert run.path == finished.path
     assert run.best.fitness == finished.best.fitness
-    with pytest.raises(InputError, match="there is no such folder"):
+    with pytest.raises(InputError, match="does not exist"):
         Run(tmp_path / "none")
 
 
@@ -122,7 +122,10 @@ def test_exporting(finished: Run, tmp_path: Path) -> None:
     for path, words in (
         (tmp_path / "none" / "out.csv", "cannot be written"),
         (tmp_path / "none" / "out.parquet", "cannot be written"),
-        (tmp_path / "out.xlsx", r"tables end with \.csv or \.parquet"),
+        (
+            tmp_path / "out.xlsx",
+            r"unknown table format; choose a file name that ends with \.csv or \.parquet",
+        ),
     ):
         with pytest.raises(InputError, match=words):
             finished.export(path)
@@ -180,7 +183,7 @@ def test_arrays_of_the_record_cannot_be_changed(finished: Run) -> None:
 
 def test_the_seeds_are_recorded(finished: Run) -> None:
     assert finished.seeds(3) == [0, 1]
-    with pytest.raises(InputError, match="holds the generations 0 to 3, not 4"):
+    with pytest.raises(InputError, match="has generations 0 to 3, but no generation 4"):
         finished.seeds(4)
 
 
@@ -202,9 +205,9 @@ def test_an_evaluation_is_found_by_both_its_numbers(finished: Run) -> None:
     assert finished.evaluation(np.uint32(0), np.int32(2)).number == int(among.argmax())
     best = finished.evaluation()
     assert (best.generation, best.candidate) == (finished.best.generation, finished.best.candidate)
-    with pytest.raises(InputError, match=r"generation 1 has the candidates 0 to \d+, not 400"):
+    with pytest.raises(InputError, match=r"generation 1 has candidates 0 to \d+, but no candidate 400"):
         finished.evaluation(400, 1)
-    with pytest.raises(InputError, match=r"holds the evaluations 0 to \d+, not 4000"):
+    with pytest.raises(InputError, match=r"has evaluations 0 to \d+, but no evaluation 4000"):
         finished.evaluation(4000)
 
 
@@ -224,7 +227,7 @@ def test_any_evaluation_can_be_repeated(finished: Run, copy: Path) -> None:
 def test_results_are_never_written_over(tmp_path: Path) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.txt").write_text("precious")
-    with pytest.raises(InputError, match="is not empty, and results are never written over"):
+    with pytest.raises(InputError, match="is not empty, and results are never overwritten"):
         optimize(EXPERIMENT, out=tmp_path / "full")
     with pytest.raises(InputError, match="is a file"):
         optimize(EXPERIMENT, out=tmp_path / "full" / "thesis.txt")
@@ -247,7 +250,7 @@ def test_a_run_in_a_relative_folder_outlives_another_working_folder(
     monkeypatch.chdir(copy.parent)
     run = Run.open("copy")
     assert (run.path, run._store.file) == (Path("copy"), Path("copy/run.sqlite"))
-    with pytest.raises(InputError, match=r"^copy: holds the generations 0 to \d+, not 99$"):
+    with pytest.raises(InputError, match=r"^copy: has generations 0 to \d+, but no generation 99$"):
         run.seeds(99)
     monkeypatch.chdir("/")
     assert (run.path, run._store.file) == (copy, copy / "run.sqlite")
@@ -256,7 +259,7 @@ def test_a_run_in_a_relative_folder_outlives_another_working_folder(
     assert repeat(run).same
     assert run.replay().fitness == run.evaluation().episodes[0]
     run.export(copy / "table.csv")
-    with pytest.raises(InputError, match=rf"^{re.escape(str(copy))}: holds the generations"):
+    with pytest.raises(InputError, match=rf"^{re.escape(str(copy))}: has generations"):
         run.seeds(99)
     assert resume(run, generations=run.generations + 1).generations == run.generations + 1
     monkeypatch.chdir(copy.parent)

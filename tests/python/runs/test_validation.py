@@ -17,7 +17,7 @@ from swarmwright import Experiment, InputError, Run, Simulation, compare, evalua
 from swarmwright.cli._commands import program
 from swarmwright.cli._validation import validation_lines
 from swarmwright.experiment.checks import setting_warnings
-from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, unseen_seeds
+from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, choose_unseen_seeds
 from swarmwright.runs.store import StoreReader, StoreWriter
 from swarmwright.runs.store.database import seal_facts
 from swarmwright.runs.validation import Validation
@@ -58,7 +58,7 @@ def test_a_noisy_run_ends_with_it(tmp_path: Path) -> None:
     assert best is validation.best
     assert len(best.episodes) == 30  # a twentieth of 15 x 20 x 2
     assert len(validation.candidates) == 1, "for others there are no episodes left"
-    assert not run._store.used_seeds() & set(best.seeds)
+    assert not run._store.collect_seeds() & set(best.seeds)
     assert best.episodes.tolist()[:5] == again(run, best.number, best.seeds[:5])
     assert best.recorded == run.best.fitness
     assert best.fitness.mean == pytest.approx(np.mean(best.episodes))
@@ -131,21 +131,21 @@ def test_it_changes_nothing_of_the_record_and_does_not_depend_on_servers(tmp_pat
 def test_its_seeds_are_none_of_the_run(seed: int | None, tmp_path: Path) -> None:
     run = run_of(tmp_path, validate={"episodes": 40, "candidates": 1, "seed": seed})
     assert run.validation is not None
-    assert run._store.used_seeds() == set(range(30))
+    assert run._store.collect_seeds() == set(range(30))
     seeds = run.validation.seeds
-    assert not run._store.used_seeds() & set(seeds)
+    assert not run._store.collect_seeds() & set(seeds)
     assert len(set(seeds)) == 40
     assert min(seeds) == {None: 1_000_000_000, 0: 30, 5: 30}.get(seed, seed)
 
 
 def test_unseen_seeds_are_none_that_were_used() -> None:
-    assert unseen_seeds(3, {1_000_000_004, 7}, 3) == [1_000_000_003, 1_000_000_005, 1_000_000_006]
-    assert unseen_seeds(3, {8, 9}, 3, 7) == [7, 10, 11]
-    assert max(unseen_seeds(2**63 - 1, set(), 4)) < 2**63
+    assert choose_unseen_seeds(3, {1_000_000_004, 7}, 3) == [1_000_000_003, 1_000_000_005, 1_000_000_006]
+    assert choose_unseen_seeds(3, {8, 9}, 3, 7) == [7, 10, 11]
+    assert max(choose_unseen_seeds(2**63 - 1, set(), 4)) < 2**63
     numbers = np.random.default_rng(1)
     for _ in range(200):
         used = {int(one) for one in numbers.integers(0, 50, size=30)}
-        found = unseen_seeds(0, used, 20, int(numbers.integers(0, 50)))
+        found = choose_unseen_seeds(0, used, 20, int(numbers.integers(0, 50)))
         assert not used & set(found)
         assert found == sorted(set(found))
 
@@ -360,8 +360,8 @@ def test_a_failure_does_not_take_the_run_with_it(tmp_path: Path, caplog: pytest.
     )
     with caplog.at_level(logging.WARNING):
         run = optimize(experiment, out=tmp_path / "run")
-    assert "the best was not evaluated on held-out seeds: every episode failed" in caplog.text
-    assert f"`swarmwright resume {run.path}` does it later" in caplog.text
+    assert "the best candidate was not evaluated on held-out seeds: every episode failed" in caplog.text
+    assert f"`swarmwright resume {run.path}` repeats the validation" in caplog.text
     assert run.state == "done"
     assert run.validation_is_due
     part = experiment.replace(validate={"episodes": 12, "seed": 95})
@@ -489,7 +489,7 @@ def test_it_is_exported_as_a_table(tmp_path: Path) -> None:
         )
         assert (float(recorded), float(fitness)) == (one.recorded, one.episodes[episode])
         assert float(fitness) == float(arrived) - 0.1 * float(distance)
-    with pytest.raises(InputError, match="the table of a validation ends with"):
+    with pytest.raises(InputError, match="a validation can only be exported to"):
         run.validation.export(tmp_path / "table.parquet")
 
 
@@ -498,7 +498,7 @@ def test_it_is_exported_as_a_table(tmp_path: Path) -> None:
 def test_the_best_are_found_whatever_the_blocks_and_equals(
     block: int, joined: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmwright.runs.store.blocks._BLOCK", block)
+    monkeypatch.setattr("swarmwright.runs.store.blocks._BLOCK_BYTES", block)
     monkeypatch.setattr("swarmwright.runs.store.generations._JOINED", joined)
     run = run_of(tmp_path, validate=False, fitness="arrived + caught", method={"kind": "random_search"})
     fitness = run.record.fitness
@@ -506,8 +506,8 @@ def test_the_best_are_found_whatever_the_blocks_and_equals(
     order = np.argsort(-fitness, kind="stable")
     with StoreReader(run.path)._generations() as generations:
         for most in (1, 7, 50, 10_000):
-            assert generations.by_fitness(0, most).tolist() == order[:most].tolist()
-        assert generations.by_fitness(33, 9).tolist() == order[order >= 33][:9].tolist()
+            assert generations.rank_by_fitness(0, most).tolist() == order[:most].tolist()
+        assert generations.rank_by_fitness(33, 9).tolist() == order[order >= 33][:9].tolist()
 
 
 def test_a_notebook_shows_it(tmp_path: Path) -> None:

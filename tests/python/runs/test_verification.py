@@ -65,12 +65,12 @@ def test_an_edited_file_is_found_and_written_again(
     assert verify(run.path).problems == []
     edit(run, change)
     (problem,) = verify(run.path).problems
-    assert problem.what.startswith("best.json: ")
-    assert said in problem.what
+    assert problem.message.startswith("best.json: ")
+    assert said in problem.message
     assert verify_store(run.path).problems == [], "the record is as it was"
     assert swarmwright(["runs", "verify", str(run.path)]) == 1
     first, second = capsys.readouterr().out.splitlines()
-    assert first == f"{run.path}: damaged: {problem.what}"
+    assert first == f"{run.path}: damaged: {problem.message}"
     assert second == f"{run.path}: generations 0 to 2 are intact"
     resume(run)
     assert verify(run.path).problems == []
@@ -83,7 +83,7 @@ def test_genomes_and_what_they_are_decoded_to(change: Edit, said: str, tmp_path:
     assert verify(run.path).problems == []
     edit(run, change)
     (problem,) = verify(run.path).problems
-    assert said in problem.what
+    assert said in problem.message
 
 
 def test_weights_that_cannot_be_decoded_here_are_named(
@@ -113,7 +113,7 @@ def test_a_genome_is_missed_where_it_is_not_the_weights(tmp_path: Path) -> None:
 
     edit(run, change)
     (problem,) = verify(run.path).problems
-    assert "has no genome" in problem.what
+    assert "has no genome" in problem.message
 
 
 def test_another_candidate_than_the_best(tmp_path: Path) -> None:
@@ -127,7 +127,7 @@ def test_another_candidate_than_the_best(tmp_path: Path) -> None:
 
     edit(run, change)
     (problem,) = verify(run.path).problems
-    assert f"names candidate {other} of generation 0, the best is candidate" in problem.what
+    assert f"names candidate {other} of generation 0, the best is candidate" in problem.message
     with closing(sqlite3.connect(run.path / "run.sqlite")) as store, store:
         store.execute("UPDATE session SET outcome = NULL")
     assert verify(run.path).problems == [], "a session that was killed leaves the file of an earlier one"
@@ -137,6 +137,6 @@ def test_a_missing_file_and_one_that_is_no_json(tmp_path: Path) -> None:
     run = made(tmp_path, LAYERED)
     (run.path / "best.json").write_text("{")
     (problem,) = verify(run.path).problems
-    assert problem.what.startswith("best.json: is not valid JSON: ")
+    assert problem.message.startswith("best.json: is not valid JSON: ")
     (run.path / "best.json").unlink()
     assert verify(run.path).problems == []

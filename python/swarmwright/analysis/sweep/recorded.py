@@ -16,7 +16,7 @@ from swarmwright.common.yaml import format_path
 from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment, recorded_experiment
 from swarmwright.experiment.settings import parse_settings
-from swarmwright.runs.code import copy_of, used_for
+from swarmwright.runs.code import find_copy, resolve_experiment
 from swarmwright.runs.edits import differences
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import FILE as STORE
@@ -198,9 +198,9 @@ def _of_run(run: Run, recorded: Experiment, code: _Code) -> Experiment:
             f"{run.path}: holds a run of another experiment: {', '.join(map(str, differing))}; move it "
             "elsewhere"
         )
-    experiment = used_for(run)
+    experiment = resolve_experiment(run)
     simulation = experiment.simulation
-    copy = copy_of(run)
+    copy = find_copy(run)
     if copy is not None and "simulation" in copy.parts:
         digest = compute_digest({"simulation": copy.parts["simulation"].digests})
         known, other = code.runs.setdefault(recorded.simulation, (digest, run))

@@ -7,7 +7,7 @@ from statistics import fmean
 
 from swarmwright.analysis.sweep.run import Listener, Task
 from swarmwright.analysis.sweep.variants import Variant
-from swarmwright.runs.optimization.generation import Generation, how_far
+from swarmwright.runs.optimization.generation import Generation, format_progress
 from swarmwright.runs.run import Run
 
 _ASSUMED_GENERATIONS = 1000  # generations, where their number is not known
@@ -44,7 +44,7 @@ class UnderWay:
     @property
     def words(self) -> str:
         """Which run it is, and how far: "nnga, seed 2: 7 of 20 generations"."""
-        far = how_far(self.task.variant.experiment.budget, self.generation)
+        far = format_progress(self.task.variant.experiment.budget, self.generation)
         return f"{self.task.variant.label}, seed {self.task.seed}: {far}"
 
     def left(self, now: float) -> float | None:

@@ -18,14 +18,14 @@ from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.document import AUTO, Validate
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.launcher_entries import Entries
-from swarmwright.runs.code import changed_code, check_trusted
+from swarmwright.runs.code import check_trusted, describe_code_changes
 from swarmwright.runs.edits import differences
 from swarmwright.runs.optimization.generation import Generation, OnGeneration
-from swarmwright.runs.optimization.optimize import adopt_budget, optimize, reported_by_caller, resume
-from swarmwright.runs.optimization.resuming import NothingLeftError, prolonged
+from swarmwright.runs.optimization.optimize import adopt_budget, leave_reports_to_caller, optimize, resume
+from swarmwright.runs.optimization.resuming import NothingLeftError, extend_experiment
 from swarmwright.runs.run import Run
 from swarmwright.runs.store import FILE
-from swarmwright.runs.store.folder import SWEEP, check_folder, without_store
+from swarmwright.runs.store.folder import SWEEP, build_missing_store_error, check_folder
 from swarmwright.runs.store.lock import is_locked
 from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import is_due
@@ -43,7 +43,7 @@ class BusyRunError(UnreadableRunError):
     """Another process works on a run of a sweep."""
 
     def __init__(self, folder: Path) -> None:
-        super().__init__(f"{folder}: another process works on this run; wait for it or stop it")
+        super().__init__(f"{folder}: another process is writing this run; wait for it or stop it")
 
 
 @contextmanager
@@ -67,7 +67,7 @@ def _check_new(folder: Path) -> None:
         if not folder.is_dir() or not any(folder.iterdir()):
             raise  # no right to write, or the path is too long: other runs fail as well
         with readable(folder):
-            raise without_store(folder) from None
+            raise build_missing_store_error(folder) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class Task:
                 f"{self.folder}: holds a run of another experiment: {', '.join(map(str, differing))}; name "
                 "another folder for the results (out)"
             )
-        changed = changed_code(run, self.experiment)
+        changed = describe_code_changes(run, self.experiment)
         if changed is not None:
             raise InputError(
                 f"{changed}\nRuns of different code cannot be compared. Restore what was edited, or name "
@@ -113,7 +113,7 @@ class Task:
         budget = self.budget_settings(run)
         if budget:
             try:
-                prolonged(run, run.experiment, budget, {})
+                extend_experiment(run, run.experiment, budget, {})
             except InputError as error:
                 raise InputError(
                     f"{self.folder}: {error}; name another folder for the results (out)"
@@ -405,7 +405,7 @@ class Executor:
             where = {"servers": self._here, "on_progress": on_progress, "progress": False}
         try:
             found = task.found()
-            with reported_by_caller():
+            with leave_reports_to_caller():
                 if found is not None:
                     return _go_on(task, found, on_generation, where)
                 return optimize(task.experiment, on_generation, out=task.folder, **where)

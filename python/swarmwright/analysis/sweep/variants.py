@@ -267,7 +267,7 @@ def comparable(experiment: Experiment) -> dict[str, Any]:
     else:
         # A copy of a module is a file; `display_name` is what the experiment calls it: package.module:Class.
         named = SimulationName.parse(display_name(experiment.simulation))
-        # The same file in any folder: `changed_code` compares its content.
+        # The same file in any folder: `describe_code_changes` compares its content.
         values["simulation"] = named.text if named.file is None else named.in_file(named.file.name)
     for key in ("method", "ranking"):
         kind = SimulationName.parse(display_name(values[key]["kind"]))

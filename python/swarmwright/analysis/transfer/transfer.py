@@ -15,13 +15,13 @@ from swarmwright.common.errors import InputError
 from swarmwright.common.formatting import format_count
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
 from swarmwright.experiment.targets import OtherSimulation, Target, is_same, targets_of
-from swarmwright.runs.code import used_for
-from swarmwright.runs.post_evaluation import unseen_seeds
-from swarmwright.runs.run import Run, run_of
+from swarmwright.runs.code import resolve_experiment
+from swarmwright.runs.post_evaluation import choose_unseen_seeds
+from swarmwright.runs.run import Run, open_run
 from swarmwright.runs.transfer.at_end import seeds_of
 from swarmwright.runs.transfer.evaluation import Plan, Work
 from swarmwright.runs.transfer.transferred import Transferred
-from swarmwright.runs.validation import leading
+from swarmwright.runs.validation import find_leading
 from swarmwright.servers.evaluation.base import Progress, Servers
 
 CANDIDATES, SEEDS = 10, 30
@@ -87,7 +87,7 @@ def transfer(
     require_list("to", to, "simulations or files of them")
     to = [text("to", given, "a list of names of simulations, or of files of them") for given in to]
     seeds = integer("seeds", seeds)
-    opened = [run_of(run) for run in runs]
+    opened = [open_run(run) for run in runs]
     if not opened:
         raise InputError("there are no runs to transfer; name run folders such as runs/minisim-1")
     for name, number, least in (("candidates", candidates, 1), ("random", random, 0), ("seeds", seeds, 2)):
@@ -101,9 +101,9 @@ def transfer(
             require_e_pucks(run.experiment)
         ranges = [*E_PUCKS, *ranges]
     targets = targets_of(to, ranges)
-    used = set[int]().union(*(run._store.used_seeds() for run in kept))
+    used = set[int]().union(*(run._store.collect_seeds() for run in kept))
     first = min(run.experiment.first_seed for run in kept)
-    episodes = unseen_seeds(first, used if seed is None else set(), seeds, seed)
+    episodes = choose_unseen_seeds(first, used if seed is None else set(), seeds, seed)
     plans = [_plan(run, targets, candidates, random, seeds) for run in kept]
     for plan in plans:
         plan.check(broker)
@@ -121,8 +121,8 @@ def transfer(
 
 
 def _plan(run: Run, targets: Sequence[Target], candidates: int, random: int, seeds: int) -> Plan:
-    best = leading(run.experiment, run._store, candidates)
-    return Plan.of(used_for(run, best[0].generation), best, targets, random=random, seeds=seeds)
+    best = find_leading(run.experiment, run._store, candidates)
+    return Plan.of(resolve_experiment(run, best[0].generation), best, targets, random=random, seeds=seeds)
 
 
 def _transferred(run: Run, plan: Plan, work: Work) -> Iterator[Transferred]:

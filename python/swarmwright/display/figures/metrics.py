@@ -59,7 +59,7 @@ def draw(run: "Run", curves: "MetricCurves", *, x: str = "evaluations") -> "Figu
         x: "evaluations" or "generations".
     """
     shares = curves.shares
-    places, values = curves.places(x), drawable(curves.values)
+    places, values = curves.x_positions(x), drawable(curves.values)
     figure, axes = _grid(len(curves.names))
     marker = "o" if len(places) == 1 else None
     drawn = [index for index in range(len(shares)) if np.isfinite(values[:, index]).any()]
@@ -116,7 +116,7 @@ def of_groups(
             def curve(run: "Run", x: str, index: int = index) -> Any:  # noqa: ANN401 - two arrays
                 found = curve_of[id(run)]
                 top, best = found.values[index, _TOP], found.values[index, 0]
-                return found.places(x), drawable(np.where(np.isnan(top), best, top))
+                return found.x_positions(x), drawable(np.where(np.isnan(top), best, top))
 
             places, values, _ = together(members, x, curve)
             _, low, middle, high, _ = bands(values)

@@ -20,7 +20,7 @@ from swarmwright.interop.models._files import files_of
 from swarmwright.interop.models._files import load as load_part
 from swarmwright.interop.models._names import Known
 from swarmwright.interop.models._parts import Optimised, Part
-from swarmwright.runs.run import Run, run_of
+from swarmwright.runs.run import Run, open_run
 
 CANDIDATE = "candidate.json"
 """The values as CPSwarm's optimization tool hands a candidate to simulators and robots."""
@@ -65,7 +65,7 @@ def write_back(
     Raises:
         InputError: there is no such candidate, a file is wrong, or nothing in the files was evolved.
     """
-    opened = run_of(run)
+    opened = open_run(run)
     subject = subject_of(opened, generation, candidate)
     known = Known(opened.experiment.simulation)
     parts = [load_part(path) for path in files_of(map(Path, paths))]

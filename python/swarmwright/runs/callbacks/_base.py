@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from swarmwright.common.arguments import function
-from swarmwright.runs.optimization.generation import goes_on
+from swarmwright.runs.optimization.generation import should_continue
 
 if TYPE_CHECKING:
     from swarmwright.runs.optimization.generation import Generation
@@ -47,7 +47,7 @@ def together(
 
     def call(generation: "Generation") -> bool:
         returned = [callback(generation) for callback in callbacks]
-        return all(map(goes_on, returned))
+        return all(map(should_continue, returned))
 
     return call
 

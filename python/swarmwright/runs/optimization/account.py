@@ -1,4 +1,4 @@
-"""What a run has used of its budget, and the best that it has found."""
+"""The used budget and the best candidate of a run."""
 
 import math
 import time
@@ -14,7 +14,7 @@ from swarmwright.runs.optimization.generation import Generation
 from swarmwright.runs.store import StoreReader
 
 _UNLIMITED_EVALUATIONS = 10**15
-"""Evaluations that stand for no limit of them."""
+"""Evaluations that stand for no limit."""
 _WINDOW_S = 2.0
 """Seconds over which evaluations per second are counted."""
 
@@ -22,22 +22,19 @@ _WINDOW_S = 2.0
 class Rate:
     """Evaluations per second over about the last two seconds.
 
-    The time between two reports alone says little: generations that were evaluated ahead are reported one
-    right after the other.
+    The time between two reports alone is misleading: generations that were evaluated ahead are reported in
+    quick succession.
 
     Args:
-        now: a clock, in seconds, when evaluations begin.
-        evaluations: before that.
+        now: time of a clock when evaluations begin, in seconds.
+        evaluations: their number at that time.
     """
 
     def __init__(self, now: float, evaluations: int) -> None:
         self._reports = deque([(now, evaluations)])
 
     def after(self, now: float, evaluations: int) -> float:
-        """Note how many evaluations there are now; return the rate since the report that began the window.
-
-        That is the last one at least two seconds ago, or the begin.
-        """
+        """Add a report; return the rate since the last report at least two seconds ago, or the start."""
         reports = self._reports
         reports.append((now, evaluations))
         while now - reports[1][0] >= _WINDOW_S:
@@ -47,12 +44,12 @@ class Rate:
 
 
 class Account:
-    """Counts what a run uses, and notes the best candidate.
+    """Tracks the used budget of a run and its best candidate.
 
     Args:
         method: of the run.
         budget: of the run.
-        reevaluates: whether members of the population are evaluated again in every generation.
+        reevaluates: whether members of the population are re-evaluated in every generation.
     """
 
     def __init__(self, method: Method, budget: Budget, *, reevaluates: bool) -> None:
@@ -60,93 +57,92 @@ class Account:
         self._budget = budget
         self._reevaluates = reevaluates
         self.generations = 0
-        """Generations that the method has been told of, since the start."""
+        """Generations told to the method since the start."""
         self.evaluations = 0
-        """Candidates of these."""
+        """Candidates of these generations."""
         self.failed = 0
-        """Of these, candidates that failed."""
+        """Failed candidates of these generations."""
         self.stored = 0
-        """Generations that were handed to the store."""
+        """Generations passed to the store."""
         self.best_so_far = -np.inf
         """As in `Generation`."""
         self.leader = -1
-        """The evaluation that it is of, counted from 0."""
-        self._best_seen = -np.inf
-        self._started: float | None = None  # the clock of this session, from `start` on
+        """Index of the best evaluation, from 0."""
+        self._best_ever = -np.inf
+        self._started: float | None = None  # time of `start`
         self._rate = Rate(0.0, 0)
-        self._resumed_at = 0  # told to the method before this session
-        self._generations_before = 0  # of earlier sessions
-        self._before = 0.0  # seconds of earlier sessions
+        self._resumed_at = 0  # evaluations told to the method before this session
+        self._earlier_generations = 0
+        self._earlier_seconds = 0.0
 
     def continue_from(self, reader: StoreReader) -> None:
-        """Note what earlier sessions have used, of which the method has been told."""
+        """Add the budget used by earlier sessions, whose generations the method has been told."""
         self._resumed_at, self.stored = self._method.evaluations, len(reader.history())
-        self._generations_before = self.stored
-        self._before = math.fsum(session.seconds or 0.0 for session in reader.sessions())
+        self._earlier_generations = self.stored
+        self._earlier_seconds = math.fsum(session.seconds or 0.0 for session in reader.sessions())
 
     def start(self) -> None:
-        """Start the clock: what was before, such as starting servers, is not limited."""
+        """Start the clock; the time before, such as for starting servers, does not count."""
         self._started = time.monotonic()
         self._rate = Rate(self._started, self.evaluations)
 
     def add(self, fitness: Fitness, leader: int, failed: int) -> None:
-        """Count a generation that the method has been told of, and note its best.
+        """Count a generation told to the method, and note its best candidate.
 
         Args:
             fitness: of its candidates.
             leader: index of its best candidate.
-            failed: how many of them failed.
+            failed: number of failed candidates.
         """
-        self._lead(fitness, leader)
+        self._update_best(fitness, leader)
         self.generations += 1
         self.evaluations += len(fitness)
         self.failed += failed
 
     @property
     def target_is_reached(self) -> bool:
-        """Whether the target of a method that is done is reached."""
+        """Whether a finished method has reached its target."""
         if self._method.by_instance:
             return self._method.reached
         target = self._method.options.target
-        return target is not None and self._best_seen >= target
+        return target is not None and self._best_ever >= target
 
     @property
     def time_is_over(self) -> bool:
-        """Whether the budget of seconds is used."""
+        """Whether the budget of seconds is used up."""
         limit = self._budget.seconds
-        return limit is not None and self._before + self._elapsed() >= limit
+        return limit is not None and self._earlier_seconds + self._measure_elapsed() >= limit
 
     @property
-    def most(self) -> int:
-        """How many candidates are evaluated in the whole run, at most."""
+    def max_evaluations(self) -> int:
+        """Largest number of candidates evaluated in the whole run."""
         return min(
             self._method.budget, self._budget.evaluations or _UNLIMITED_EVALUATIONS, _UNLIMITED_EVALUATIONS
         )
 
     def expected_generations(self, generations: int | None = None) -> int:
-        """Return how many the run will have, as far as it can be told after these, by default the stored."""
+        """Estimate the run's total number of generations after these, by default after the stored ones."""
         so_far = self.stored if generations is None else generations
         return self._budget.expected_generations(so_far, self.evaluations)
 
     def report(self, summary: Summary, waiting_for: str) -> Generation:
-        """Return what a callback gets.
+        """Build the progress report for a callback.
 
         Args:
             summary: of the last generation.
             waiting_for: what its evaluation waited for last.
         """
-        elapsed = self._elapsed()
-        budget, share = self._budget.nearest(
-            summary.generation + 1, summary.evaluations, self._before + elapsed
-        )
-        left = 0 if self._method.done else max(self.most - self._method.evaluations, 0)
-        seconds_left = left * elapsed / max(self._method.evaluations - self._resumed_at, 1)
+        elapsed = self._measure_elapsed()
+        total_seconds = self._earlier_seconds + elapsed
+        budget, share = self._budget.nearest(summary.generation + 1, summary.evaluations, total_seconds)
+        remaining = 0 if self._method.done else max(self.max_evaluations - self._method.evaluations, 0)
+        seconds_left = remaining * elapsed / max(self._method.evaluations - self._resumed_at, 1)
         if self._budget.generations is not None:  # races have generations of very different sizes
             done = summary.generation + 1
-            each = elapsed / max(done - self._generations_before, 1)
-            seconds_left = min(seconds_left, max(self._budget.generations - done, 0) * each)
+            seconds_each = elapsed / max(done - self._earlier_generations, 1)
+            seconds_left = min(seconds_left, max(self._budget.generations - done, 0) * seconds_each)
         if self._budget.seconds is not None:
-            seconds_left = min(seconds_left, max(self._budget.seconds - self._before - elapsed, 0.0))
+            seconds_left = min(seconds_left, max(self._budget.seconds - self._earlier_seconds - elapsed, 0.0))
         return Generation(
             generation=summary.generation,
             generations=self._budget.generations,
@@ -164,19 +160,19 @@ class Account:
             share=share,
         )
 
-    def _elapsed(self) -> float:
+    def _measure_elapsed(self) -> float:
         """Return the seconds of this session; 0 before its start."""
         return 0.0 if self._started is None else time.monotonic() - self._started
 
-    def _lead(self, fitness: Fitness, leader: int) -> None:
-        """Note the best evaluation so far; with re-evaluation, of this generation."""
+    def _update_best(self, fitness: Fitness, leader: int) -> None:
+        """Note the best evaluation so far, or of this generation if members are re-evaluated."""
         if self._method.by_instance:
             incumbent = self._method.incumbent
             if incumbent is not None:
                 self.best_so_far, self.leader = incumbent.fitness, incumbent.evaluation
             return
         value = float(fitness[leader])
-        self._best_seen = max(self._best_seen, value)
+        self._best_ever = max(self._best_ever, value)
         if value > self.best_so_far or self._reevaluates:
             self.best_so_far = value
             self.leader = self.evaluations + leader

@@ -1,7 +1,7 @@
-"""The strategy of the engine, which evolves by itself, some generations ahead of what is stored and reported.
+"""The strategy in which the engine evolves by itself, some generations ahead of the store and the reports.
 
-The record is that of the strategy `Generational` to the byte. What was computed beyond the end of a run is
-thrown away.
+The record equals that of the strategy `Generational` byte for byte. Generations beyond the end of a run are
+discarded.
 """
 
 from collections.abc import Callable
@@ -23,12 +23,12 @@ from swarmwright.servers.rows import GenerationResult
 
 
 class Ahead(Strategy):
-    """Takes generations from a thread of the engine's, in their order.
+    """Takes generations in order from a thread of the engine.
 
     Args:
-        loop: whose strategy it is.
+        loop: the loop that uses the strategy.
         producer: the thread.
-        backend: what it evaluates with.
+        backend: evaluates for the thread.
     """
 
     def __init__(self, loop: Loop, producer: _engine.Producer, backend: Backend) -> None:
@@ -36,16 +36,16 @@ class Ahead(Strategy):
         self._producer = producer
         self._backend = backend
         self._next: Callable[[], None] | None = None  # completes the next generation
-        self._is_over = False  # no generation is left
+        self._is_over = False  # whether the engine has no more generations
         self._is_closed = False
         self._expected = 0
         self._expect()
 
     @classmethod
     def of(cls, loop: Loop, backend: Backend) -> Self | None:
-        """Begin where the method is; None where Python has a part in a generation."""
+        """Start the engine at the method's generation; return None if a generation needs Python."""
         method, ranking, representation = loop.method, loop.ranking, loop.representation
-        if not (can_be_ahead(method, ranking) and _genes_are_weights(representation)):
+        if not (can_run_ahead(method, ranking) and _genes_are_weights(representation)):
             return None
         assert isinstance(method, SearchMethod)
         assert isinstance(ranking, Absolute)
@@ -75,26 +75,26 @@ class Ahead(Strategy):
 
     @property
     def is_ready(self) -> bool:
-        """Whether the next generation is there, so that it need not be waited for."""
+        """Whether the next generation is available without waiting."""
         return self._next is not None or self._producer.is_ready()
 
     def fits(self, most: int) -> bool:
-        """Wait for the next generation; see `Strategy.fits`. The engine makes none that does not fit."""
+        """Wait for the next generation; see `Strategy.fits`. The engine makes only generations that fit."""
         if self._is_closed:
             return not self._is_over and self.loop.account.evaluations < most
         return self._wait()
 
-    def advance(self, backend: Backend) -> None:  # noqa: ARG002 - the one that was lent to the thread
-        """Take the next generation; raise what has kept it from coming."""
+    def advance(self, backend: Backend) -> None:  # noqa: ARG002 - the thread has it already
+        """Take the next generation, or raise the error that stopped the engine."""
         fits = self._wait()
         assert fits, "the method is done when no generation is left"
         assert self._next is not None
         complete, self._next = self._next, None
         complete()
 
-    def retell(self, stored: GenerationResult) -> bool:
-        """Have the engine's search compare the genomes; see `Strategy.retell`."""
-        return retold(self.loop, stored)
+    def replay_generation(self, stored: GenerationResult) -> bool:
+        """Let the engine's search compare the genomes; see `Strategy.replay_generation`."""
+        return replay_search(self.loop, stored)
 
     def close(self) -> None:
         """End the thread."""
@@ -102,18 +102,18 @@ class Ahead(Strategy):
         self._producer.close()
 
     def _wait(self) -> bool:
-        """Wait for the next generation; return whether there is one within the budget of evaluations."""
+        """Wait for the next generation; return whether the budget of evaluations allows another."""
         if self._next is not None:
             return True
         if not self.is_ready:
-            self.loop.recorder.has_time()
+            self.loop.recorder.use_idle_time()
         with engine_errors():
-            found = self._producer.next(self._progress)
+            produced = self._producer.next(self._progress)
         self._backend.check()
-        self._is_over = found is None
-        if found is None:
+        self._is_over = produced is None
+        if produced is None:
             return False
-        genomes, episodes, metrics, fitness, _, figures, outcome, digests, attempts, warnings = found
+        genomes, episodes, metrics, fitness, _, figures, outcome, digests, attempts, warnings = produced
         results = Results(episodes, metrics, self._backend.build_journal(attempts, warnings))
         self._next = partial(self._complete, genomes, results, fitness, outcome, figures, digests)
         return True
@@ -127,7 +127,7 @@ class Ahead(Strategy):
         figures: Figures,
         digests: _engine.Digests,
     ) -> None:
-        """Hand a generation to the loop; arguments as those of `Loop.told`."""
+        """Pass a generation to the loop; arguments as for `Loop.record_generation`."""
         loop, method, number = self.loop, self.loop.method, self.loop.method.generation
         loop.check_size(len(genomes))
         episodes = results.fitness.size
@@ -136,13 +136,13 @@ class Ahead(Strategy):
         _, failed = outcome
         if failed:
             self._backend.count_failed(results)
-            results = loop.failures.named(results, seeds, number)
+            results = loop.failures.add_warnings(results, seeds, number)
 
         def tell() -> GenerationResult:
             if failed:
                 loop.check(fitness, results)
             method.passed(fitness)
-            return loop.told(
+            return loop.record_generation(
                 genomes, seeds, results, fitness, outcome=outcome, figures=figures, digests=digests
             )
 
@@ -150,7 +150,7 @@ class Ahead(Strategy):
             self._expect()
 
     def _expect(self) -> None:
-        """Tell those who watch servers how many generations the run is expected to have."""
+        """Publish the expected number of generations for watchers."""
         generations = self.loop.account.expected_generations()
         if generations != self._expected:
             self._expected = generations
@@ -161,17 +161,18 @@ class Ahead(Strategy):
         self.loop.recorder.progress(done, total, waiting_for)
 
 
-def can_be_ahead(method: Method, ranking: Ranking) -> bool:
-    """Return whether the engine knows all that happens between asking and telling, but for the evaluation."""
-    known = isinstance(method, SearchMethod) and method.ahead
-    options = ranking.options
-    return known and type(ranking) is Absolute and not options.reevaluate and options.failure_fitness is None
+def can_run_ahead(method: Method, ranking: Ranking) -> bool:
+    """Return whether the engine alone can do everything between ask and tell, except for the evaluation."""
+    if not isinstance(method, SearchMethod) or not method.ahead or type(ranking) is not Absolute:
+        return False
+    return not ranking.options.reevaluate and ranking.options.failure_fitness is None
 
 
-def retold(loop: Loop, stored: GenerationResult) -> bool:
-    """Tell a search a generation, see `Strategy.retell`; the engine compares the genomes.
+def replay_search(loop: Loop, stored: GenerationResult) -> bool:
+    """Pass a stored generation to a search, see `Strategy.replay_generation`.
 
-    In long runs, each copy of them counts. The strategy `Generational` does the same where `can_be_ahead`.
+    The engine compares the genomes, which avoids copies that take long in long runs. The strategy
+    `Generational` does the same where `can_run_ahead`.
     """
     method = loop.method
     assert isinstance(method, SearchMethod)

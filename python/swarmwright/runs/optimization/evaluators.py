@@ -1,4 +1,4 @@
-"""How a generation is evaluated and ranked: as a whole, in a race, or in two simulations."""
+"""Evaluators, which evaluate and rank a generation: completely, in a race, or in two simulations."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,7 +10,7 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods.rankings import Ranking
 from swarmwright.methods.rankings.race import Race
 from swarmwright.methods.rankings.slow_simulation import SlowRanking
-from swarmwright.runs.optimization.two_simulations import TwoSimulations, descriptor_columns
+from swarmwright.runs.optimization.two_simulations import TwoSimulations, find_descriptor_columns
 from swarmwright.servers.evaluation.base import Backend, Controllers, OnResults, Progress, Results
 from swarmwright.servers.rows import Journal
 
@@ -33,27 +33,27 @@ class Evaluator:
         meanwhile: Callable[[], None] | None,
         on_results: OnResults | None = None,
     ) -> Results:
-        """Evaluate a generation; arguments as those of `Backend.evaluate`."""
+        """Evaluate a generation; arguments as for `Backend.evaluate`."""
         return backend.evaluate(controllers, seeds, on_progress, meanwhile, on_results)
 
     def fitness(self, results: Results, genomes: Genomes) -> Fitness:
-        """Return what the ranking makes of the results of a generation."""
+        """Return the fitness of a generation's candidates, computed by the ranking."""
         return self._ranking.score(results.fitness, genomes)
 
     def failed_candidates(self, results: Results) -> NDArray[np.bool_]:
         """Return which candidates failed in an episode, (candidates,).
 
-        Called before `fitness`, from which a ranking may learn.
+        Call it before `fitness`, which may change the state of the ranking.
         """
         return np.asarray(self.failed_episodes(results).any(axis=1))
 
-    def why_failed(self, results: Results) -> str:
-        """Return why candidates failed none of whose episodes did; empty where another reason is known."""
+    def explain_failure(self, results: Results) -> str:
+        """Explain candidates that failed without a failed episode; empty if another reason is known."""
         if results.journal.errors or self.failed_episodes(results).any():
             return ""
         return (
-            ": all of their episodes worked, but what the ranking makes of them is not finite, such as "
-            "a sum beyond binary64, or what a plug-in returned"
+            ": all of their episodes succeeded, but the ranking's result is not finite, for example a sum "
+            "beyond the range of binary64, or the result of a plug-in"
         )
 
     def failed_episodes(self, results: Results) -> NDArray[np.bool_]:
@@ -62,7 +62,7 @@ class Evaluator:
 
 
 class RaceEvaluator(Evaluator):
-    """Evaluates in rounds; candidates that are dropped go through some of their episodes only."""
+    """Evaluates in rounds; candidates that are dropped run only some of their episodes."""
 
     def __init__(self, ranking: Race) -> None:
         super().__init__(ranking)
@@ -77,48 +77,48 @@ class RaceEvaluator(Evaluator):
         meanwhile: Callable[[], None] | None,
         on_results: OnResults | None = None,
     ) -> Results:
-        """Evaluate a generation; NaN where an episode failed, or the candidate did not go through it."""
+        """Evaluate a generation; NaN for episodes that failed or were not run."""
         count, whole = len(controllers.weights), len(controllers.weights) * len(seeds)
         fitness = np.full((count, len(seeds)), np.nan)
         metrics = np.full((count, len(seeds), len(backend.metrics)), np.nan)
         journal = Journal()
         rounds = self._race.rounds(count)
-        who, which = next(rounds)
+        rows, episodes = next(rounds)
         while True:
-            everyone = len(who) == count
+            is_whole = len(rows) == count
             part = Controllers(
                 controllers.architecture,
-                controllers.weights if everyone else np.ascontiguousarray(controllers.weights[who]),
-                controllers.sample if everyone else None,
+                controllers.weights if is_whole else np.ascontiguousarray(controllers.weights[rows]),
+                controllers.sample if is_whole else None,
             )
-            before = which.start * count
+            before = episodes.start * count
 
             def progress(done: int, _: int, waiting_for: str, before: int = before) -> None:
                 on_progress(before + done, whole, waiting_for)
 
-            results = backend.evaluate(part, seeds[which], progress, meanwhile, on_results)
+            results = backend.evaluate(part, seeds[episodes], progress, meanwhile, on_results)
             meanwhile = on_results = None
-            fitness[who, which] = results.fitness
-            metrics[who, which] = results.metrics
-            journal.extend(results.journal.renumber(who.tolist(), which.start))
+            fitness[rows, episodes] = results.fitness
+            metrics[rows, episodes] = results.metrics
+            journal.extend(results.journal.renumber(rows.tolist(), episodes.start))
             try:
-                who, which = rounds.send(results.fitness)
+                rows, episodes = rounds.send(results.fitness)
             except StopIteration:
                 on_progress(whole, whole, "")
                 return Results(fitness, metrics, journal)
 
     def failed_episodes(self, results: Results) -> NDArray[np.bool_]:
-        """Return which episodes failed, of those that candidates went through."""
+        """Return which of the episodes that were run failed, (candidates, episodes)."""
         failed = super().failed_episodes(results)
         return failed & (np.arange(failed.shape[1]) < self._race.ran(results.fitness)[:, np.newaxis])
 
 
 class TwoSimulationsEvaluator(Evaluator):
-    """Evaluates in the experiment's simulation, and some candidates in the ranking's slow one as well.
+    """Evaluates in the experiment's simulation, and some candidates also in the ranking's slow simulation.
 
     Args:
         ranking: of the run.
-        descriptor: which metrics of the fast simulation the ranking needs.
+        descriptor: columns of the fast simulation's metrics that the ranking needs.
     """
 
     def __init__(self, ranking: SlowRanking, descriptor: list[int]) -> None:
@@ -135,7 +135,7 @@ class TwoSimulationsEvaluator(Evaluator):
         meanwhile: Callable[[], None] | None,
         on_results: OnResults | None = None,
     ) -> Results:
-        """Evaluate a generation; its last metric is the fitness in the slow simulation, NaN without one."""
+        """Evaluate a generation; the last metric is the fitness in the slow simulation, NaN without one."""
         assert isinstance(backend, TwoSimulations)
         ranking, count, episodes = self._slow, len(controllers.weights), len(seeds)
         whole = (count + ranking.expected(count)) * episodes
@@ -151,14 +151,14 @@ class TwoSimulationsEvaluator(Evaluator):
         rounds = ranking.rounds(ranking.counted(fast.fitness), fast.metrics[:, :, self._descriptor])
         done = count * episodes
         try:
-            who = next(rounds)
+            rows = next(rounds)
             while True:
-                part = Controllers(controllers.architecture, np.ascontiguousarray(controllers.weights[who]))
+                part = Controllers(controllers.architecture, np.ascontiguousarray(controllers.weights[rows]))
                 results = backend.slow.evaluate(part, seeds, progress)
-                done += len(who) * episodes
-                slow[who] = results.fitness
-                journal.extend(_named(results.journal, backend.name).renumber(who.tolist()))
-                who = rounds.send(ranking.counted(results.fitness))
+                done += len(rows) * episodes
+                slow[rows] = results.fitness
+                journal.extend(_prefix_warnings(results.journal, backend.name).renumber(rows.tolist()))
+                rows = rounds.send(ranking.counted(results.fitness))
         except StopIteration:
             on_progress(whole, whole, "")
         metrics = np.concatenate([fast.metrics, slow[:, :, np.newaxis]], axis=2)
@@ -171,22 +171,22 @@ class TwoSimulationsEvaluator(Evaluator):
         return super().failed_candidates(results) | (chosen & ~np.isfinite(slow).all(axis=1))
 
     def fitness(self, results: Results, genomes: Genomes) -> Fitness:  # noqa: ARG002 - of the base class
-        """Return what the ranking makes of both fitnesses; see `Evaluator.fitness`."""
+        """Return the ranking's fitness from both simulations; see `Evaluator.fitness`."""
         descriptor = results.metrics[:, :, self._descriptor]
         return self._slow.ranked(results.fitness, results.metrics[:, :, -1], descriptor)
 
 
-def evaluator_of(ranking: Ranking, experiment: Experiment) -> Evaluator:
-    """Return the evaluator that a ranking needs."""
+def create_evaluator(ranking: Ranking, experiment: Experiment) -> Evaluator:
+    """Create the evaluator that a ranking needs."""
     if isinstance(ranking, SlowRanking):
-        return TwoSimulationsEvaluator(ranking, descriptor_columns(ranking, experiment))
+        return TwoSimulationsEvaluator(ranking, find_descriptor_columns(ranking, experiment))
     if isinstance(ranking, Race):
         return RaceEvaluator(ranking)
     return Evaluator(ranking)
 
 
-def _named(journal: Journal, name: str) -> Journal:
-    """Return a journal whose warnings name the simulation."""
+def _prefix_warnings(journal: Journal, name: str) -> Journal:
+    """Return a journal whose warnings begin with the name of the simulation."""
     warnings = [
         warning._replace(text=f"{name}: {warning.text}", episode=None) for warning in journal.warnings
     ]

@@ -1,4 +1,4 @@
-"""The progress of an optimization after a generation: what a callback gets."""
+"""The progress of an optimization after a generation, as passed to callbacks."""
 
 import inspect
 from collections.abc import Callable
@@ -14,45 +14,43 @@ from swarmwright.experiment.budget import Budget, Limit
 
 @dataclass(frozen=True, kw_only=True)
 class Generation:
-    """The progress of an optimization, after a generation: what a callback of `optimize` gets.
+    """The progress of an optimization after a generation, passed to the callback of `optimize`.
 
-    Fitness is in units of the simulation, more is better.
+    Fitness is in units of the simulation; larger is better.
     """
 
     generation: int
     """Index of the generation, from 0."""
     generations: int | None
-    """Generations of the whole run; None where only evaluations or seconds are limited."""
+    """Generations of the whole run; None if only evaluations or seconds are limited."""
     best: float
-    """Best fitness in the population; NaN where all of it failed."""
+    """Best fitness in the population; NaN if all members failed."""
     mean: float
-    """Mean fitness of the population, failed members left out; NaN where all failed."""
+    """Mean fitness of the population without failed members; NaN if all failed."""
     best_so_far: float
-    """Best fitness since the start of the run; where members are evaluated again, that of the best one
-    now."""
+    """Best fitness since the start of the run; with re-evaluation, of the currently best member."""
     failed: int
-    """Candidates of this generation whose evaluation failed: in at least one episode."""
+    """Candidates of this generation that failed in at least one episode."""
     failed_so_far: int
-    """Candidates whose evaluation failed since the start."""
+    """Failed candidates since the start."""
     evaluations: int
-    """Candidates evaluated since the start, failed ones included."""
+    """Candidates evaluated since the start, including failed ones."""
     seconds: float
     """Seconds since the start, or since the run was resumed."""
     evaluations_per_second: float
-    """Candidates per second over about the last two seconds, or since the generation before where that is
-    longer ago; at most since the start."""
+    """Candidates per second over about the last two seconds; longer if the last generation took longer."""
     seconds_left: float
-    """Seconds until the nearest limit is reached, estimated."""
+    """Estimated seconds until the nearest limit is reached."""
     waiting_for: str
-    """What the evaluation waited for last; empty when it waited for nothing."""
+    """What the evaluation waited for last; empty if nothing."""
     budget: Limit = "generations"
-    """Which limit is nearest: generations, evaluations or seconds."""
+    """The nearest limit: generations, evaluations or seconds."""
     share: float = 0.0
-    """Share of that limit which is used, 0 to 1."""
+    """Used share of the nearest limit, 0 to 1."""
 
 
-def how_far(budget: Budget, last: Generation | None, *, short: bool = False) -> str:
-    """Return how much is used of the budget that ends the run first: `3 of 20 generations`."""
+def format_progress(budget: Budget, last: Generation | None, *, short: bool = False) -> str:
+    """Format the used part of the budget that ends the run first: `3 of 20 generations`."""
     done = 0 if last is None else last.generation + 1
     limit = budget.nearest(0, 0, 0.0)[0] if last is None else last.budget
     if limit == "generations":
@@ -70,15 +68,17 @@ OnGeneration = Callable[[Generation], bool | None]
 """Called after each generation; False ends the run."""
 
 
-def goes_on(returned: object) -> bool:
-    """Return whether a run goes on after a callback: unless that returned False, NumPy's included.
+def should_continue(returned: object) -> bool:
+    """Return whether to continue after a callback that returned True, False, a NumPy bool or None.
 
-    Raises InputError when it returned anything else than True, False and None.
+    Raises InputError for any other returned value.
     """
     if returned is None or isinstance(returned, bool | np.bool_):
         return returned is None or bool(returned)
-    what = describe_value(returned)
+    value = describe_value(returned)
     if inspect.iscoroutine(returned):
-        what = f"a coroutine, {returned.__qualname__}, which would not be awaited"
+        value = f"a coroutine, {returned.__qualname__}, which would not be awaited"
         returned.close()
-    raise InputError(f"on_generation: returned {what}; return False to end the run, or else True or None")
+    raise InputError(
+        f"on_generation: returned {value}; return False to end the run, True or None to continue"
+    )

@@ -1,4 +1,4 @@
-"""The strategy of whole generations: ask, evaluate, rank, tell."""
+"""The generational strategy: ask, evaluate, rank, tell."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from swarmwright import _engine
 from swarmwright.common.arrays import Genomes
 from swarmwright.common.plug_in_code import is_plug_in, numbers
 from swarmwright.common.statistics import means
-from swarmwright.runs.optimization.ahead import Ahead, can_be_ahead, retold
+from swarmwright.runs.optimization.ahead import Ahead, can_run_ahead, replay_search
 from swarmwright.runs.optimization.loop import Loop, Strategy
 from swarmwright.servers.evaluation.base import Backend, Controllers, Results
 from swarmwright.servers.evaluation.seeds import check_seeds
@@ -14,14 +14,14 @@ from swarmwright.servers.rows import GenerationResult, Journal
 
 
 class Generational(Strategy):
-    """The method is asked for a generation, and told its fitness when all of it is evaluated."""
+    """Asks the method for a generation, and tells it the fitness when all candidates are evaluated."""
 
     stores_later = True
 
     def __init__(self, loop: Loop) -> None:
         super().__init__(loop)
-        self._asked = 0  # of the genomes to be evaluated; after them come members that are evaluated again
-        self._next: tuple[Genomes, list[int]] | None = None  # asked for and not evaluated yet
+        self._new_candidates = 0  # number of new genomes, which precede re-evaluated members
+        self._next: tuple[Genomes, list[int]] | None = None  # asked, and not evaluated yet
         self._ahead_is_tried = loop.is_large
 
     def fits(self, most: int) -> bool:
@@ -31,9 +31,9 @@ class Generational(Strategy):
         return self.loop.account.evaluations + len(self._next[0]) <= most
 
     def successor(self, backend: Backend) -> Strategy:
-        """Return the engine where it can go on by itself, once an evaluation has succeeded.
+        """Hand over to the engine if it can evolve by itself, once an evaluation has succeeded.
 
-        What the engine evaluates by itself is seen when a generation is complete.
+        Evaluations in the engine become visible only when a generation is complete.
         """
         if self._ahead_is_tried or self.loop.first.is_open:
             return self
@@ -42,34 +42,34 @@ class Generational(Strategy):
         ahead = Ahead.of(self.loop, backend)
         if ahead is None:
             return self
-        self._next = None  # the engine knows what has been asked for
+        self._next = None  # the engine has these candidates
         return ahead
 
     def advance(self, backend: Backend) -> None:
         """Evaluate the next generation."""
         loop = self.loop
         number = loop.method.generation
-        loop.say(f"generation {number}: making candidates")
+        loop.log_step(f"generation {number}: creating candidates")
         genomes, seeds = self._next or self._ask()
         self._next = None
         loop.check_size(len(genomes))
         loop.announce(backend, number)
-        loop.say(f"generation {number}: evaluating {len(genomes):,} candidates")
+        loop.log_step(f"generation {number}: evaluating {len(genomes):,} candidates")
         sample = loop.method.sample
         controllers = Controllers.from_genomes(loop.representation, genomes, sample)
         with loop.first_evaluations(number) as on_results:
             results = loop.evaluator.evaluate(
                 *(backend, controllers, seeds, loop.recorder.progress, loop.recorder.store_last, on_results)
             )
-        results = loop.failures.named(results, seeds, number)
-        loop.say(f"generation {number}: ranking and storing them")
+        results = loop.failures.add_warnings(results, seeds, number)
+        loop.log_step(f"generation {number}: ranking and storing them")
         keeps_sample = sample is not None and sample.is_shorter and len(sample) == len(genomes)
         loop.complete(results, lambda: self._tell(genomes, seeds, results, sample if keeps_sample else None))
 
-    def retell(self, stored: GenerationResult) -> bool:
-        """Ask the method, and tell it the stored results; see `Strategy.retell`."""
-        if can_be_ahead(self.loop.method, self.loop.ranking):
-            return retold(self.loop, stored)
+    def replay_generation(self, stored: GenerationResult) -> bool:
+        """Ask for the candidates and tell the stored results; see `Strategy.replay_generation`."""
+        if can_run_ahead(self.loop.method, self.loop.ranking):
+            return replay_search(self.loop, stored)
         genomes, seeds = self._ask()
         if genomes.tobytes() != stored.expand_genomes().tobytes() or seeds != stored.seeds:
             return False
@@ -77,17 +77,17 @@ class Generational(Strategy):
         return self._tell(genomes, seeds, results).fitness.tobytes() == stored.fitness.tobytes()
 
     def _ask(self) -> tuple[Genomes, list[int]]:
-        """Return the genomes to be evaluated in this generation, and on which seeds."""
+        """Return the genomes and the seeds of the next generation."""
         method, ranking, representation = self.loop.method, self.loop.ranking, self.loop.representation
         number, first_seed = method.generation, self.loop.first_seed
         genomes = method.ask()
-        self._asked = len(genomes)
+        self._new_candidates = len(genomes)
         if ranking.options.reevaluate:
             genomes = np.concatenate([genomes, method.kept()])
-        if is_plug_in(type(representation)):  # an operator for many genomes may be wrong
+        if is_plug_in(type(representation)):  # its operators may return a wrong shape
             size = None, representation.genome_size
-            what = "genomes, (candidates, genome_size), made by operators of the representation"
-            genomes = numbers(representation, "genome_size", genomes, size, what)
+            expected = "genomes, (candidates, genome_size), made by operators of the representation"
+            genomes = numbers(representation, "genome_size", genomes, size, expected)
         seeds = (
             ranking.seeds_of(first_seed, method.instance)
             if method.by_instance
@@ -98,15 +98,18 @@ class Generational(Strategy):
     def _tell(
         self, genomes: Genomes, seeds: list[int], results: Results, sample: _engine.Sample | None = None
     ) -> GenerationResult:
-        """Rank the results and tell the method; sample: what the store keeps instead of the genomes."""
+        """Rank the results and tell the method; sample: stored instead of the genomes."""
         loop, method = self.loop, self.loop.method
-        counted = loop.failed_candidates(results)
+        failures = loop.failed_candidates(results)
         fitness = loop.evaluator.fitness(results, genomes)
-        failed = None if counted is None else int(np.count_nonzero(counted | np.isnan(fitness)))
+        failed = None if failures is None else int(np.count_nonzero(failures | np.isnan(fitness)))
         loop.check(fitness, results)
-        kept = fitness[self._asked :] if loop.ranking.options.reevaluate else None
-        needed = means(results.metrics[: self._asked, :, loop.needed]) if loop.needed else None
-        method.tell(fitness[: self._asked], kept, needed)
+        new = self._new_candidates
+        reevaluated = fitness[new:] if loop.ranking.options.reevaluate else None
+        metrics = means(results.metrics[:new, :, loop.needed]) if loop.needed else None
+        method.tell(fitness[:new], reevaluated, metrics)
         if method.by_instance:
             fitness = method.told_means
-        return loop.told(genomes if sample is None else sample, seeds, results, fitness, failed=failed)
+        return loop.record_generation(
+            genomes if sample is None else sample, seeds, results, fitness, failed=failed
+        )

@@ -1,4 +1,4 @@
-"""Whether a simulation that is evaluated in this process depends on Python's hash seed."""
+"""Detect simulations in this process that depend on Python's hash seed."""
 
 import ast
 import logging
@@ -20,12 +20,11 @@ _MOST_STEPS = 1000
 
 
 def warn_of_hash_seed(experiment: Experiment, backend: Backend) -> None:
-    """Warn where episodes in this process depend on its hash seed, which no other process has.
+    """Warn if episodes in this process depend on its random hash seed.
 
-    Servers that a run starts all have the same hash seed; this process has a random one, of which a
-    repetition in the same process shows nothing. So an episode is tried in two processes with different hash
-    seeds. That takes about a second, and is done only for code in Python in which a set occurs, or `hash` is
-    called.
+    Servers that a run starts all have the same hash seed. This process has a random one, whose effect a
+    repetition in the same process cannot show. So an episode is run in two processes with different hash
+    seeds. That takes about a second, and is done only for Python code that uses sets or calls `hash`.
     """
     name = experiment.simulation
     if backend.hash_seed != RANDOM or not is_python(name) or is_command(name):
@@ -41,29 +40,28 @@ def warn_of_hash_seed(experiment: Experiment, backend: Backend) -> None:
         if host.determinism == "none" or host.takes_controller:
             return
         trial = Trial(experiment.parameters, experiment.first_seed, _MOST_STEPS)
-        one, other = outcomes(name, trial, _SEEDS)
-        found = difference(other, one, host)
-        if found is None:
+        first, second = outcomes(name, trial, _SEEDS)
+        effect = difference(second, first, host)
+        if effect is None:
             return
-        (again,) = outcomes(name, trial, _SEEDS[:1])
-        if difference(again, one, host) is not None:  # it differs anyway
+        (repeated,) = outcomes(name, trial, _SEEDS[:1])
+        if difference(repeated, first, host) is not None:  # it differs even with the same hash seed
             return
     except (NotRunError, SwarmwrightError):  # the run itself is finished
         return
     logging.getLogger("swarmwright").warning(
-        "episodes of %s depend on Python's hash seed, which each process draws anew, so that the run cannot "
-        "be repeated: with another one an episode has %s. Sort sets of texts before iterating over them; "
-        "until then, evaluate on servers, which all have the same hash seed (`servers: local`), or set "
-        "PYTHONHASHSEED=0 in the environment",
-        kind.__name__, found,
+        "the run is not reproducible: episodes of %s depend on Python's hash seed, which is random in each "
+        "process; with another hash seed, an episode has %s. Sort sets of strings before iterating over "
+        "them, evaluate on servers, which share a hash seed (`servers: local`), or set PYTHONHASHSEED=0",
+        kind.__name__, effect,
     )  # fmt: skip
 
 
 def _has_sets(source: bytes) -> bool:
-    """Whether a set may occur in a Python file, or `hash` is called."""
+    """Return whether a Python file may use a set or call `hash`."""
     try:
         nodes = ast.walk(ast.parse(source))
-    except (SyntaxError, ValueError):  # a file of another kind
+    except (SyntaxError, ValueError):  # not Python
         return False
     calls = {"set", "frozenset", "hash"}
     return any(

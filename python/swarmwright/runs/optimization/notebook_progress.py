@@ -12,14 +12,14 @@ Callbacks = tuple[OnGeneration | None, Progress | None]
 
 
 @contextmanager
-def shown(
-    wanted: bool | None, on_generation: OnGeneration | None, on_progress: Progress | None
+def show_progress(
+    enabled: bool | None, on_generation: OnGeneration | None, on_progress: Progress | None
 ) -> Iterator[Callbacks]:
-    """Return callbacks that show how far an optimization is and call those that were given.
+    """Yield callbacks that show the progress of an optimization and call the given callbacks.
 
-    wanted: None means in a notebook alone.
+    wanted: whether to show it; None means only in a notebook.
     """
-    if not (is_notebook() if wanted is None else wanted):
+    if not (is_notebook() if enabled is None else enabled):
         yield on_generation, on_progress
         return
     text = Text()
@@ -28,11 +28,11 @@ def shown(
     def generation(now: Generation) -> bool | None:
         nonlocal last
         last = now
-        text.show(line(now), at_once=now.generation + 1 == now.generations)
+        text.show(format_line(now), at_once=now.generation + 1 == now.generations)
         return None if on_generation is None else on_generation(now)
 
     def progress(done: int, total: int, waiting_for: str) -> None:
-        where = "" if last is None else f"{line(last)}; "
+        where = "" if last is None else f"{format_line(last)}; "
         waits = f"; {waiting_for}" if waiting_for else ""
         text.show(f"{where}{done:,} of {total:,} episodes{waits}")
         if on_progress is not None:
@@ -42,12 +42,12 @@ def shown(
         yield generation, progress
     finally:
         if last is not None:
-            text.show(line(last), at_once=True)
+            text.show(format_line(last), at_once=True)
         text.close()
 
 
-def line(now: Generation) -> str:
-    """Return how far an optimization is, in a line."""
+def format_line(now: Generation) -> str:
+    """Format the progress of an optimization on a line."""
     whole = "" if now.generations is None else f" of {now.generations}"
     return (
         f"{now.generation + 1}{whole} generations  best {now.best_so_far:.6g}  "

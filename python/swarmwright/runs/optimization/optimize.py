@@ -1,4 +1,4 @@
-"""Starting an optimization, and going on with one."""
+"""Start and resume an optimization."""
 
 import dataclasses
 import logging
@@ -30,19 +30,19 @@ from swarmwright.experiment.derived import (
 )
 from swarmwright.experiment.experiment import Experiment, checked_again, experiment_of
 from swarmwright.runs import picture
-from swarmwright.runs.code import Continuation, continuation, copy_of, parts_of
+from swarmwright.runs.code import Continuation, collect_code, find_copy, plan_continuation
 from swarmwright.runs.folders import check_names, default_folder, is_replaceable, is_run, remove_run
 from swarmwright.runs.optimization.audit import audit
 from swarmwright.runs.optimization.generation import Generation, OnGeneration
 from swarmwright.runs.optimization.generational import Generational
 from swarmwright.runs.optimization.hash_seeds import warn_of_hash_seed
 from swarmwright.runs.optimization.loop import Loop
-from swarmwright.runs.optimization.memory import check_memory, stored
-from swarmwright.runs.optimization.notebook_progress import shown
-from swarmwright.runs.optimization.resuming import Resumption, StrayedError, prolonged
+from swarmwright.runs.optimization.memory import check_memory, estimate_stored_bytes
+from swarmwright.runs.optimization.notebook_progress import show_progress
+from swarmwright.runs.optimization.resuming import DivergedError, Resumption, extend_experiment
 from swarmwright.runs.optimization.steady_state import SteadyState
 from swarmwright.runs.optimization.two_simulations import TwoSimulations, open_simulations
-from swarmwright.runs.run import Run, written_run
+from swarmwright.runs.run import Run, open_written_run
 from swarmwright.runs.store import StoreReader, StoreWriter
 from swarmwright.runs.store.folder import check_folder
 from swarmwright.runs.store.lock import MovedError
@@ -56,26 +56,26 @@ from swarmwright.simulations.user_code.parts import SECTIONS, distributions
 
 __all__ = ["Generation", "optimize", "resume"]
 
-_by_caller: ContextVar[bool] = ContextVar("_by_caller", default=False)
+_caller_reports: ContextVar[bool] = ContextVar("_caller_reports", default=False)
 
 
 class InterruptedWithResults(KeyboardInterrupt):
-    """Ctrl-C a second time, before the end was in order: finished generations are kept in `folder`."""
+    """A second Ctrl-C before the run had ended cleanly; finished generations are kept in `folder`."""
 
     def __init__(self, folder: Path) -> None:
-        kept = f"{folder}: finished generations are kept"
-        super().__init__(f"{kept}, and swarmwright.resume({str(folder)!r}) goes on")
+        resume = f"swarmwright.resume({str(folder)!r})"
+        super().__init__(f"{folder}: finished generations are kept; continue with {resume}")
         self.folder = folder
 
 
 @contextmanager
-def reported_by_caller() -> Iterator[None]:
-    """Within this block the caller says itself which runs were interrupted, such as the command line."""
-    token = _by_caller.set(True)
+def leave_reports_to_caller() -> Iterator[None]:
+    """Leave the report of interrupted runs to the caller, such as the command line, within this block."""
+    token = _caller_reports.set(True)
     try:
         yield
     finally:
-        _by_caller.reset(token)
+        _caller_reports.reset(token)
 
 
 @check_arguments
@@ -91,41 +91,41 @@ def optimize(
     wait: float | None = None,
     progress: bool | None = None,
 ) -> Run:
-    """Evolve a controller; return the run, whose folder holds everything.
+    """Evolve a controller and return the run, whose folder holds all results.
 
-    Without a broker (here or in the experiment) an embedded one is started, with servers; with one, the
-    servers found there are used. Ctrl-C ends the run early: the results of all finished generations are kept,
-    a warning is logged, and the run that is returned has the state "interrupted". A loop over seeds checks
-    that: `if run.state == "interrupted": break`. Before the first generation is finished there is nothing to
-    keep: KeyboardInterrupt is raised, and no run folder is left.
+    If neither the call nor the experiment names a broker, an embedded broker is started, with servers;
+    otherwise the servers on that broker are used. Ctrl-C ends the run early: the results of all finished
+    generations are kept, a warning is logged, and the returned run has the state "interrupted". Check it in a
+    loop over seeds: `if run.state == "interrupted": break`. If no generation is finished yet,
+    KeyboardInterrupt is raised and the run folder is removed.
 
-    With `on_generation` each generation is stored before it is reported, so that `resume` can continue after
-    any failure. Without it, storing is quicker and may come later: generations that follow each other faster
-    are stored together every 20 ms, and those of the first second of a new run at the end of that second. A
-    process that is killed loses what was not stored yet.
+    With `on_generation`, each generation is stored before the callback is called, so that `resume` can
+    continue after any failure. Without it, storing is faster but delayed: generations in quick succession are
+    stored together every 20 ms, and those of the first second of a new run at the end of that second. A
+    process that is killed loses the generations that are not stored yet.
 
     Args:
-        experiment: what to do, the path of its file, or a mapping with the keys of one.
-        on_generation: called after each generation; False ends the run, True and None do not.
-        on_progress: called about ten times a second with (episodes done, episodes of this generation, what is
-            waited for).
-        broker: URL of a broker, instead of the experiment's.
-        servers: instead of the experiment's: a number (1 to 1024), "auto", "local", "in-process", launchers
-            with numbers such as "slurm:4", or a mapping as in the file. Servers given together with a broker
-            are started on that broker.
-        seed: instead of the experiment's.
-        out: folder for the results, new or empty, or with nothing but a run that has no finished generation,
-            which is replaced; default runs/<name>-<seed>, to which a number is appended if it exists.
-        wait: seconds to wait for a broker that does not answer, instead of `timeouts.connect`.
-        progress: show how far it is, below the cell of a notebook or else on standard error; default: in a
+        experiment: an experiment, the path of its file, or a mapping with the keys of such a file.
+        on_generation: called after each generation; the run ends when it returns False.
+        on_progress: called about ten times a second with (episodes done, episodes of this generation, reason
+            for waiting).
+        broker: URL of a broker; overrides the experiment's.
+        servers: overrides the experiment's: a number (1 to 1024), "auto", "local", "in-process", launchers
+            with numbers such as "slurm:4", or a mapping as in the file. With a broker, these servers are
+            started on that broker.
+        seed: overrides the experiment's.
+        out: folder for the results: new, empty, or holding only a run without a finished generation, which is
+            replaced. Default: runs/<name>-<seed>, with a number appended if it exists.
+        wait: seconds to wait for a broker that does not answer; overrides `timeouts.connect`.
+        progress: show the progress, below the notebook cell or else on standard error. Default: only in a
             notebook.
 
     Raises:
-        InputError: the experiment cannot be run as it is, the folder holds something, or `on_generation`
-            returned something else.
+        InputError: the experiment is invalid, the folder is not empty, or `on_generation` returned something
+            other than True, False or None.
         SimulationError: every candidate of a generation failed, the last in the code of the simulation.
         PlugInError: the code of a method, representation or ranking failed.
-        RunError: no broker, no fitting server, every candidate of a generation failed for another reason, or
+        RunError: no broker, no suitable server, every candidate of a generation failed for another reason, or
             the disk is full.
 
     Examples:
@@ -155,9 +155,12 @@ def optimize(
     for text in setting_warnings(experiment):
         warn_once(text)
     folder: StablePath | None = None
-    asked = None if out is None else StablePath(Path(out))
+    requested = None if out is None else StablePath(Path(out))
     try:
-        with report_failures(), shown(progress, on_generation, on_progress) as (on_generation, on_progress):
+        with (
+            report_failures(),
+            show_progress(progress, on_generation, on_progress) as (on_generation, on_progress),
+        ):
             with open_simulations(experiment, broker=broker, servers=servers, wait=wait) as backend:
                 resolved = experiment
                 if steers_agents(experiment):
@@ -166,13 +169,13 @@ def optimize(
                     )
                 representation = experiment.representation(backend.sensors, backend.actuators)
                 check_memory(experiment, representation)
-                code = parts_of(experiment)
+                code = collect_code(experiment)
                 warn_of_edits(code)
-                size = stored(resolved, representation)
-                folder = asked or StablePath(default_folder(experiment))
+                size = estimate_stored_bytes(resolved, representation)
+                folder = requested or StablePath(default_folder(experiment))
                 if is_replaceable(folder.path):
                     logging.getLogger("swarmwright").warning(
-                        "%s: held a run without any finished generation, which is replaced", folder.path
+                        "%s: replacing a run without finished generations", folder.path
                     )
                     remove_run(folder.path)
                 with (
@@ -201,19 +204,19 @@ def optimize(
         raise
     except RunError as error:
         _fail(error, None if folder is None else folder.path)
-    return _finished(folder.path)
+    return _load_finished_run(folder.path)
 
 
 def _check_construction(experiment: Experiment, servers: Servers | None) -> None:
-    """Raise InputError where an environment that servers make here cannot be made with the parameters.
+    """Raise InputError if local servers could not construct the environment with its parameters.
 
-    Each server would refuse it, after seconds.
+    Otherwise each server would fail after some seconds.
     """
-    wanted = resolve_servers(experiment, servers)
-    here = isinstance(wanted, int) or wanted in ("auto", *BROKERLESS)
+    servers = resolve_servers(experiment, servers)
+    is_local = isinstance(servers, int) or servers in ("auto", *BROKERLESS)
     if (
-        here
-        and (experiment.broker is None or wanted in BROKERLESS)
+        is_local
+        and (experiment.broker is None or servers in BROKERLESS)
         and catalogue.is_local(experiment.simulation)
     ):
         problem = catalogue.construction_problem(experiment.simulation, experiment.parameters)
@@ -222,12 +225,12 @@ def _check_construction(experiment: Experiment, servers: Servers | None) -> None
 
 
 def _channels(experiment: Experiment) -> dict[str, Any] | None:
-    """Return what is known here of sensors and actuators, for exports where the simulation is not."""
+    """Return the sensors and actuators, for exports on machines without the simulation; None if unknown."""
     if not steers_agents(experiment) or not catalogue.has_description(experiment.simulation):
         return None
     try:
         return catalogue.channels(experiment.simulation, experiment.parameters)
-    except Exception:  # noqa: BLE001 - of the simulation's code, which may run on its servers only
+    except Exception:  # noqa: BLE001 - the simulation's code may run only on its servers
         return None
 
 
@@ -249,40 +252,40 @@ def resume(
     simulation: str | type | None = None,
     trust: bool = False,
 ) -> Run:
-    """Go on with a run that was interrupted, killed, or failed, with the same result as an undisturbed one.
+    """Continue a run that was interrupted, killed, or failed, as if it had never stopped.
 
-    What is stored is not evaluated again. A generation that was under way is evaluated anew. The result is
-    bit-identical to that of an undisturbed run, on any servers. A run that is finished is returned as it is.
-    Ctrl-C ends it as in `optimize`.
+    Stored generations are not evaluated again; a generation in progress is evaluated from its beginning. The
+    result is bit-identical to that of an uninterrupted run, on any servers. A finished run is returned
+    unchanged, unless its budget is raised. Ctrl-C ends it as in `optimize`.
 
-    The source of a simulation or a plug-in that has changed since the run was begun is refused, with the
-    difference, unless that is accepted; so is an edited experiment.yaml, but for the keys that say where and
-    how it is computed, which are taken from the file.
+    If the source of a simulation or a plug-in has changed since the run began, the run is refused with a
+    diff, unless `accept_changed_code` is set. An edited experiment.yaml is refused as well, except for the
+    keys that say where and how evaluations are computed, which are taken from the file.
 
     Args:
         run: the run, or its folder.
-        on_generation: as in `optimize`; called for the new generations only.
-        generations: a larger budget than the experiment's, also for a finished run.
-        evaluations: the same.
-        seconds: the same.
-        settings: other values of what says where it is evaluated, and of the method's budget, see
+        on_generation: as in `optimize`; called only for new generations.
+        generations: a larger limit than the experiment's, also for a finished run.
+        evaluations: the same for evaluations.
+        seconds: the same for seconds.
+        settings: new values of keys that say where to evaluate, and of the method's budget, as in
             `Experiment.load`: `timeouts.step=5`, `method.evaluations=10000`.
         on_progress: as in `optimize`.
         broker: as in `optimize`.
         servers: as in `optimize`.
         wait: as in `optimize`.
         progress: as in `optimize`.
-        accept_changed_code: go on with changed code, which is noted in the run and copied.
-        simulation: a class, or `FILE:Class`, instead of the run's; what is another code needs
+        accept_changed_code: continue with changed code, which is noted in the run and copied into it.
+        simulation: a class, or `FILE:Class`, in place of the run's; different code requires
             `accept_changed_code`.
         trust: as in `Run.open`.
 
     Raises:
-        InputError: there is no such run, its store is damaged or of another version, another process works on
-            it, fewer generations are asked for than there are, another limit than the one that is raised
-            ends it, or its code or its experiment.yaml was changed.
-        RunError: as in `optimize`; or the method, with the versions installed here or with changed code that
-            was accepted, does not come to the same candidates again.
+        InputError: the run does not exist, its store is damaged or of another version, another process works
+            on it, a limit is below what the run has used, another limit than the raised one ends it, or its
+            code or its experiment.yaml was changed.
+        RunError: as in `optimize`; or the method does not reproduce the stored candidates with the installed
+            versions or the accepted changes of code.
 
     Examples:
         >>> run = swarmwright.resume("result", generations=5, servers="in-process")
@@ -294,8 +297,8 @@ def resume(
     folder = run.path if isinstance(run, Run) else path_of("run", run, "a run folder")
     run = Run.open(folder, trust=trust)
     try:
-        with shown(progress, on_generation, on_progress) as (on_generation, on_progress):
-            _continue(
+        with show_progress(progress, on_generation, on_progress) as (on_generation, on_progress):
+            _resume(
                 run,
                 on_generation,
                 on_progress,
@@ -310,10 +313,10 @@ def resume(
         raise InterruptedWithResults(run.path) from None
     except RunError as error:
         _fail(error, run.path)
-    return _finished(run.path)
+    return _load_finished_run(run.path)
 
 
-def _continue(
+def _resume(
     run: Run,
     on_generation: OnGeneration | None,
     on_progress: Progress | None,
@@ -324,42 +327,42 @@ def _continue(
     simulation: str | type | None,
     where: dict[str, Any],
 ) -> None:
-    """Go on with a run; see `resume`, and `open_simulations` for `where`."""
+    """Continue a run; see `resume`, and `open_simulations` for `where`."""
     with ExitStack() as stack:
         store = stack.enter_context(StoreWriter.resume(run.path.absolute()))
-        stack.enter_context(report_failures())  # within the store, which keeps the message
+        stack.enter_context(report_failures())  # inside the store, which records the message
         reader = StoreReader(run.path)
-        wanted = Resumption.of(run, reader, settings, budget)
-        if wanted.has_all_generations and not wanted.validation_is_due:
-            # Without the method, which need not come to the same candidates any more.
-            _close(run, store, wanted)
+        plan = Resumption.of(run, reader, settings, budget)
+        if plan.has_all_generations and not plan.validation_is_due:
+            # Not replayed: the method need not reproduce the candidates.
+            _update_finished_run(run, store, plan)
             return
-        code = _code(run, wanted.experiment, accept_changed_code, simulation)
+        code = _load_code(run, plan.experiment, accept_changed_code, simulation)
         try:
-            loop = _replayed(wanted.experiment, store, reader, code)
+            loop = _replay_loop(plan.experiment, store, reader, code)
         except Exception:
             if isinstance(code, InputError):
-                # A user who resumes a run with edited code is told so, rather than what follows from it.
+                # Report the edited code rather than its consequences.
                 raise code from None
             raise
-        wanted.check_goes_on(run, loop.ended)
-        if loop.done and not wanted.validation_is_due:
-            if not wanted.had_ended:
-                # It was killed between its last generation and its end: only the end is missing.
+        plan.check_goes_on(run, loop.ended)
+        if loop.done and not plan.validation_is_due:
+            if not plan.had_ended:
+                # The process was killed after the last generation: record the missing end.
                 store.begin(NOTHING_LEFT, loop.libraries)
                 store.conclude("done")
                 store.note_ended(loop.ended)
-            _close(run, store, wanted)
+            _update_finished_run(run, store, plan)
             return
         if isinstance(code, InputError):
             raise code
-        experiment, notes = code.experiment, wanted.notes
+        experiment, notes = code.experiment, plan.notes
         for note in notes:
-            warn_once(f"{run.path}: goes on with {note}")
-        if any(getattr(experiment, name) != getattr(wanted.experiment, name) for name in SECTIONS):
-            # Other files of plug-ins.
-            _require_same_bounds(run, wanted.experiment, experiment)
-            loop = _replayed(experiment, store, reader, code)
+            warn_once(f"{run.path}: continuing with {note}")
+        if any(getattr(experiment, name) != getattr(plan.experiment, name) for name in SECTIONS):
+            # The plug-ins come from other files.
+            _require_same_bounds(run, plan.experiment, experiment)
+            loop = _replay_loop(experiment, store, reader, code)
         notes = [*notes, *code.notes]
         earlier = reader.server_use()
         backend = stack.enter_context(open_simulations(experiment, earlier=earlier, **where))
@@ -368,7 +371,7 @@ def _continue(
         copy = code.copy
         if copy is None and code.used:
             copy = store.keep_code(code.version, code.used)
-        if notes or wanted.experiment != run.experiment:
+        if notes or plan.experiment != run.experiment:
             store.replace_experiment(experiment, copy)
         libraries = (*loop.libraries, *distributions(code.used))
         store.begin(
@@ -383,96 +386,98 @@ def _continue(
 
 
 def adopt_budget(folder: Path, settings: Iterable[str]) -> None:
-    """Store a larger budget in a run of which it leaves nothing to evaluate.
+    """Store a larger budget in a run that has nothing to evaluate with it.
 
     Args:
         folder: of the run.
-        settings: with its limits, as in `resume`.
+        settings: the new limits, as in `resume`.
 
     Raises InputError as `resume`.
     """
     with StoreWriter.resume(folder.absolute()) as store:
         run = Run.open(folder)
-        store.replace_experiment(prolonged(run, run.experiment, settings, {}), copy_of(run))
+        store.replace_experiment(extend_experiment(run, run.experiment, settings, {}), find_copy(run))
 
 
 def _hash_seed(experiment: Experiment, backend: Backend) -> str | None:
-    """Return Python's hash seed where episodes are evaluated by code in Python; None if it is not known."""
+    """Return Python's hash seed if Python code evaluates episodes; None if it is unknown."""
     in_python = is_python(experiment.simulation) or has_python_modules(experiment)
     return backend.hash_seed if in_python else None
 
 
-def _close(run: Run, store: StoreWriter, wanted: Resumption) -> None:
-    """Bring the files of a run of which nothing is left to evaluate up to date."""
-    if wanted.has_other_validation:
-        experiment = dataclasses.replace(run.experiment, validate=wanted.experiment.validate)
-        store.replace_experiment(experiment, copy_of(run))
-    store.save_best(wanted.experiment.representation())
+def _update_finished_run(run: Run, store: StoreWriter, plan: Resumption) -> None:
+    """Update the files of a run that has nothing left to evaluate."""
+    if plan.has_other_validation:
+        experiment = dataclasses.replace(run.experiment, validate=plan.experiment.validate)
+        store.replace_experiment(experiment, find_copy(run))
+    store.save_best(plan.experiment.representation())
 
 
-def _code(
+def _load_code(
     run: Run, experiment: Experiment, accept_changed_code: bool, simulation: str | type | None
 ) -> Continuation | InputError:
-    """Return the source with which a run goes on, or why it cannot: raised if anything is left to do."""
+    """Return the code to continue with, or the error to raise if anything is left to evaluate."""
     check_memory(experiment, experiment.representation())
     try:
-        return continuation(run, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
+        return plan_continuation(
+            run, experiment, accept_changed_code=accept_changed_code, simulation=simulation
+        )
     except InputError as error:
         return error
 
 
-def _replayed(
+def _replay_loop(
     experiment: Experiment, store: StoreWriter, reader: StoreReader, code: Continuation | InputError
 ) -> Loop:
-    """Return the loop where the store ends."""
+    """Return a loop in the state after the last stored generation."""
     loop = _new_loop(experiment, experiment.representation(), store)
     loop.replay(reader, code.edited if isinstance(code, Continuation) else ())
     return loop
 
 
-def _require_same_bounds(run: Run, before: Experiment, now: Experiment) -> None:
-    """Raise InputError where plug-ins in files whose changed code was accepted have other parameters."""
-    limits = zip(*(experiment.representation().bounds for experiment in (before, now)), strict=True)
-    if not all(np.array_equal(one, other) for one, other in limits):
+def _require_same_bounds(run: Run, before: Experiment, after: Experiment) -> None:
+    """Raise InputError if accepted changes of plug-ins changed their parameters."""
+    limits = zip(*(experiment.representation().bounds for experiment in (before, after)), strict=True)
+    if not all(np.array_equal(old, new) for old, new in limits):
         raise InputError(
-            f"{run.path}: its behaviours and conditions now have other parameters, or other ranges of these, "
-            "so that its genomes mean other machines; start a new run"
+            f"{run.path}: the parameters of its behaviours and conditions, or their ranges, have changed, so "
+            "its genomes would encode different state machines; start a new run"
         )
 
 
 def _holds_results(folder: Path) -> bool:
-    """Whether a generation was finished."""
+    """Return whether a generation was finished."""
     with suppress(InputError):
         return is_run(folder) and bool(StoreReader(folder).history())
     return False
 
 
 def _fail(error: RunError, folder: Path | None) -> NoReturn:
-    """Raise the error, with the command that resumes the run if any results are kept."""
-    hint = _how_to_go_on(error, folder)
+    """Raise the error, with the command that resumes the run if results are kept."""
+    hint = _describe_recovery(error, folder)
     if hint is None:
         raise error
     raise with_message(error, f"{error}; {hint}") from error.__cause__ or error
 
 
-def _how_to_go_on(error: RunError, folder: Path | None) -> str | None:
-    """Return what is kept of a run that failed, and how it goes on."""
+def _describe_recovery(error: RunError, folder: Path | None) -> str | None:
+    """Return which results of a failed run are kept and how to continue it."""
     if folder is None or isinstance(error, MovedError) or not is_run(folder):
         return None
     resume = f"swarmwright resume {shlex.quote(str(folder))}"
     try:
         done = len(StoreReader(folder).history())
     except InputError:  # a reader writes, too: an index of the log, beside it
-        return f"what was finished is kept: `{resume}` continues from there"
-    if done and isinstance(error, StrayedError):
+        return f"finished generations are kept; `{resume}` continues from there"
+    if done and isinstance(error, DivergedError):
         return f"the results of {done} generation{'s' if done > 1 else ''} are kept"
     if done:
-        kept = f"the results of {done} generation{'s' if done > 1 else ''} are kept, and"
-        # Corrected code of a plug-in is not the code that the run began with.
+        results = f"the results of {done} generation{'s' if done > 1 else ''} are kept, and"
+        # A fixed plug-in differs from the code that the run began with.
         option = " --accept-changed-code" if isinstance(error, PlugInError) else ""
-        return f"{kept} `{resume}{option}` continues from there"
+        return f"{results} `{resume}{option}` continues from there"
     if isinstance(error.__cause__, sqlite3.Error | OSError):
-        return f"no generation was finished: `{resume}` begins again"
+        return f"no generation was finished; `{resume}` starts over"
     return None
 
 
@@ -487,7 +492,7 @@ def _run(
     use_threads()
     representation = experiment.representation(backend.sensors, backend.actuators)
     backend.log_to(store.folder)
-    begun, before = time.monotonic(), loop.evaluations
+    start, evaluations_before = time.monotonic(), loop.evaluations
     try:
         store.conclude("done" if loop.done else loop.run(backend, on_generation, on_progress))
         if store.outcome == "done":
@@ -501,11 +506,13 @@ def _run(
         store.usage(backend.usage())
     store.save_best(representation)
     if store.outcome != "interrupted":
-        seconds = time.monotonic() - begun
-        audited = audit(experiment, store.reader(), backend, on_progress, seconds, loop.evaluations - before)
-        if audited is not None:
-            store.note_audit(audited)
-        if experiment.faults.audit != 0 and not (audited and audited["differ"]):
+        seconds = time.monotonic() - start
+        audit_counts = audit(
+            experiment, store.reader(), backend, on_progress, seconds, loop.evaluations - evaluations_before
+        )
+        if audit_counts is not None:
+            store.note_audit(audit_counts)
+        if experiment.faults.audit != 0 and not (audit_counts and audit_counts["differ"]):
             warn_of_hash_seed(experiment, backend)
         _validate(experiment, store, backend, on_progress)
 
@@ -513,15 +520,15 @@ def _run(
 def _validate(
     experiment: Experiment, store: StoreWriter, backend: Backend, on_progress: Progress | None
 ) -> None:
-    """Evaluate the best on held-out seeds where that is informative; the run is complete without it."""
+    """Validate the best candidates on held-out seeds if that is due; the run is complete without it."""
     if isinstance(backend, TwoSimulations):
         backend = backend.slow if reports_slow(experiment) else backend.fast
     try:
         validate(experiment, store.reader(), backend, on_progress, store.note_validation)
     except RunError as error:
         logging.getLogger("swarmwright").warning(
-            "the best was not evaluated on held-out seeds: %s; the run itself is finished, and "
-            "`swarmwright resume %s` does it later",
+            "the best candidate was not evaluated on held-out seeds: %s; the run itself is finished, and "
+            "`swarmwright resume %s` repeats the validation",
             error, store.folder,
         )  # fmt: skip
 
@@ -534,13 +541,13 @@ def _transfer(
     broker: str | None,
     servers: Servers | None,
 ) -> None:
-    """Evaluate the best in other simulations where the experiment, or else that in the folder, says so."""
+    """Evaluate the best in other simulations if the experiment, or else the one in the folder, says so."""
     if experiment is None or experiment.validate.transfers:
         at_end.transfer_at_end(folder, broker=broker, servers=servers, on_progress=on_progress)
 
 
-def _finished(folder: Path) -> Run:
-    run = written_run(folder)
+def _load_finished_run(folder: Path) -> Run:
+    run = open_written_run(folder)
     if run.generations:
         picture.draw_later(folder)
     _report_interruption(run)
@@ -548,16 +555,16 @@ def _finished(folder: Path) -> Run:
 
 
 def _report_interruption(run: Run) -> None:
-    """Log that Ctrl-C has ended a run: without that, a script goes on as if the run was complete."""
-    if run.state == "interrupted" and not _by_caller.get():
+    """Log that Ctrl-C ended a run; otherwise a script would take the run for complete."""
+    if run.state == "interrupted" and not _caller_reports.get():
         logging.getLogger("swarmwright").warning(
-            "%s: interrupted after generation %d; finished generations are kept, and "
-            "swarmwright.resume(%r) goes on",
+            "%s: interrupted after generation %d; finished generations are kept; continue with "
+            "swarmwright.resume(%r)",
             run.path, run.generations - 1, str(run.path),
         )  # fmt: skip
 
 
 def _new_loop(experiment: Experiment, representation: Representation, store: StoreWriter) -> Loop:
-    """Return the loop for an experiment's operation."""
+    """Create the loop for an experiment's mode of operation."""
     strategy = SteadyState if experiment.method.operation == "steady_state" else Generational
     return Loop(experiment, representation, store, strategy)

@@ -1,4 +1,4 @@
-"""What a run that is resumed is to become: prolonged, or evaluated elsewhere; and why it cannot go on."""
+"""Plans for resuming a run with a larger budget or elsewhere, and errors of runs that cannot continue."""
 
 import dataclasses
 import platform
@@ -32,47 +32,47 @@ from swarmwright.servers.rows import GenerationResult
 Component = Method | Ranking | Representation
 _SORTS: Mapping[type, str] = {Method: "method", Representation: "representation", Ranking: "ranking"}
 _NO_PART = {"sqlite", COMMIT, HASH_SEED}
-"""Recorded with the others; nothing is computed with it, or most changes of it change no record."""
+"""Recorded versions that do not affect results, or rarely do."""
 
 
 class NothingLeftError(InputError):
-    """A larger budget leaves nothing of a run to evaluate."""
+    """A run has nothing left to evaluate even with a larger budget."""
 
 
 @dataclass(frozen=True)
 class Resumption:
-    """What a run that is resumed is to become."""
+    """The plan for resuming a run."""
 
     experiment: Experiment
-    """The run's, with what has changed in its file, and with the settings and budgets of the caller."""
+    """The run's, with the changes in its file and the caller's settings and budgets."""
     notes: list[str]
-    """What has changed in its file, in words."""
+    """Descriptions of the changes in its file."""
     reader: StoreReader
     has_all_generations: bool
     had_ended: bool
-    """Whether its last session came to an end in order."""
+    """Whether its last session ended cleanly."""
     has_other_validation: bool
-    """Whether the validation is asked for otherwise than before."""
+    """Whether the options of the validation have changed."""
 
     @classmethod
     def of(
         cls, run: Run, reader: StoreReader, settings: Iterable[str], budget: Mapping[str, float | None]
     ) -> Self:
-        """Return what a run is to become.
+        """Build the plan for resuming a run.
 
         Args:
-            run: that is resumed.
+            run: the run to resume.
             reader: of its store.
             settings: as in `resume`.
-            budget: generations, evaluations and seconds, None for those that stay.
+            budget: generations, evaluations and seconds, None for unchanged limits.
 
-        Raises InputError for what cannot change.
+        Raises InputError for changes that are not allowed.
         """
-        wanted = prolonged(run, run.experiment, settings, budget)
-        edited, notes = edits.taken_over(run, wanted)
-        if wanted.validate != run.experiment.validate:
-            at_end.allow(wanted, run)
-        experiment = prolonged(run, edited, settings, budget)
+        extended = extend_experiment(run, run.experiment, settings, budget)
+        edited, notes = edits.adopt_file_edits(run, extended)
+        if extended.validate != run.experiment.validate:
+            at_end.allow(extended, run)
+        experiment = extend_experiment(run, edited, settings, budget)
         return cls(
             experiment,
             notes,
@@ -83,49 +83,49 @@ class Resumption:
         )
 
     def check_goes_on(self, run: Run, ended: Ended | None) -> None:
-        """Raise NothingLeftError where a larger budget leaves nothing to evaluate: another limit ends it.
+        """Raise NothingLeftError if another limit ends the run despite a larger budget.
 
         Args:
-            run: that is resumed.
-            ended: what ends it after the generations that it has; None where it goes on.
+            run: the run to resume.
+            ended: what ends it after its stored generations; None if it continues.
         """
         budget = self.experiment.budget
         if ended is None or budget == run.experiment.budget:
             return
-        how = (
-            f"begin a new run with another one, from the best of this one: --set start_from={run.path}"
+        remedy = (
+            f"start a new run with another target, from the best of this one: --set start_from={run.path}"
             if ended == "target"
             else f"raise that limit as well: --{ended} N"
         )
         raise NothingLeftError(
-            f"{run.path}: with this budget nothing is left to evaluate, since "
-            f"{budget.words(ended, run.generations, run.evaluations)}; {how}"
+            f"{run.path}: nothing is left to evaluate with this budget, since "
+            f"{budget.words(ended, run.generations, run.evaluations)}; {remedy}"
         )
 
     @cached_property
     def validation_is_due(self) -> bool:
-        """Whether the best are to be validated still; of a run that has all generations."""
+        """Whether a run with all its generations still lacks the validation of its best candidates."""
         changed = self.has_other_validation or not self.had_ended
         return is_due(self.experiment, self.reader, changed=changed)
 
 
-def prolonged(
+def extend_experiment(
     run: Run, experiment: Experiment, settings: Iterable[str], budget: Mapping[str, float | None]
 ) -> Experiment:
-    """Return the experiment with which a run goes on: with a larger budget, or evaluated elsewhere.
+    """Return an experiment with a larger budget, or with settings of where to evaluate.
 
     Args:
-        run: that goes on.
-        experiment: with which it would go on otherwise.
+        run: the run to resume.
+        experiment: the experiment to change.
         settings: as in `resume`.
-        budget: generations, evaluations and seconds, None for those that stay.
+        budget: generations, evaluations and seconds, None for unchanged limits.
 
-    Raises InputError when something else is changed, or the budget is less than the run has.
+    Raises InputError if anything else is changed, or the budget is less than the run has used.
     """
     require(experiment.method, run.path)
-    # Neither imports the class: it may not be the one with which the run continues.
+    # Do not import the simulation class: the run may continue with another class.
     new = experiment.with_settings(
-        settings, only=ELSEWHERE | {"method"}, reason="a run goes on with what it has", ask=False
+        settings, only=ELSEWHERE | {"method"}, reason="it is fixed when a run begins", ask=False
     )
     changes = {name: value for name, value in budget.items() if value is not None}
     if changes:
@@ -133,107 +133,109 @@ def prolonged(
         try:
             method_options = type(new.method).model_validate(options)
         except ValidationError as error:
-            found = problems_of(error, type(new.method))
-            raise InputError("\n".join(f"{format_path(path)}: {words}" for path, words in found)) from error
+            problems = problems_of(error, type(new.method))
+            raise InputError(
+                "\n".join(f"{format_path(path)}: {message}" for path, message in problems)
+            ) from error
         new = dataclasses.replace(new, method=method_options)
     limits: dict[str, Any] = vars(new.budget)
     old = experiment.method
     if new.method.model_dump(exclude=set(limits)) != old.model_dump(exclude=set(limits)):
-        raise InputError("method: only its budget can be changed: generations, evaluations, seconds")
+        raise InputError("method: only its budget can be changed (generations, evaluations, seconds)")
     method = method_of(old)
     if method.spreads_evaluations and limits["evaluations"] != experiment.budget.evaluations:
         raise InputError(
-            "method.evaluations: cannot be changed, because the method has planned the whole run with them; "
-            f"begin a new run with more, from the best of this one: --set start_from={run.path}"
+            "method.evaluations: cannot be changed, because the method plans the whole run with this number; "
+            f"start a new run with more, from the best of this one: --set start_from={run.path}"
         )
     used = {"generations": run.generations, "evaluations": run.evaluations, "seconds": 0}
     for name, before in vars(experiment.budget).items():
         if limits[name] is not None and limits[name] < (used[name] if before is None else before):
-            has = f"the {used[name]} that the run has" if before is None else f"the experiment's {before}"
-            raise InputError(f"{name}: {limits[name]} is less than {has}; a run can be prolonged, not cut")
+            lowest = f"the {used[name]} of the run" if before is None else f"the experiment's {before}"
+            raise InputError(
+                f"{name}: {limits[name]} is less than {lowest}; a run can be prolonged, but not shortened"
+            )
     return new
 
 
-class StrayedError(RunError):
-    """A generation comes out differently: resuming again does not help."""
+class DivergedError(RunError):
+    """A replayed generation differs from the stored one; resuming again does not help."""
 
 
-def strayed(
+def build_divergence_error(
     reader: StoreReader, generation: int, components: Sequence[Component], edited: Sequence[str] = ()
-) -> StrayedError:
-    """Return the error for a generation that comes out differently when a run is resumed.
+) -> DivergedError:
+    """Build the error for a replayed generation that differs from the stored one.
 
     Args:
         reader: of the run.
-        generation: the first one that does.
-        components: what the generation was made with.
-        edited: in words, what was edited in the code of plug-ins since the run, and accepted.
+        generation: the first that differs.
+        components: the method, representation and ranking that made the generation.
+        edited: descriptions of accepted edits of plug-in code since the run.
     """
-    return StrayedError(
-        f"{reader.file}: the run cannot continue: generation {generation} comes out differently here"
-        f"{_why(reader, components, edited)}"
+    return DivergedError(
+        f"{reader.file}: the run cannot continue: generation {generation} is not reproducible here"
+        f"{_explain_divergence(reader, components, edited)}"
     )
 
 
-def _why(reader: StoreReader, components: Sequence[Component], edited: Sequence[str]) -> str:
+def _explain_divergence(reader: StoreReader, components: Sequence[Component], edited: Sequence[str]) -> str:
     if edited:
         return (
-            f", since the code that made it has changed: {', '.join(edited)}. Restore what was edited (the "
-            f"run's copy is in {reader.file.parent / 'code'}), or start a new run"
+            f", since the code has changed: {', '.join(edited)}. Restore the original code (its copy is in "
+            f"{reader.file.parent / 'code'}), or start a new run"
         )
     first = reader.sessions()[0]
-    then = {
+    recorded = {
         name: version for name, version in first.versions.items() if ":" not in name and name not in _NO_PART
     }
-    now = versions([*then])
-    others = [
-        f"{name} {installed} (here {now.get(name, 'it is not installed')})"
-        for name, installed in then.items()
-        if now.get(name) != installed
+    current = versions([*recorded])
+    changes = [
+        f"{name} {version} (now {current.get(name, 'not installed')})"
+        for name, version in recorded.items()
+        if current.get(name) != version
     ]
-    if others:
+    if changes:
         return (
-            f". It was begun with {', '.join(others)}; use these versions, on a machine of the same kind, or "
-            "start a new run"
+            f". The run began with {', '.join(changes)}; use these versions on a machine of the same kind, "
+            "or start a new run"
         )
     for component in components:
         if is_plug_in(type(component)):
             sort = next(name for base, name in _SORTS.items() if isinstance(component, base))
+            output = "fitness" if sort == "ranking" else "genomes"
             return (
-                f": the {sort} {component.kind} does not give the same {_output_of(sort)} again; "
-                f"`swarmwright.testing.check_{sort}({component.kind!r})` finds out why. Start a new run"
+                f": the {sort} {component.kind} does not reproduce its {output}; find the cause with "
+                f"`swarmwright.testing.check_{sort}({component.kind!r})`, then start a new run"
             )
     state, commits = "", (first.versions.get(COMMIT), revision())
     if commits[0] is not None and commits[0] != commits[1]:
-        state = f" (commit {commits[0]}; here {commits[1] or 'it is not known'})"
+        state = f" (commit {commits[0]}; now {commits[1] or 'unknown'})"
     elsewhere = ""
     if first.machine != platform.platform():
         elsewhere = f", or it needs a machine of the same kind as {first.machine}"
     return (
-        " although the versions are the same: the store was changed, or the run was made by an earlier state "
-        f"of this version{state}{elsewhere}; `swarmwright runs verify {reader.file.parent}` checks the store"
+        " although the versions are the same: the store was changed, or the run was made by another commit "
+        f"of this version{state}{elsewhere}; check the store with `swarmwright runs verify "
+        f"{reader.file.parent}`"
     )
 
 
-def _output_of(sort: str) -> str:
-    return "fitness" if sort == "ranking" else "genomes"
-
-
 def refuse_cut_restart(reader: StoreReader, stored: GenerationResult, method: Method) -> None:
-    """Raise InputError where a larger budget makes the last generation larger than it is in the store.
+    """Raise InputError if a larger budget would enlarge the last stored generation.
 
     Args:
         reader: of the run.
-        stored: a generation that comes out differently when the run is resumed.
-        method: of the run, which has been told of those before.
+        stored: a generation that differs when the run is resumed.
+        method: of the run, told of all generations before.
     """
     size = len(stored.fitness)
-    by_generation = isinstance(method, SearchMethod) and method.options.operation == "generational"
-    was_asked = by_generation and method.generation == stored.generation
-    if was_asked and size < len(method.ask()) and stored.generation == len(reader.history()) - 1:
+    is_generational = isinstance(method, SearchMethod) and method.options.operation == "generational"
+    is_next = is_generational and method.generation == stored.generation
+    if is_next and size < len(method.ask()) and stored.generation == len(reader.history()) - 1:
         folder = reader.file.parent
         raise InputError(
-            f"method: {folder} cannot be prolonged, because its last restart had {size} candidates, the "
-            "rest of its budget, and would have had more with a larger one; begin a new run with more, "
-            f"from the best of this one: --set start_from={folder}"
+            f"method: {folder} cannot be prolonged, because the budget limited its last restart to {size} "
+            "candidates; start a new run with a larger budget, from the best of this one: --set "
+            f"start_from={folder}"
         )

@@ -1,8 +1,8 @@
-"""The strategy of steady state: candidate by candidate, so that no server waits for the slowest.
+"""The steady-state strategy: evaluate candidate by candidate, so that no server waits for the slowest.
 
-What makes it repeatable: candidate n is made of the results of candidates 0 to n - in_flight, told in this
-order, and of no later one. Results that arrive earlier are kept until then. So the run depends neither on the
-number of servers nor on their speed. A generation of the record is so many candidates in a row as a
+Runs are reproducible because candidate n depends only on the results of candidates 0 to n - in_flight, told
+in this order. Results that arrive early wait for their turn. So the run depends neither on the number of
+servers nor on their speed. A generation in the record consists of as many consecutive candidates as the
 population has members.
 """
 
@@ -22,7 +22,7 @@ from swarmwright.servers.rows import GenerationResult, Journal
 
 
 class _Evaluation(NamedTuple):
-    """A candidate that the method has been told of."""
+    """A candidate whose result the method has been told."""
 
     genome: Genome
     episodes: NDArray[np.float64]
@@ -31,41 +31,41 @@ class _Evaluation(NamedTuple):
 
 
 class SteadyState(Strategy):
-    """The method is asked for a candidate as often as it has one, so that every server has work."""
+    """Asks the method for candidates whenever it has any, so that every server has work."""
 
     def __init__(self, loop: Loop) -> None:
         super().__init__(loop)
         self._seeds = loop.ranking.seeds(loop.first_seed)
-        self._flying: deque[Genome] = deque()  # asked for and not told
+        self._flying: deque[Genome] = deque()  # in flight: asked, and not told yet
         self._early: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-        self._part: list[_Evaluation] = []  # since the last whole generation
-        self._journal = Journal()  # the same
+        self._part: list[_Evaluation] = []  # since the last complete generation
+        self._journal = Journal()  # since the last complete generation
 
     def fits(self, most: int) -> bool:
-        """Return whether there are no more candidates than so many; the method keeps to whole generations."""
+        """Return whether the budget holds; the method itself plans complete generations."""
         return self.loop.account.evaluations <= most
 
-    def used_up(self) -> Ended:
-        """Return which budget a method that is done has used."""
+    def find_exhausted_budget(self) -> Ended:
+        """Return which budget a finished method has used up."""
         method, last = self.loop.method, self.loop.budget.generations
         whole = last is not None and method.evaluations >= last * method.generation_size
         return "generations" if whole else "evaluations"
 
     def advance(self, backend: Backend) -> None:
-        """Evaluate all candidates that are left: several generations are under way."""
+        """Evaluate all remaining candidates; several generations may be in progress at a time."""
         loop, method = self.loop, self.loop.method
         first = method.evaluations  # the backend counts from 0
         numbers = range(first, sys.maxsize)
         loop.check_size(method.generation_size)
         self._ask()
-        done, whole = (count * len(self._seeds) for count in (first, loop.account.most))
+        done, whole = (count * len(self._seeds) for count in (first, loop.account.max_evaluations))
         loop.announce(backend, None, (done, whole))
         controllers = Controllers.from_genomes(loop.representation, np.array(self._flying, dtype=np.float32))
         with loop.first_evaluations(0) as on_results:
 
             def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32] | None:
                 rows = {candidate: row for row, candidate in enumerate(candidates)}
-                results = loop.failures.named(results, self._seeds, rows=rows, first=first)
+                results = loop.failures.add_warnings(results, self._seeds, rows=rows, first=first)
                 self._journal.extend(results.journal.renumber(numbers))
                 if on_results is not None:
                     on_results(candidates, results)
@@ -80,8 +80,8 @@ class SteadyState(Strategy):
 
             backend.stream(controllers, self._seeds, feed, loop.recorder.progress)
 
-    def retell(self, stored: GenerationResult) -> bool:
-        """Ask the method for each candidate, and tell it the stored results; see `Strategy.retell`."""
+    def replay_generation(self, stored: GenerationResult) -> bool:
+        """Ask for each candidate and tell the stored results; see `Strategy.replay_generation`."""
         for genome, episodes, metrics in zip(
             stored.expand_genomes(), stored.episodes, stored.metrics, strict=True
         ):
@@ -89,7 +89,7 @@ class SteadyState(Strategy):
             if not self._flying or self._flying[0].tobytes() != genome.tobytes():
                 return False
             self._tell(episodes, metrics)
-        return self._told(self._results()).fitness.tobytes() == stored.fitness.tobytes()
+        return self._record(self._results()).fitness.tobytes() == stored.fitness.tobytes()
 
     def _ask(self) -> list[Genome]:
         """Ask for all candidates available now; return the new ones."""
@@ -101,30 +101,30 @@ class SteadyState(Strategy):
         return new
 
     def _tell(self, episodes: NDArray[np.float64], metrics: NDArray[np.float64]) -> None:
-        """Tell the fitness of the first candidate in flight."""
+        """Tell the method the fitness of the first candidate in flight."""
         fitness = float(self.loop.ranking.score(episodes[np.newaxis])[0])
         self._part.append(_Evaluation(self._flying.popleft(), episodes, metrics, fitness))
         self.loop.method.tell_next(fitness)
 
     def _complete(self) -> bool:
-        """Hand a generation to the loop; return whether to go on."""
+        """Pass a generation to the loop; return whether to continue."""
         results = self._results()
         self._journal = Journal()
 
         def tell() -> GenerationResult:
             self.loop.check(self._fitness(), results)
-            return self._told(results)
+            return self._record(results)
 
         return self.loop.complete(results, tell) and not self.loop.account.time_is_over
 
-    def _told(self, results: Results) -> GenerationResult:
-        """Return the candidates told as a generation, and begin the next one."""
+    def _record(self, results: Results) -> GenerationResult:
+        """Record the candidates told so far as a generation, and begin the next one."""
         genomes: Genomes = np.array([evaluation.genome for evaluation in self._part], dtype=np.float32)
         fitness = self._fitness()
         self._part = []
-        counted = self.loop.failed_candidates(results)
-        failed = None if counted is None else int(np.count_nonzero(counted | np.isnan(fitness)))
-        return self.loop.told(genomes, self._seeds, results, fitness, failed=failed)
+        failures = self.loop.failed_candidates(results)
+        failed = None if failures is None else int(np.count_nonzero(failures | np.isnan(fitness)))
+        return self.loop.record_generation(genomes, self._seeds, results, fitness, failed=failed)
 
     def _results(self) -> Results:
         episodes, metrics = (

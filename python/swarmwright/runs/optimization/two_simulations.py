@@ -1,4 +1,4 @@
-"""Evaluation in two simulations: the experiment's own, and for some candidates its ranking's slow one."""
+"""Evaluation in two simulations: the experiment's, and for some candidates the ranking's slow simulation."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from collections.abc import Set as AbstractSet
@@ -35,15 +35,15 @@ from swarmwright.simulations import catalogue
 from swarmwright.simulations.user_code.permission import require_named
 
 _SLOW_PREFIX = "slow: "
-"""Before the names of launchers of the slow simulation."""
+"""Prefix of launcher names of the slow simulation."""
 
 
 class TwoSimulations:
-    """A backend beside a second one. What is evaluated without a ranking is evaluated in the first, fast one.
+    """A backend of two: evaluations without a ranking run in the fast simulation.
 
     Args:
-        fast: of the experiment's own simulation.
-        slow: of the ranking's.
+        fast: backend of the experiment's simulation.
+        slow: backend of the ranking's slow simulation.
         name: of the slow simulation.
     """
 
@@ -77,36 +77,36 @@ class TwoSimulations:
         return self.fast.tolerance(servers)
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
-        """Return that of the fast simulation."""
+        """Return the evaluator of the fast simulation."""
         return self.fast.evaluator(architecture)
 
     def background_evaluator(self, architecture: dict[str, Any]) -> None:
-        """Return None: the ranking has a part in every generation."""
+        """Return None: every generation needs the ranking."""
 
     def release_background_evaluator(self) -> None:
         """Do nothing: nothing is lent."""
 
     def check(self) -> None:
-        """Raise RunError when what evaluates has ended for good."""
+        """Raise RunError when either backend has ended for good."""
         self.fast.check()
         self.slow.check()
 
     def count_failed(self, results: Results) -> None:
-        """Count failed episodes of what the engine has evaluated by itself."""
+        """Count failed episodes that the engine has evaluated by itself."""
         self.fast.count_failed(results)
 
     def build_journal(self, attempts: Iterable[AttemptFields], warnings: Iterable[WarningFields]) -> Journal:
-        """Return the journal of what the engine has evaluated by itself."""
+        """Return the journal of evaluations that the engine has made by itself."""
         return self.fast.build_journal(attempts, warnings)
 
     def failure_of(self, reason: str, /) -> SimulationError | None:
-        """Return what the code of either simulation failed with, for a reason of a journal."""
+        """Return the error of either simulation's code for a reason in a journal."""
         return self.fast.failure_of(reason) or self.slow.failure_of(reason)
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
     ) -> None:
-        """Run controllers as they come, in the fast simulation."""
+        """Evaluate a stream of controllers in the fast simulation."""
         self.fast.stream(controllers, seeds, feed, on_progress)
 
     def announce(
@@ -116,33 +116,33 @@ class TwoSimulations:
         generations: int,
         evaluations: tuple[int, int] | None = None,
     ) -> None:
-        """Publish what the following evaluations are for."""
+        """Publish the run and the generation of the following evaluations."""
         self.fast.announce(run, generation, generations, evaluations)
         self.slow.announce(run, generation, generations, evaluations)
 
     def usage(self) -> str:
-        """Return what servers of both were used."""
+        """Return the servers used by both."""
         return "; ".join(filter(None, (self.fast.usage(), self.slow.usage())))
 
     def server_use(self) -> ServerUses:
-        """Return the use of the servers of each launcher; those of the slow simulation are apart."""
+        """Return the use of the servers of each launcher, with those of the slow simulation separate."""
         slow = {f"{_SLOW_PREFIX}{name}": use for name, use in self.slow.server_use().items()}
         return {**self.fast.server_use(), **slow}
 
     def incidents(self) -> dict[str, int]:
-        """Return the counts of both."""
+        """Return the sums of both backends' counts."""
         counts = self.fast.incidents()
         for name, count in self.slow.incidents().items():
             counts[name] = counts.get(name, 0) + count
         return counts
 
     def log_to(self, folder: Path) -> None:
-        """Write what started servers print to files in a run's folder; those of the slow simulation apart."""
+        """Write the output of started servers to files in a run's folder."""
         self.fast.log_to(folder)
         self.slow.log_to(folder)
 
     def announce_post_evaluation(self) -> None:
-        """Publish that what follows belongs to no generation."""
+        """Publish that the following evaluations belong to no generation."""
         self.fast.announce_post_evaluation()
         self.slow.announce_post_evaluation()
 
@@ -156,14 +156,14 @@ def open_simulations(
     wait: float | None = None,
     earlier: ServerUses = MappingProxyType({}),
 ) -> Iterator[Backend]:
-    """Start what an experiment needs, with the slow simulation of its ranking where it has one.
+    """Open the backend of an experiment, together with that of its ranking's slow simulation if any.
 
-    Arguments and errors as those of `open_backend`. They hold for the slow simulation as well, unless its
-    keys name servers or a broker.
+    Arguments and errors as for `open_backend`. They apply to the slow simulation as well, unless its keys
+    name servers or a broker.
     """
     target = slow_of(experiment)
     ranking = experiment.new_ranking()
-    metrics = _beside_fitness(ranking, experiment)
+    metrics = _list_extra_metrics(ranking, experiment)
     if target is None:
         with open_backend(
             experiment, broker=broker, servers=servers, wait=wait, metrics=metrics, earlier=earlier
@@ -174,12 +174,15 @@ def open_simulations(
     code = target.code(experiment)
     if code is not None:
         require_named(code)  # before it is imported
-    (there,) = target.experiments(experiment, 1)
-    where: dict[str, Any] = {} if target.places else {"broker": broker, "servers": servers}
-    if there.broker is None and catalogue.is_local(there.simulation):
-        where.pop("broker", None)
-    places = [_place(experiment, broker, servers), _place(there, where.get("broker"), where.get("servers"))]
-    _require_apart(experiment, there, target, places)
+    (slow_experiment,) = target.experiments(experiment, 1)
+    slow_options: dict[str, Any] = {} if target.places else {"broker": broker, "servers": servers}
+    if slow_experiment.broker is None and catalogue.is_local(slow_experiment.simulation):
+        slow_options.pop("broker", None)
+    brokers = [
+        _find_broker(experiment, broker, servers),
+        _find_broker(slow_experiment, slow_options.get("broker"), slow_options.get("servers")),
+    ]
+    _require_apart(experiment, slow_experiment, target, brokers)
     apart = {
         name.removeprefix(_SLOW_PREFIX): use for name, use in earlier.items() if name.startswith(_SLOW_PREFIX)
     }
@@ -195,10 +198,12 @@ def open_simulations(
             )
         )
         try:
-            slow = stack.enter_context(open_backend(there, wait=wait, earlier=apart, **where))
+            slow = stack.enter_context(
+                open_backend(slow_experiment, wait=wait, earlier=apart, **slow_options)
+            )
         except (InputError, RunError) as error:
-            place = f"{place_of(experiment, 'ranking')}slow: {target.name}"
-            raise with_message(error, f"{place}: {error}") from error
+            location = f"{place_of(experiment, 'ranking')}slow: {target.name}"
+            raise with_message(error, f"{location}: {error}") from error
         _require_fit(experiment, fast, slow, target)
         yield TwoSimulations(fast, slow, target.name)
 
@@ -206,48 +211,51 @@ def open_simulations(
 def _require_fit(experiment: Experiment, fast: Backend, slow: Backend, target: OtherSimulation) -> None:
     sizes = [(backend.sensors, backend.actuators) for backend in (fast, slow)]
     if steers_agents(experiment) and sizes[0] != sizes[1]:
-        here, there = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)
+        fast_size, slow_size = (
+            f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes
+        )
         raise InputError(
-            f"{place_of(experiment, 'ranking')}slow: {target.name} has {there}, {experiment.label} has {here}"
+            f"{place_of(experiment, 'ranking')}slow: {target.name} has {slow_size}, but {experiment.label} "
+            f"has {fast_size}"
         )
 
 
 def _require_apart(
-    experiment: Experiment, there: Experiment, target: OtherSimulation, places: Sequence[str | None]
+    experiment: Experiment, slow: Experiment, target: OtherSimulation, brokers: Sequence[str | None]
 ) -> None:
-    """Raise InputError where both would need the same servers at the same time; places: their brokers."""
-    prefixes = {with_environment(side).prefix for side in (experiment, there)}
-    same = places[0] is not None and places[0] == places[1] and len(prefixes) == 1
-    if same and experiment.simulation == there.simulation:
+    """Raise InputError if both would need the same servers at the same time."""
+    prefixes = {with_environment(side).prefix for side in (experiment, slow)}
+    same = brokers[0] is not None and brokers[0] == brokers[1] and len(prefixes) == 1
+    if same and experiment.simulation == slow.simulation:
         raise InputError(
             f"{place_of(experiment, 'ranking')}slow: {target.name} is the same simulation on the same "
-            "broker, whose servers work for one of the two; give it a broker or prefix of its own, or "
-            "servers: local"
+            "broker, whose servers can work for only one of the two; give it another broker or prefix, or "
+            "set servers: local"
         )
 
 
-def _place(experiment: Experiment, broker: str | None, servers: Servers | None) -> str | None:
-    """Return the broker that `open_backend` uses with these arguments, None without one of others."""
-    wanted = resolve_servers(experiment, servers)
-    return experiment.broker if broker is None and wanted not in BROKERLESS else broker
+def _find_broker(experiment: Experiment, broker: str | None, servers: Servers | None) -> str | None:
+    """Return the broker that `open_backend` uses with these arguments, None for an embedded broker."""
+    servers = resolve_servers(experiment, servers)
+    return experiment.broker if broker is None and servers not in BROKERLESS else broker
 
 
-def descriptor_columns(ranking: Ranking, experiment: Experiment) -> list[int]:
-    """Return which of the stored metrics a ranking needs, in its order."""
-    return _columns(ranking.descriptor if isinstance(ranking, SlowRanking) else (), ranking, experiment)
+def find_descriptor_columns(ranking: Ranking, experiment: Experiment) -> list[int]:
+    """Return the columns of the stored metrics that a ranking needs, in its order."""
+    return _find_columns(ranking.descriptor if isinstance(ranking, SlowRanking) else (), ranking, experiment)
 
 
-def needed_columns(ranking: Ranking, experiment: Experiment) -> list[int]:
-    """Return which of the stored metrics the method needs, in its order."""
-    return _columns(experiment.method.needed_metrics, ranking, experiment)
+def find_needed_columns(ranking: Ranking, experiment: Experiment) -> list[int]:
+    """Return the columns of the stored metrics that the method needs, in its order."""
+    return _find_columns(experiment.method.needed_metrics, ranking, experiment)
 
 
-def _beside_fitness(ranking: Ranking, experiment: Experiment) -> tuple[str, ...]:
-    """Return the metrics that are evaluated for the ranking and for the method."""
+def _list_extra_metrics(ranking: Ranking, experiment: Experiment) -> tuple[str, ...]:
+    """Return the metrics evaluated for the ranking and the method."""
     descriptor = ranking.descriptor if isinstance(ranking, SlowRanking) else ()
     return (*descriptor, *experiment.method.needed_metrics)
 
 
-def _columns(wanted: Sequence[str], ranking: Ranking, experiment: Experiment) -> list[int]:
-    names = metrics_of(fitness_expression(experiment), _beside_fitness(ranking, experiment))
-    return [names.index(name) for name in wanted]
+def _find_columns(metrics: Sequence[str], ranking: Ranking, experiment: Experiment) -> list[int]:
+    names = metrics_of(fitness_expression(experiment), _list_extra_metrics(ranking, experiment))
+    return [names.index(name) for name in metrics]

@@ -1,8 +1,8 @@
-"""The store of a run: one SQLite file that holds every evaluation, and how each came about.
+"""The store of a run: an SQLite file with all evaluations and their history.
 
-The file is plain SQLite (docs/reference/run-folder.md has its tables), so that any program reads it. What
-belongs to the record (what was evaluated, with which seeds, what came out, in order) is the same for the same
-experiment and seed; sessions, attempts and events, which describe how the run went, are kept apart.
+Any program can read it; docs/reference/run-folder.md describes its tables. The record (candidates, seeds and
+results, in order) is identical for the same experiment and seed. Sessions, attempts and events describe how
+the run went, and have their own tables.
 """
 
 from swarmwright.runs.store.blocks import Record

@@ -9,14 +9,14 @@ from swarmwright.runs.store.generations import Generations, Row
 
 
 class BestOfEquals:
-    """Finds, among the evaluations with the best fitness, one that no other evaluation dominates.
+    """Finds a non-dominated evaluation among those with the best fitness.
 
-    It is the first of those with the best value of the first objective, then of the second, and so on. What
-    was looked at once is not read again, for a run that grows.
+    It is the first evaluation with the best value of the first objective, then of the second, and so on. As a
+    run grows, only new evaluations are read.
 
     Args:
-        goals: "maximize" or "minimize" of each objective beside the fitness, a metric.
-        metrics: names of those that are stored.
+        goals: "maximize" or "minimize" for each metric that is an objective besides the fitness.
+        metrics: names of the stored metrics.
     """
 
     def __init__(self, goals: Mapping[str, str], metrics: Sequence[str]) -> None:
@@ -27,17 +27,20 @@ class BestOfEquals:
 
     def _start_at(self, leader: int) -> None:
         self._leader = leader
-        self._end = leader  # evaluations before this number have been looked at
+        self._end = leader  # evaluations before this number have been searched
         self._number = leader
-        self._values: list[float] | None = None  # of the best, more is better; None without finite ones
+        self._values: list[float] | None = None  # of the best, larger is better; None if none is finite
 
     def number(self, generations: Generations, last: Row) -> int:
-        """Return its number in the run up to the generation `last`, whose leader is the first of them."""
+        """Return the number of the best evaluation up to the generation `last`.
+
+        The leader of that generation is the first evaluation with the best fitness.
+        """
         end = last.summary.evaluations
         if last.leader != self._leader or end < self._end:
-            self._start_at(last.leader)  # no evaluation before it has its fitness
+            self._start_at(last.leader)  # no earlier evaluation has its fitness
         best = generations.best_fitness(last.leader, last.leader + 1)
-        for numbers, metrics in generations.with_fitness(best, self._end, end, self._stored):
+        for numbers, metrics in generations.select_by_fitness(best, self._end, end, self._stored):
             signed = means(metrics[:, :, self._columns]) * self._signs
             for index in np.flatnonzero(np.isfinite(signed).all(axis=1)):
                 values = signed[index].tolist()

@@ -1,4 +1,4 @@
-"""Evaluations as columns of numbers, and as the blocks of bytes in which the store keeps them."""
+"""Evaluations as columns of numbers, and as the blocks of bytes that the store keeps."""
 
 import hashlib
 import struct
@@ -14,8 +14,8 @@ from swarmwright.common.arrays import Genomes
 from swarmwright.common.values import ComparedByValue
 from swarmwright.servers.rows import GenerationResult
 
-_BLOCK = 1 << 22
-"""Bytes that a block has at most, unless a single evaluation has more."""
+_BLOCK_BYTES = 1 << 22
+"""Largest size of a block, unless a single evaluation is larger."""
 _GENERATION = struct.Struct("<3q")
 _COLUMNS = ("fitness", "episodes", "metrics", "genomes")
 _KINDS = ("<f8", "<f8", "<f8", "<f4")
@@ -28,7 +28,7 @@ Column = bytes | memoryview
 Block = tuple[int, int, int, Column, Column, Column, Column]
 """A row of the table."""
 Sample = tuple[str, bytes]
-"""What the genomes of a generation are made from: address and numbers of the table `sample`."""
+"""Sample that the genomes of a generation are made from: address and numbers of the table `sample`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Record(ComparedByValue):
     candidate: NDArray[np.int64]
     """(evaluations,)"""
     fitness: NDArray[np.float64]
-    """(evaluations,), NaN where it failed."""
+    """(evaluations,), NaN for failed evaluations."""
     episodes: NDArray[np.float64]
     """(evaluations, episodes)"""
     metrics: NDArray[np.float64]
@@ -50,14 +50,14 @@ class Record(ComparedByValue):
 
     @property
     def nbytes(self) -> int:
-        """Bytes of its numbers, but for those that say which evaluations they are."""
+        """Bytes of its numbers, without generation and candidate."""
         return sum(int(getattr(self, name).nbytes) for name in _COLUMNS)
 
 
-def joined(parts: list[Record], metrics: int) -> Record:
-    """Return consecutive parts as one. Raises ValueError when they do not fit together.
+def concatenate_records(parts: list[Record], metrics: int) -> Record:
+    """Concatenate consecutive parts. Raises ValueError when their shapes differ.
 
-    metrics: how many there are, for a record without evaluations.
+    metrics: number of metrics, for a record without evaluations.
     """
     if not parts:
         none = np.zeros(0, dtype=np.int64)
@@ -72,9 +72,9 @@ def joined(parts: list[Record], metrics: int) -> Record:
 
 
 class EvaluationsDigest:
-    """SHA-256 of the evaluations of a generation, whatever the blocks that they are in.
+    """SHA-256 of the evaluations of a generation, independent of their division into blocks.
 
-    sample: what its genomes are made from; None where the blocks have them.
+    sample: that its genomes are made from; None if the blocks have the genomes.
     """
 
     def __init__(self, sample: Sample | None = None) -> None:
@@ -85,33 +85,33 @@ class EvaluationsDigest:
             self._sums[-1].update(numbers)
 
     def add(self, block: Block) -> None:
-        """Take in the next block of the generation. Raises TypeError for what is not a block."""
+        """Add the next block of the generation. Raises TypeError for an invalid block."""
         for total, column in zip(self._sums, block[3:], strict=True):
             total.update(column)
 
     def columns(self) -> list[bytes]:
-        """Return the digest of each column, of all that was taken in."""
+        """Return the digest of each column of the blocks so far."""
         return [total.digest() for total in self._sums]
 
 
-def of_columns(digests: Sequence[bytes], first: int, generation: int, evaluations: int) -> str:
-    """Return the digest of a generation's evaluations, made of those of its columns.
+def combine_digests(digests: Sequence[bytes], first: int, generation: int, evaluations: int) -> str:
+    """Combine the digests of columns into the digest of a generation's evaluations.
 
-    first: number of the generation's first evaluation. evaluations: how many it has.
+    first: number of the generation's first evaluation. evaluations: their number.
     """
     return hashlib.sha256(_GENERATION.pack(first, generation, evaluations) + b"".join(digests)).hexdigest()
 
 
-def encoded(result: GenerationResult, first: int) -> Iterator[Block]:
-    """Yield the blocks of a generation; `first` is the number of its first evaluation."""
-    # One representation of each value: NaN has many, and zero has two.
+def encode_blocks(result: GenerationResult, first: int) -> Iterator[Block]:
+    """Encode a generation as blocks; `first` is the number of its first evaluation."""
+    # Normalize NaN and zero, which have several representations.
     fitness = result.fitness + 0.0
     if result.summary.failed:
         fitness[np.isnan(fitness)] = np.nan
     columns = (_plain(fitness), _plain(result.episodes), _plain(result.metrics), _genomes(result.genomes))
     count = len(fitness)
     whole = sum([column.nbytes for column in columns])
-    size = count if whole <= _BLOCK else max(1, _BLOCK * count // whole)
+    size = count if whole <= _BLOCK_BYTES else max(1, _BLOCK_BYTES * count // whole)
     for start in range(0, count, max(size, 1)):
         parts = columns if size >= count else [column[start : start + size] for column in columns]
         yield (
@@ -121,33 +121,33 @@ def encoded(result: GenerationResult, first: int) -> Iterator[Block]:
 
 
 def _plain(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return numbers as they are stored: those of the engine are already."""
+    """Return numbers in the layout of the store, which the engine's already have."""
     if numbers.dtype == _DOUBLE and numbers.flags.c_contiguous:
         return numbers
     return np.ascontiguousarray(numbers, dtype=_DOUBLE)
 
 
 def _genomes(genomes: Genomes | _engine.Sample) -> NDArray[Any]:
-    """Return the genomes that blocks have: none of them where they are made from a sample."""
+    """Return the genomes for the blocks, without genes if they are made from a sample."""
     if isinstance(genomes, _engine.Sample):
         return np.empty((len(genomes), 0), dtype=_SINGLE)
     return np.ascontiguousarray(genomes, dtype=_SINGLE)
 
 
 def _column(part: NDArray[Any]) -> Column:
-    return part.data if part.size else b""  # no copy; but there is none of what is empty
+    return part.data if part.size else b""  # without a copy; an empty array has no buffer
 
 
-def decoded(block: Block, first: int, sample: _engine.Sample | None = None) -> Record:
-    """Return a block's evaluations.
+def decode_block(block: Block, first: int, sample: _engine.Sample | None = None) -> Record:
+    """Decode the evaluations of a block.
 
     Args:
-        block: as it is stored.
+        block: a row of the table.
         first: number of the first evaluation of its generation.
-        sample: what the genomes of the generation are made from, where the block has none.
+        sample: that the genomes of the generation are made from, if the block has none.
 
     Raises:
-        ValueError, TypeError: it is not what the store writes.
+        ValueError, TypeError: the block is invalid.
     """
     begin, generation, count = block[:3]
     columns: list[NDArray[Any]] = [

@@ -1,4 +1,4 @@
-"""Opening the store, and the errors when it cannot be used."""
+"""Open the store, and translate its errors."""
 
 import errno
 import os
@@ -19,22 +19,22 @@ from swarmwright.runs.store import digests
 FILE = STORE
 """Name of the store in a run folder."""
 NEW = f"{FILE}.new"
-"""What it is called while it is made."""
+"""Name of the draft, before it becomes the store."""
 FORMAT = 6
 """Version of the store. No other version is read."""
-_PAGES = ((1 << 20, 65536), (3 << 14, 16384), (0, 4096))
-"""Least bytes of a generation, and bytes of a page: larger pages take half the time, but make the file larger
-where generations do not fill them."""
-_PATIENCE = 30.0
-"""Seconds for which a process that goes on with a run waits until others do not read it at the moment."""
+_PAGE_SIZES = ((1 << 20, 65536), (3 << 14, 16384), (0, 4096))
+"""Least bytes per generation, and bytes per page: larger pages take half the time, but make the file larger
+if generations do not fill them."""
+_PATIENCE_S = 30.0
+"""Seconds for which a resuming process waits for readers to finish."""
 _PAGE_MARGIN = 1 << 17
 """Bytes below the largest size of a file at which a write may fail: a page and its header."""
 _CAN_SERIALIZE = hasattr(sqlite3.Connection, "serialize")  # SQLite can be built without it
 _LARGEST_VALUE = 1 << 28
 """Bytes of the longest value that is read. A column of a block has at most 4 MiB, or one evaluation."""
 _INSTRUCTIONS = 1_000_000
-"""Instructions of SQLite's virtual machine, some milliseconds, between two looks for signals."""
-_APPLICATION = 0x5377_726D  # "Swrm", by which `file` and others tell what the file is
+"""Instructions of SQLite's virtual machine, some milliseconds, between checks for signals."""
+_APPLICATION = 0x5377_726D  # "Swrm", identifies the file type
 
 _TABLES = """
 CREATE TABLE fact (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
@@ -62,24 +62,24 @@ CREATE TABLE event (
 
 
 class FormatError(InputError):
-    """A store is of a version that this one does not read, which says nothing of its content."""
+    """A store has a format that this version does not read; its content may be intact."""
 
 
 def create(file: Path, facts: Mapping[str, str], generation: int = 0) -> sqlite3.Connection:
-    """Return a connection to a draft of a store that holds these facts.
+    """Create the draft of a store with these facts, and return a connection to it.
 
-    It is a file of another name, see `OpenStore`, so that a store under its name is always readable; a draft
-    whose process is killed is lost. In return, nothing waits for the disk.
+    The draft has another name, see `OpenStore`, so that a file with the store's name is always readable. A
+    draft is lost if its process is killed, but nothing waits for the disk.
 
-    generation: bytes that a generation is going to have, about.
+    generation: approximate bytes per generation.
 
     Raises InputError when it cannot be created there, RunError when the disk is full or fails.
     """
     new = file.with_name(NEW)
-    with errors(file, InputError, disk=RunError):
-        # In the place of what another process left behind when it was killed.
-        page = next(page for least, page in _PAGES if generation >= least)
-        new.write_bytes(_without_facts(page) if _CAN_SERIALIZE else b"")
+    with translate_errors(file, InputError, disk=RunError):
+        # Overwrite the draft of a killed process.
+        page = next(page for least, page in _PAGE_SIZES if generation >= least)
+        new.write_bytes(_make_empty_store(page) if _CAN_SERIALIZE else b"")
         connection = sqlite3.connect(new, isolation_level=None)
         try:
             if not _CAN_SERIALIZE:
@@ -97,32 +97,32 @@ def create(file: Path, facts: Mapping[str, str], generation: int = 0) -> sqlite3
 
 
 class StoreError(InputError):
-    """A store cannot be used. `what` is the reason, without the file's name and without advice."""
+    """A store cannot be used. `reason` is without the file's name and without advice."""
 
-    def __init__(self, file: Path, what: str, advice: str = "") -> None:
-        super().__init__(f"{file}: {what}{advice}")
-        self.what = what
+    def __init__(self, file: Path, reason: str, advice: str = "") -> None:
+        super().__init__(f"{file}: {reason}{advice}")
+        self.reason = reason
 
 
 class DamageError(StoreError):
-    """The content of a store is not what was written: `what`, and in which generation."""
+    """The content of a store is damaged: `reason`, and the generation."""
 
-    def __init__(self, file: Path, what: str, generation: int | None = None) -> None:
-        where = "" if generation is None else f"generation {generation}: "
-        super().__init__(file, f"is damaged: {where}{what}", _verify(file))
-        self.what = what
+    def __init__(self, file: Path, reason: str, generation: int | None = None) -> None:
+        location = "" if generation is None else f"generation {generation}: "
+        super().__init__(file, f"is damaged: {location}{reason}", _suggest_verification(file))
+        self.reason = reason
         self.generation = generation
 
 
-def _verify(file: Path) -> str:
-    return f"; what is still good says: swarmwright runs verify {file.parent}"
+def _suggest_verification(file: Path) -> str:
+    return f"; find the undamaged generations with: swarmwright runs verify {file.parent}"
 
 
 @lru_cache
-def _without_facts(page: int) -> bytes:
-    """Return a store with nothing in it: to make its tables takes longer than to write the file.
+def _make_empty_store(page: int) -> bytes:
+    """Return the bytes of an empty store: writing them is faster than creating its tables in the file.
 
-    page: bytes of a page.
+    page: bytes per page.
     """
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as connection:
         _make_tables(connection, page)
@@ -137,8 +137,8 @@ def _make_tables(connection: sqlite3.Connection, page: int) -> None:
 
 
 def connect(file: Path) -> sqlite3.Connection:
-    """Return a connection to write on in a store that this process has created. Raises RunError."""
-    with errors(file, RunError):
+    """Return a writing connection to a store that this process has created. Raises RunError."""
+    with translate_errors(file, RunError):
         connection = sqlite3.connect(file, isolation_level=None)
         connection.execute("PRAGMA journal_mode = WAL")
         _settle(connection)
@@ -146,12 +146,12 @@ def connect(file: Path) -> sqlite3.Connection:
 
 
 def reopen(file: Path) -> sqlite3.Connection:
-    """Return a connection to write on in a store.
+    """Return a writing connection to an existing store.
 
     Raises InputError when it is not a store, damaged or read-only, RunError when the disk is full or fails.
     """
     _check_regular(file)
-    with errors(file, InputError, disk=RunError):
+    with translate_errors(file, InputError, disk=RunError):
         connection = sqlite3.connect(f"{file.absolute().as_uri()}?mode=rw", uri=True, isolation_level=None)
         try:
             _check(connection, file)
@@ -167,38 +167,40 @@ def reopen(file: Path) -> sqlite3.Connection:
 
 
 def _begin_log(connection: sqlite3.Connection) -> None:
-    """Begin a write-ahead log, when no other process reads: with it, readers and a writer do not wait."""
-    connection.execute("PRAGMA busy_timeout = 100")  # Ctrl-C is noticed in between
-    deadline = time.monotonic() + _PATIENCE
+    """Begin a write-ahead log when no other process reads; afterwards readers and the writer never wait."""
+    connection.execute("PRAGMA busy_timeout = 100")  # short, to handle Ctrl-C in between
+    deadline = time.monotonic() + _PATIENCE_S
     while True:
         try:
             connection.execute("PRAGMA journal_mode = WAL")
         except sqlite3.OperationalError as error:
-            if code_of(error) != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
+            if get_error_code(error) != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
                 raise
         else:
             return
 
 
 def seal_facts(connection: sqlite3.Connection) -> None:
-    """Write the digest of the facts, within the transaction that has changed them."""
+    """Write the digest of the facts within the transaction that has changed them."""
     facts = dict(connection.execute("SELECT name, value FROM fact"))
-    connection.execute("INSERT OR REPLACE INTO fact VALUES (?, ?)", (digests.FACT, digests.of_facts(facts)))
+    connection.execute(
+        "INSERT OR REPLACE INTO fact VALUES (?, ?)", (digests.FACT, digests.digest_facts(facts))
+    )
 
 
-def checked_facts(connection: sqlite3.Connection, file: Path) -> dict[str, str]:
-    """Return the facts of a store, compared with their digest.
+def read_facts(connection: sqlite3.Connection, file: Path) -> dict[str, str]:
+    """Return the facts of a store after comparing them with their digest.
 
-    Raises InputError when they are not what was written.
+    Raises InputError when they are damaged.
     """
     facts = dict(connection.execute("SELECT name, value FROM fact"))
     sealed = facts.get(digests.FACT)
     if sealed is None:
         raise DamageError(file, "the digest of the table fact is missing")
-    if sealed != digests.of_facts(facts):
+    if sealed != digests.digest_facts(facts):
         raise DamageError(
             file,
-            "the table fact, with the experiment, is not what was written: it disagrees with its digest",
+            "the table fact, which holds the experiment, was changed: it does not match its digest",
         )
     missing = {"experiment", "metrics", "name", "created"} - facts.keys()
     if missing:
@@ -208,14 +210,14 @@ def checked_facts(connection: sqlite3.Connection, file: Path) -> dict[str, str]:
 
 @contextmanager
 def reading(file: Path) -> Iterator[sqlite3.Connection]:
-    """Yield a connection that reads a store, also while a run writes it or in a folder that is read-only.
+    """Yield a connection that reads a store, even while a run writes it or in a read-only folder.
 
     Raises InputError when it is not a store, damaged, or of another version.
     """
-    with errors(file, InputError):
+    with translate_errors(file, InputError):
         connection = connect_to_read(file)
         try:
-            # One snapshot for all that is read here, whatever is committed meanwhile.
+            # All reads see one snapshot, whatever is committed meanwhile.
             connection.execute("BEGIN")
             with reading_on(connection, file):
                 yield connection
@@ -225,14 +227,14 @@ def reading(file: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def reading_on(connection: sqlite3.Connection, file: Path) -> Iterator[sqlite3.Connection]:
-    """Yield a connection that is open already; raise InputError for damage that is found while it is used."""
-    with errors(file, InputError), _damage(file):
+    """Yield an open connection; raise InputError for damage found while it is used."""
+    with translate_errors(file, InputError), _detect_damage(file):
         yield connection
 
 
 @contextmanager
-def _damage(file: Path) -> Iterator[None]:
-    """Raise InputError for values of the wrong kind: SQLite takes text for numbers and any bytes for text."""
+def _detect_damage(file: Path) -> Iterator[None]:
+    """Raise DamageError for values of the wrong type, since SQLite accepts any type in any column."""
     try:
         yield
     except (ValueError, TypeError, OverflowError) as error:
@@ -244,7 +246,7 @@ def connect_to_read(file: Path) -> sqlite3.Connection:
     try:
         return _connect_checked(file, "mode=ro")
     except sqlite3.OperationalError:
-        # A write-ahead log needs a file beside it. Where none can be made and no log is left, none is needed.
+        # Reading a write-ahead log needs an index file. If there is no log, no index is needed.
         if file.with_name(f"{file.name}-wal").exists():
             raise
         return _connect_checked(file, "mode=ro&immutable=1")
@@ -252,12 +254,12 @@ def connect_to_read(file: Path) -> sqlite3.Connection:
 
 def _connect_checked(file: Path, how: str) -> sqlite3.Connection:
     _check_regular(file)
-    # An iterator may go on, or be thrown away, in another thread than it was begun in.
+    # An iterator may be continued or discarded in another thread.
     connection = sqlite3.connect(
         f"{file.absolute().as_uri()}?{how}", uri=True, isolation_level=None, check_same_thread=False
     )
     try:
-        with _damage(file):
+        with _detect_damage(file):
             _check(connection, file)
     except BaseException:
         connection.close()
@@ -266,60 +268,61 @@ def _connect_checked(file: Path, how: str) -> sqlite3.Connection:
 
 
 def _check_regular(file: Path) -> None:
-    """Raise InputError for a pipe, a device or a folder in the place of a store: opening it may never end."""
+    """Raise InputError if a store is a pipe, a device or a folder: opening it might never end."""
     if file.exists() and not file.is_file():
         raise StoreError(file, "is not a regular file, so it is not a run store")
 
 
 def _check(connection: sqlite3.Connection, file: Path) -> None:
-    """Prepare a connection for a store that may come from anywhere.
+    """Prepare a connection for a store from an untrusted source.
 
-    A view or a trigger in a received store would run whatever its author wrote, for as long as it likes, so
-    the schema is compared before any table is read. Raises InputError.
+    A view or a trigger in it could run arbitrary statements for any time, so the schema is compared before
+    any table is read. Raises InputError.
     """
     for pragma in ("trusted_schema = OFF", "cell_size_check = ON"):
         connection.execute(f"PRAGMA {pragma}")
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST_VALUE)
-    connection.set_progress_handler(_go_on, _INSTRUCTIONS)
+    connection.set_progress_handler(_handle_signals, _INSTRUCTIONS)
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if application != _APPLICATION:
         raise StoreError(file, "is not a Swarmwright run store")
     if version > FORMAT:
-        raise FormatError(f"{file}: has format {version}; this Swarmwright reads format {FORMAT}: update it")
+        raise FormatError(
+            f"{file}: has format {version}, but this version of Swarmwright reads format {FORMAT}; update "
+            "Swarmwright"
+        )
     if version < FORMAT:
         raise FormatError(
-            f"{file}: has format {version}, which this version of Swarmwright does not read; to compute the "
-            f"run again: swarmwright optimize {file.with_name('experiment.yaml')} --out NEW"
+            f"{file}: has format {version}, which this version of Swarmwright does not read; repeat the run "
+            f"with: swarmwright optimize {file.with_name('experiment.yaml')} --out NEW"
         )
     _check_schema(connection, file)
 
 
-def _go_on() -> int:
-    """Let Python handle signals: an exception of a signal handler, as of Ctrl-C, ends the statement."""
+def _handle_signals() -> int:
+    """Let Python handle signals: an exception in a signal handler, as for Ctrl-C, ends the statement."""
     return 0
 
 
 def _check_schema(connection: sqlite3.Connection, file: Path) -> None:
     """Raise InputError unless a store has exactly the tables of `_TABLES`: no view, trigger or index."""
-    expected = _schema()
+    expected = _make_schema()
     try:
-        found = _read_schema(connection)
-    except UnicodeDecodeError as error:  # of SQLite's message, which quotes what it cannot parse
+        schema = _read_schema(connection)
+    except UnicodeDecodeError as error:  # in SQLite's message, which quotes the invalid definition
         raise DamageError(file, "the definitions of its tables are not text") from error
-    for key in sorted(expected.keys() | found.keys()):
-        if expected.get(key) != found.get(key):
+    for key in sorted(expected.keys() | schema.keys()):
+        if expected.get(key) != schema.get(key):
             kind, name = key
             problem = (
                 f"lacks the {kind} {name}"
-                if key not in found
+                if key not in schema
                 else f"has the {kind} {name}, which Swarmwright does not write"
                 if key not in expected
                 else f"defines the {kind} {name} differently"
             )
-            raise StoreError(
-                file, f"is not a store that Swarmwright wrote: it {problem}; nothing was read from it"
-            )
+            raise StoreError(file, f"was not written by Swarmwright: it {problem}; nothing was read from it")
 
 
 def _read_schema(connection: sqlite3.Connection) -> dict[tuple[str, str], str]:
@@ -328,26 +331,26 @@ def _read_schema(connection: sqlite3.Connection) -> dict[tuple[str, str], str]:
 
 
 @lru_cache
-def _schema() -> dict[tuple[str, str], str]:
+def _make_schema() -> dict[tuple[str, str], str]:
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as connection:
-        _make_tables(connection, _PAGES[-1][1])
+        _make_tables(connection, _PAGE_SIZES[-1][1])
         return _read_schema(connection)
 
 
 def _settle(connection: sqlite3.Connection) -> None:
-    # Survives the end of the process at any moment; a power cut may take the last commits, never the rest.
+    # Safe when the process is killed; a power cut may lose the last commits, but nothing else.
     connection.execute("PRAGMA synchronous = NORMAL")
     connection.execute("PRAGMA busy_timeout = 10000")
-    # Each checkpoint waits for the disk; of 64 MiB of log instead of 4, large generations have few.
+    # Each checkpoint waits for the disk; a log of 64 MiB instead of 4 makes them rare for large generations.
     connection.execute("PRAGMA wal_autocheckpoint = 16384")
 
 
 @contextmanager
 def transaction(connection: sqlite3.Connection, file: Path) -> Iterator[None]:
-    """Commit all or nothing. Raises RunError when the disk does not take it."""
-    with errors(file, RunError):
+    """Commit all or nothing. Raises RunError when the disk refuses it."""
+    with translate_errors(file, RunError):
         try:
-            connection.execute("BEGIN IMMEDIATE")  # Ctrl-C may come right behind it
+            connection.execute("BEGIN IMMEDIATE")  # Ctrl-C may come right after it
             yield
             connection.execute("COMMIT")
         except BaseException:
@@ -361,73 +364,67 @@ _DISK = {sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR}
 
 
 @contextmanager
-def errors(file: Path, kind: _Kind, *, disk: _Kind | None = None) -> Iterator[None]:
-    """Turn SQLite's errors into Swarmwright's, which say what to do.
+def translate_errors(file: Path, kind: _Kind, *, disk: _Kind | None = None) -> Iterator[None]:
+    """Translate SQLite's errors into Swarmwright's, with a remedy.
 
-    disk: instead of `kind` where the disk is to blame.
+    disk: raised instead of `kind` if the disk is the cause.
     """
     try:
         yield
     except sqlite3.Error as error:
-        code = code_of(error)
+        code = get_error_code(error)
         if code == sqlite3.SQLITE_INTERRUPT:
-            # Nothing but `_go_on` interrupts, where a signal handler has raised an exception: that of Ctrl-C.
+            # Only `_handle_signals` interrupts: a signal handler has raised an exception, as for Ctrl-C.
             raise KeyboardInterrupt from error
-        if disk is None and kind is InputError and code in _DISK and _full(file):
+        if disk is None and kind is InputError and code in _DISK and _is_disk_full(file):
             raise StoreError(
                 file,
-                "cannot be read while the disk is full, since the index of its log needs a file beside it; "
-                "free some space and run again",
+                "cannot be read while the disk is full, since the index of its log needs a new file; free "
+                "some disk space and try again",
             ) from error
-        ours = disk if disk is not None and code in _DISK else kind
-        if code == sqlite3.SQLITE_CORRUPT and ours is InputError:
+        kind = disk if disk is not None and code in _DISK else kind
+        if code == sqlite3.SQLITE_CORRUPT and kind is InputError:
             raise DamageError(file, str(error)) from error
-        reason = _reason(error, code, file)
-        raise (StoreError(file, reason) if ours is InputError else RunError(f"{file}: {reason}")) from error
+        reason = _explain(error, code, file)
+        raise (StoreError(file, reason) if kind is InputError else RunError(f"{file}: {reason}")) from error
 
 
-def code_of(error: BaseException | None) -> int:
+def get_error_code(error: BaseException | None) -> int:
     """Return SQLite's primary result code; 0 for other errors."""
     return int(getattr(error, "sqlite_errorcode", 0) or 0) & 0xFF
 
 
-def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
-    if code in _DISK and _full(file):
-        return "the disk is full; what was written before is kept"
-    largest = _largest_file()
-    if code in _DISK and largest is not None and _reaches(file, largest):
+def _explain(error: sqlite3.Error, code: int, file: Path) -> str:
+    if code in _DISK and _is_disk_full(file):
+        return "the disk is full; all earlier results are kept"
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    if code in _DISK and limit != resource.RLIM_INFINITY and _reaches_limit(file, limit):
         return (
-            f"this process may write files of at most {largest >> 10:,} KiB (ulimit -f), which is too little "
-            "for it: let it write larger ones; what was written before is kept"
+            f"exceeds the largest file size of this process ({limit >> 10:,} KiB); raise the limit with "
+            "ulimit -f; all earlier results are kept"
         )
     if code == sqlite3.SQLITE_CANTOPEN and has_no_more_files():
         return f"cannot be opened: {os.strerror(errno.EMFILE)}; {advise_open_files()}"
     reasons = {
-        sqlite3.SQLITE_FULL: "the disk is full; what was written before is kept",
-        sqlite3.SQLITE_IOERR: f"the disk reports an error ({error}); what was written before is kept",
-        sqlite3.SQLITE_READONLY: "may not be written by this user",
-        sqlite3.SQLITE_CANTOPEN: "cannot be opened; is the folder there, and may this user write in it?",
-        sqlite3.SQLITE_BUSY: "is being used by another program, or by another part of this one, that has it "
-        "open in a transaction of SQLite; close that and try again",
-        sqlite3.SQLITE_CORRUPT: f"is damaged: {error}{_verify(file)}",
+        sqlite3.SQLITE_FULL: "the disk is full; all earlier results are kept",
+        sqlite3.SQLITE_IOERR: f"the disk reports an error ({error}); all earlier results are kept",
+        sqlite3.SQLITE_READONLY: "is not writable by this user",
+        sqlite3.SQLITE_CANTOPEN: "cannot be opened; check that the folder exists and is writable",
+        sqlite3.SQLITE_BUSY: "is locked by an SQLite transaction of another program, or of another part of "
+        "this one; close it and try again",
+        sqlite3.SQLITE_CORRUPT: f"is damaged: {error}{_suggest_verification(file)}",
         sqlite3.SQLITE_NOTADB: "is damaged or is not a run store: it is not an SQLite file",
     }
     return reasons.get(code, f"cannot be used: {error}")
 
 
-def _largest_file() -> int | None:
-    """Return how many bytes a file may have that this process writes; None where nothing limits it."""
-    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
-    return None if limit == resource.RLIM_INFINITY else limit
+def _reaches_limit(file: Path, limit: int) -> bool:
+    """Return whether a store, its log or its draft has reached the largest allowed file size."""
+    files = [file.with_name(f"{name}{end}") for name in (FILE, NEW) for end in ("", "-wal", "-journal")]
+    return any(path.exists() and path.stat().st_size > limit - _PAGE_MARGIN for path in files)
 
 
-def _reaches(file: Path, largest: int) -> bool:
-    """Return whether a store, its log or its draft has reached the largest size that it may have."""
-    places = [file.with_name(f"{name}{end}") for name in (FILE, NEW) for end in ("", "-wal", "-journal")]
-    return any(place.exists() and place.stat().st_size > largest - _PAGE_MARGIN for place in places)
-
-
-def _full(file: Path) -> bool:
+def _is_disk_full(file: Path) -> bool:
     try:
         return shutil.disk_usage(file.parent).free < 1 << 16
     except OSError:

@@ -1,7 +1,7 @@
-"""SHA-256 of what a store holds, to detect damage.
+"""SHA-256 digests of a store's content, to detect damage.
 
-docs/reference/run-folder.md says of which bytes. They are in the store itself, so they detect damage by disks
-and copying, not manipulation.
+docs/reference/run-folder.md defines the digested bytes. The digests are in the store itself, so they detect
+damage by disks and copying, but not manipulation.
 """
 
 import hashlib
@@ -15,19 +15,19 @@ FACT = "digest"
 _GENERATION = struct.Struct("<5q6d")
 
 WRONG_TYPES = (struct.error, TypeError, OverflowError)
-"""What the functions here raise for values that no store was given."""
+"""Errors of these functions for values that the store never writes."""
 
 
-def of_facts(facts: Mapping[str, str]) -> str:
-    """Return the digest of all facts but itself."""
-    others = sorted([name, value] for name, value in facts.items() if name != FACT)
-    return hashlib.sha256(json.dumps(others).encode()).hexdigest()
+def digest_facts(facts: Mapping[str, str]) -> str:
+    """Return the digest of all facts except the digest itself."""
+    digested = sorted([name, value] for name, value in facts.items() if name != FACT)
+    return hashlib.sha256(json.dumps(digested).encode()).hexdigest()
 
 
-def of_generation(
+def digest_generation(
     previous: str, whole: tuple[int, ...], figures: Iterable[float | None], seeds: str, evaluations: str
 ) -> str:
-    """Return the digest of a generation, and so of all before it.
+    """Return the digest of a generation, which depends on all generations before it.
 
     Args:
         previous: digest of the generation before; empty for the first.
@@ -36,9 +36,9 @@ def of_generation(
         seeds: JSON, as in the table.
         evaluations: digest of its evaluations.
     """
-    # SQLite keeps neither NaN nor the sign of zero.
-    kept = [math.nan if figure is None or figure != figure else figure + 0.0 for figure in figures]
-    numbers = _GENERATION.pack(*whole, *kept)
+    # SQLite preserves neither NaN nor the sign of zero.
+    normalized = [math.nan if figure is None or figure != figure else figure + 0.0 for figure in figures]
+    numbers = _GENERATION.pack(*whole, *normalized)
     return hashlib.sha256(
         b"".join((previous.encode(), numbers, seeds.encode(), evaluations.encode()))
     ).hexdigest()

@@ -14,13 +14,13 @@ from swarmwright.common.errors import InputError, RunError
 LOCK = "run.lock"
 """A file that users have no reason to edit or replace; it exists while a process works on the run.
 
-Not the store: closing any other handle on that would free SQLite's own locks in this process. Not
-experiment.yaml: editors put a new file in its place, whose lock is free.
+The store cannot be the lock, because closing another handle to it would release SQLite's locks in this
+process; nor can experiment.yaml, because editors replace it with a new, unlocked file.
 """
-_PATIENCE = 0.5
+_PATIENCE_S = 0.5
 """Seconds for which a process that only tests the lock may hold it."""
 _HELD_LOCKS: set[Path] = set()
-"""Locks that this process has."""
+"""Locks that this process holds."""
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 _NO_RIGHT = {errno.EACCES, errno.EPERM, errno.EROFS}
 
@@ -30,49 +30,49 @@ class MovedError(RunError):
 
 
 class Lock:
-    """Reserves a run for this process; the system frees it when the process ends in any way.
+    """Locks a run for this process; the system releases it when the process ends in any way.
 
-    Raises InputError when another process has it, or files cannot be locked there.
+    Raises InputError when another process holds it, or the file system has no locks.
     """
 
     def __init__(self, folder: Path) -> None:
-        self._given = folder
+        self._name = folder
         self._path = folder.absolute() / LOCK
-        deadline = time.monotonic() + _PATIENCE
+        deadline = time.monotonic() + _PATIENCE_S
         while True:
-            file, locked = _opened(folder, self._path), False
+            file, locked = _open_lock_file(folder, self._path), False
             try:
-                # For writing: network file systems (NFS) refuse an exclusive lock on what is open to read.
+                # Open for writing: network file systems (NFS) refuse exclusive locks on files open to read.
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 locked = _is_still(file, self._path)
             except BlockingIOError:
                 if time.monotonic() > deadline:
                     file.close()
-                    raise _taken(folder) from None
-                time.sleep(_PATIENCE / 10)
+                    raise _build_busy_error(folder) from None
+                time.sleep(_PATIENCE_S / 10)
             except OSError as error:
                 file.close()
-                raise InputError(_unlockable(folder, error)) from error
+                raise InputError(_explain_lock_failure(folder, error)) from error
             if locked:
                 self._file = file
                 _HELD_LOCKS.add(self._path)
-                self.folder = self._held()
-                """File descriptor of the folder, wherever it is moved."""
+                self.folder = self._open_folder()
+                """File descriptor of the folder, valid even if it is moved."""
                 return
             file.close()
 
-    def _held(self) -> int:
-        """Return the folder, open: as long as it is, no other one has the same number."""
+    def _open_folder(self) -> int:
+        """Open the folder: while it is open, no other folder can have its inode number."""
         try:
             return os.open(self._path.parent, os.O_PATH | os.O_DIRECTORY)
         except OSError as error:
             self._release()
             many = error.errno in {errno.EMFILE, errno.ENFILE}
-            remedy = "; have fewer runs open, or allow more open files (ulimit -n)" if many else ""
-            raise InputError(f"{self._given}: cannot be opened: {error.strerror}{remedy}") from error
+            remedy = "; open fewer runs, or allow more open files (ulimit -n)" if many else ""
+            raise InputError(f"{self._name}: cannot be opened: {error.strerror}{remedy}") from error
 
     def close(self) -> None:
-        """Release the run."""
+        """Release the lock."""
         if self._file.closed:
             return
         self._release()
@@ -81,56 +81,59 @@ class Lock:
     def _release(self) -> None:
         _HELD_LOCKS.discard(self._path)
         with suppress(OSError):
-            # Delete before releasing: a process that has opened it meanwhile notices, and creates a new file.
+            # Delete it before releasing it: a process that has just opened it notices and creates a new file.
             if _is_still(self._file, self._path):
                 self._path.unlink()
         self._file.close()
 
     def check(self) -> None:
-        """Raise MovedError unless the folder is still where it was: another run may have that name now."""
+        """Raise MovedError if the folder has moved, since another run may have its path now."""
         try:
             if os.path.samestat(os.fstat(self.folder), self._path.parent.stat()):
                 return
         except (FileNotFoundError, NotADirectoryError):
             pass
         except OSError:
-            return  # writing tells what is wrong
-        raise MovedError(f"{self._given}: {self._whereabouts()}")
+            return  # the next write reports the problem
+        raise MovedError(f"{self._name}: {self._describe_move()}")
 
-    def _whereabouts(self) -> str:
-        ended = "while this run was writing it, so the run ended; folders of runs can be moved when those end"
+    def _describe_move(self) -> str:
+        ended = "during the run, which has ended; move run folders only when their runs have finished"
         try:
-            now = Path(f"/proc/self/fd/{self.folder}").readlink()
+            location = Path(f"/proc/self/fd/{self.folder}").readlink()
         except OSError:
-            return f"this folder was moved or replaced {ended}"
-        if os.fstat(self.folder).st_nlink == 0 or not now.is_dir():
-            return f"this folder was deleted {ended}"
-        command = f"swarmwright resume {shlex.quote(str(now))}"
-        return f"this folder was moved to {now} {ended}. What was finished is kept there: `{command}` goes on"
+            return f"the folder was moved or replaced {ended}"
+        if os.fstat(self.folder).st_nlink == 0 or not location.is_dir():
+            return f"the folder was deleted {ended}"
+        command = f"swarmwright resume {shlex.quote(str(location))}"
+        return (
+            f"the folder was moved to {location} {ended}. It has all finished generations; continue with "
+            f"`{command}`"
+        )
 
 
 def check_free(folder: Path) -> None:
-    """Raise InputError where the run may not be written, or a process works on it that goes on."""
+    """Raise InputError if the run is not writable, or another process works on it."""
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError(f"{folder}: may not be written by this user, or is on a read-only file system")
-    deadline = time.monotonic() + _PATIENCE
+        raise InputError(f"{folder}: is not writable by this user, or is on a read-only file system")
+    deadline = time.monotonic() + _PATIENCE_S
     while is_locked(folder):
         if time.monotonic() > deadline:
-            raise _taken(folder)
-        time.sleep(_PATIENCE / 10)
+            raise _build_busy_error(folder)
+        time.sleep(_PATIENCE_S / 10)
 
 
-def _taken(folder: Path) -> InputError:
-    return InputError(f"{folder}: {who_else(folder)} works on this run; wait for it, or stop it")
+def _build_busy_error(folder: Path) -> InputError:
+    return InputError(f"{folder}: {describe_owner(folder)} is writing this run; wait for it, or stop it")
 
 
-def who_else(folder: Path) -> str:
-    """Return what has locked a run: another process, or this one, such as another thread of it."""
+def describe_owner(folder: Path) -> str:
+    """Name the owner of a run's lock: another process, or another part of this process, such as a thread."""
     return "another part of this process" if folder.absolute() / LOCK in _HELD_LOCKS else "another process"
 
 
 def is_locked(folder: Path) -> bool:
-    """Whether a process works on the run now."""
+    """Return whether a process works on the run now."""
     try:
         with (folder / LOCK).open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -141,27 +144,27 @@ def is_locked(folder: Path) -> bool:
     return False
 
 
-def _opened(folder: Path, path: Path) -> BinaryIO:
+def _open_lock_file(folder: Path, path: Path) -> BinaryIO:
     try:
         return path.open("ab")
     except OSError as error:
         if error.errno in _NO_RIGHT:
-            raise InputError(f"{folder}: may not be written by this user ({error.strerror})") from error
+            raise InputError(f"{folder}: is not writable by this user ({error.strerror})") from error
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
 
 
 def _is_still(file: BinaryIO, path: Path) -> bool:
-    """Whether an open file is still the one at this path."""
+    """Return whether an open file is still the file at this path."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.stat())
     except FileNotFoundError:
         return False
 
 
-def _unlockable(folder: Path, error: OSError) -> str:
+def _explain_lock_failure(folder: Path, error: OSError) -> str:
     if error.errno in _NO_LOCKS:
         return (
-            f"{folder}: this file system cannot lock files ({error.strerror}), so that two processes could "
-            "write one run; use a folder on another one, such as a local disk"
+            f"{folder}: this file system cannot lock files ({error.strerror}), so two processes could write "
+            "the same run; use a folder on another file system, such as a local disk"
         )
     return f"{folder}: cannot be locked: {error.strerror}"

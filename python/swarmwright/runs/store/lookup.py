@@ -1,4 +1,4 @@
-"""Finding one evaluation in a store, and the best ones."""
+"""Find evaluations in a store by number, or the best ones."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,20 +13,20 @@ from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.json_text import loads
 from swarmwright.common.values import ComparedByValue
 from swarmwright.runs.store.best_of_equals import BestOfEquals
-from swarmwright.runs.store.blocks import Record, joined
+from swarmwright.runs.store.blocks import Record, concatenate_records
 from swarmwright.runs.store.generations import Generations, Row
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation(ComparedByValue):
-    """One line of the record."""
+    """An evaluation in the record."""
 
     number: int
     """In the whole run, from 0."""
     generation: int
     candidate: int
     fitness: float
-    """As the ranking made it; NaN when it failed."""
+    """From the ranking; NaN if the evaluation failed."""
     seeds: list[int]
     """Simulation seed of each episode."""
     episodes: NDArray[np.float64]
@@ -38,7 +38,7 @@ class Evaluation(ComparedByValue):
 
 @dataclass(frozen=True, eq=False)
 class Best(ComparedByValue):
-    """The evaluation that leads in the end; of equals, the first, in a run of `nsga2` one of the front."""
+    """The best evaluation at the end; of equals the first, in a run of `nsga2` a member of the front."""
 
     fitness: float
     generation: int
@@ -48,30 +48,30 @@ class Best(ComparedByValue):
 
 @dataclass(frozen=True)
 class _Whole:
-    """A generation that was read."""
+    """A generation in memory."""
 
     row: Row
     sample: _engine.Sample | None
-    """What its genomes are made from; None where `part` has them."""
+    """Sample that its genomes are made from; None if `part` has the genomes."""
     part: Record
 
     def __contains__(self, number: int) -> bool:
-        """Return whether the evaluation of this number in the run belongs to it."""
+        """Return whether the evaluation with this number in the run belongs to it."""
         return self.row.first <= number < self.row.summary.evaluations
 
 
-_LOOKED_AT = 50
-"""Evaluations that are read for each of the leading ones, at most: many may have the same genome."""
+_SEARCHED_PER_RESULT = 50
+"""Largest number of evaluations read per returned evaluation, since many may have the same genome."""
 
 
 class Lookup:
-    """Finds evaluations in a store that is open, within `reading`, which says what damage is.
+    """Finds evaluations in an open store; use it within `reading`, which reports damage.
 
     Args:
         generations: of the store.
         folder: of the run, for messages.
-        metrics: how many are stored.
-        equals: finds the best of equals; None: it is the first.
+        metrics: number of stored metrics.
+        equals: finds the best of equals; None chooses the first.
     """
 
     def __init__(
@@ -90,79 +90,83 @@ class Lookup:
         by_instance: bool = False,
         key: Callable[[Genome], object] = bytes,
     ) -> list[Evaluation]:
-        """Return the best evaluation of the run, and the next best with other genomes, the best first.
+        """Return the best evaluations of the run with different genomes, the best first.
 
         Args:
-            count: how many, at most. Fewer where there are fewer genomes whose evaluation has not failed.
-            last_only: whether those beside the best are of the last generation only.
-            by_instance: whether genomes were evaluated on one instance after the other, so that those with
-                the most evaluations are the best.
-            key: the same for genomes that count as one, such as those of the same controller.
+            count: largest number of evaluations; fewer are returned if fewer genomes succeeded.
+            last_only: take all except the best from the last generation.
+            by_instance: whether genomes were evaluated instance by instance, so that those with the most
+                evaluations are the best.
+            key: returns equal values for equivalent genomes, such as those of the same controller.
         """
-        row, number = self._place(None, None)
-        whole = self._whole(row)
-        best = self._line(whole, number)
-        found, known = [best], {key(best.genome)}
+        row, number = self._locate(None, None)
+        whole = self._read_generation(row)
+        best = self._extract(whole, number)
+        leading, keys = [best], {key(best.genome)}
         last = self._generations.last()
         first = last.first if last_only and last is not None else 0
         numbers: Sequence[int] = ()
         if count > 1 and by_instance:
-            numbers = self._generations.by_instances(_LOOKED_AT * count)
+            numbers = self._generations.rank_by_instances(_SEARCHED_PER_RESULT * count)
         elif count > 1:
-            numbers = self._generations.by_fitness(first, _LOOKED_AT * count).tolist()
+            numbers = self._generations.rank_by_fitness(first, _SEARCHED_PER_RESULT * count).tolist()
         for number in numbers:
-            if len(found) >= count:
+            if len(leading) >= count:
                 break
-            if number not in whole:  # the best ones are often of the same generation
-                whole = self._whole(self._place(number, None)[0])
-            candidate_line = self._line(whole, number)
-            if key(candidate_line.genome) not in known:
-                known.add(key(candidate_line.genome))
-                found.append(candidate_line)
-        return found
+            if number not in whole:  # the best are often from the same generation
+                whole = self._read_generation(self._locate(number, None)[0])
+            evaluation = self._extract(whole, number)
+            if key(evaluation.genome) not in keys:
+                keys.add(key(evaluation.genome))
+                leading.append(evaluation)
+        return leading
 
     def evaluation(self, candidate: int | None, generation: int | None) -> Evaluation:
-        """Return one evaluation; None as in `Run.evaluation`."""
-        row, number = self._place(candidate, generation)
-        return self._line(self._whole(row), number)
+        """Return an evaluation; None as in `Run.evaluation`."""
+        row, number = self._locate(candidate, generation)
+        return self._extract(self._read_generation(row), number)
 
     def leader(self, generation: int) -> Evaluation:
-        """Return the evaluation that would be the best of the run if it had ended after this generation."""
+        """Return the best evaluation of the run up to this generation."""
         row = self.row(generation)
         equals = self._equals
         number = row.leader if equals is None else equals.number(self._generations, row)
         return self.evaluation(number, None)
 
     def evaluations_of(self, evaluation: Evaluation) -> list[Evaluation]:
-        """Return the evaluations of the same genome up to `one`, which is the last of them."""
-        numbers = self._generations.of_genome(evaluation.genome.astype("<f4").tobytes(), evaluation.number)
+        """Return all evaluations of the same genome up to this evaluation, in order."""
+        numbers = self._generations.find_by_genome(
+            evaluation.genome.astype("<f4").tobytes(), evaluation.number
+        )
         return [self.evaluation(number, None) for number in numbers[:-1]] + [evaluation]
 
     def best(self) -> Best | None:
-        """Return the best evaluation; None when there is none."""
+        """Return the best evaluation; None if there is none."""
         if self._generations.last() is None:
             return None
         evaluation = self.evaluation(None, None)
         return Best(evaluation.fitness, evaluation.generation, evaluation.candidate, evaluation.genome)
 
     def row(self, generation: int) -> Row:
-        """Return a generation. Raises InputError without that one."""
+        """Return a generation. Raises InputError if it does not exist."""
         row = self._generations.row(generation)
         if row is None:
             last = self._generations.last()
-            there = _range(0 if last is None else last.generation + 1, "generation")
-            raise InputError(f"{self._folder}: holds {there}, not {generation}")
+            available = _format_range(0 if last is None else last.generation + 1, "generation")
+            raise InputError(f"{self._folder}: has {available}, but no generation {generation}")
         return row
 
-    def _whole(self, row: Row) -> _Whole:
-        """Read a generation, compared with its digest."""
+    def _read_generation(self, row: Row) -> _Whole:
+        """Read a generation and compare it with its digest."""
         sample = self._generations.sample(row)
         return _Whole(
-            row, sample, joined(list(self._generations.evaluations(row, made=False)), self._metrics)
+            row,
+            sample,
+            concatenate_records(list(self._generations.evaluations(row, make_genomes=False)), self._metrics),
         )
 
-    def _line(self, whole: _Whole, number: int | None) -> Evaluation:
-        """Return an evaluation of a generation by its number in the run; None: the best."""
+    def _extract(self, whole: _Whole, number: int | None) -> Evaluation:
+        """Return an evaluation of a generation by its number in the run; None for the best."""
         row, part = whole.row, whole.part
         index = int(best_first(part.fitness)[0]) if number is None else number - row.first
         return Evaluation(
@@ -176,36 +180,38 @@ class Lookup:
             part.genomes[index] if whole.sample is None else whole.sample.genomes(index, 1)[0],
         )
 
-    def _place(self, candidate: int | None, generation: int | None) -> tuple[Row, int | None]:
-        """Return the generation of the evaluation that is meant, and its number; None for the best there."""
+    def _locate(self, candidate: int | None, generation: int | None) -> tuple[Row, int | None]:
+        """Return the generation of an evaluation and its number, None for the best of the generation."""
         if generation is None:
             if candidate is None:
                 last = self._generations.last()
                 if last is None:
-                    raise RunError(nothing(self._folder))
+                    raise RunError(explain_missing_best(self._folder))
                 equals = self._equals
                 candidate = last.leader if equals is None else equals.number(self._generations, last)
-            row = self._generations.of_evaluation(candidate)
+            row = self._generations.find_by_evaluation(candidate)
             if row is None:
                 last = self._generations.last()
-                there = _range(0 if last is None else last.summary.evaluations, "evaluation")
-                raise InputError(f"{self._folder}: holds {there}, not {candidate}")
+                available = _format_range(0 if last is None else last.summary.evaluations, "evaluation")
+                raise InputError(f"{self._folder}: has {available}, but no evaluation {candidate}")
             return row, candidate
         row = self.row(generation)
         if candidate is None:
             return row, None
         if not 0 <= candidate < row.count:
-            there = _range(row.count, "candidate")
-            raise InputError(f"{self._folder}: generation {generation} has {there}, not {candidate}")
+            available = _format_range(row.count, "candidate")
+            raise InputError(
+                f"{self._folder}: generation {generation} has {available}, but no candidate {candidate}"
+            )
         return row, row.first + candidate
 
 
-def nothing(folder: Path) -> str:
-    """Say that there is no best candidate yet."""
-    return f"{folder}: holds no finished generation, so there is no best candidate"
+def explain_missing_best(folder: Path) -> str:
+    """Explain that there is no best candidate yet."""
+    return f"{folder}: has no finished generation, so there is no best candidate"
 
 
-def _range(count: int, what: str) -> str:
+def _format_range(count: int, noun: str) -> str:
     if count == 0:
-        return f"no finished {what}"
-    return f"one {what}, number 0" if count == 1 else f"the {what}s 0 to {count - 1}"
+        return f"no finished {noun}"
+    return f"only {noun} 0" if count == 1 else f"{noun}s 0 to {count - 1}"

@@ -1,4 +1,4 @@
-"""A store that is being written: at first a draft under another name, which the end of the process takes."""
+"""A store that is being written, at first as a draft with another name, which is lost if the process ends."""
 
 import _thread
 import atexit
@@ -14,61 +14,61 @@ from types import FrameType
 from typing import Self
 
 from swarmwright.common.errors import RunError
-from swarmwright.runs.store.database import FILE, NEW, connect, create, errors, reopen
+from swarmwright.runs.store.database import FILE, NEW, connect, create, reopen, translate_errors
 
 _LONGEST_WAIT_S = 60.0
-"""Seconds for which the end of the process waits for the disk."""
+"""Largest time for which the exit of the process waits for the disk."""
 
 
 class OpenStore:
     """The connection to a store that is being written.
 
-    An interrupt (Ctrl-C) may come at any place, and then everything here can be called again.
+    After an interrupt (Ctrl-C) anywhere, every method can be called again.
     """
 
     def __init__(self, file: Path, connection: sqlite3.Connection, *, draft: bool) -> None:
         self.file = file
         self.draft = draft
-        """Whether it is a draft."""
+        """Whether the store is a draft."""
         self._connection = connection
 
     @classmethod
     def create(cls, file: Path, facts: Mapping[str, str], generation: int) -> Self:
-        """Begin a new store with a draft; arguments and errors as of `database.create`."""
+        """Create a draft of a new store; arguments and errors as for `database.create`."""
         return cls(file, create(file, facts, generation), draft=True)
 
     @classmethod
     def reopen(cls, file: Path) -> Self:
-        """Go on with a store; errors as of `database.reopen`."""
+        """Open an existing store; errors as for `database.reopen`."""
         return cls(file, reopen(file), draft=False)
 
     @property
     def is_open(self) -> bool:
-        """Whether the connection is there, which an interrupt may have closed."""
+        """Whether the connection is open; an interrupt may have closed it."""
         return _is_open(self._connection)
 
     @property
     def connection(self) -> sqlite3.Connection:
-        """The connection to write on. Raises RunError when it cannot be opened again after an interrupt."""
+        """The writing connection. Raises RunError when it cannot be reopened after an interrupt."""
         if not self.is_open:
-            self._go_on()
+            self._end_draft()
         return self._connection
 
     @property
     def name(self) -> str:
-        """Of the file that it is in now."""
+        """Current name of the file."""
         _ = self.connection
         return NEW if self.draft else FILE
 
     def keep(self) -> None:
-        """Make a store of a draft: from now on, what is committed survives the end of the process.
+        """Turn a draft into a store, so that everything committed survives a killed process.
 
         Raises RunError when the disk refuses it.
         """
         if self.draft:
-            self._go_on()
+            self._end_draft()
 
-    def _go_on(self) -> None:
+    def _end_draft(self) -> None:
         self._publish()
         _flush(self.file)
         connection = connect(self.file)
@@ -77,23 +77,23 @@ class OpenStore:
 
     def _publish(self) -> None:
         """Close the draft and give it the store's name."""
-        with errors(self.file, RunError):
+        with translate_errors(self.file, RunError):
             self._connection.close()
             new = self.file.with_name(NEW)
             try:
-                if new.exists() or not self.file.exists():  # it may have been interrupted before
+                if new.exists() or not self.file.exists():  # false after an interrupt of an earlier call
                     new.rename(self.file)
             except OSError as error:
                 raise RunError(f"{self.file}: cannot be written: {error.strerror}") from error
 
     def finish(self) -> None:
-        """Make one file of the store, so that the folder can be copied and read anywhere. Raises RunError."""
+        """Merge the store into one file that can be copied and read anywhere. Raises RunError."""
         if self.draft:
             self._publish()
-            # A power cut must not take the run either, but that need not be waited for.
+            # The run must also survive a power cut, but the caller need not wait for that.
             _flush_later(self.file)
             return
-        with errors(self.file, RunError):
+        with translate_errors(self.file, RunError):
             self.connection.execute("PRAGMA busy_timeout = 100")
             self.connection.execute("PRAGMA journal_mode = DELETE")
 
@@ -102,7 +102,7 @@ class OpenStore:
         self._connection.close()
 
     def abandon(self, folder: int) -> None:
-        """Leave a store that is not where it was; instead of `finish` and `close`.
+        """Leave a store whose folder has moved; call it instead of `finish` and `close`.
 
         folder: file descriptor of its folder.
         """
@@ -111,8 +111,8 @@ class OpenStore:
             with suppress(OSError):
                 os.rename(NEW, FILE, src_dir_fd=folder, dst_dir_fd=folder)
             return
-        # Closing it, also at the end of the process, would delete the log at the path that it had, which may
-        # be that of another run. Without that, the log stays beside the store and is read with it.
+        # Closing it, even at exit, would delete the log at its former path, which may now belong to another
+        # run. The leaked connection leaves the log beside the store, where readers use it.
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._connection))
 
 
@@ -125,9 +125,9 @@ def _is_open(connection: sqlite3.Connection) -> bool:
 
 
 def _flush(file: Path) -> None:
-    """Wait until a file is on the disk, as far as the system offers that."""
-    with suppress(OSError), file.open("rb") as opened:
-        os.fsync(opened.fileno())
+    """Wait until a file is on the disk, if the system supports it."""
+    with suppress(OSError), file.open("rb") as stream:
+        os.fsync(stream.fileno())
 
 
 _unfinished: "set[_thread.LockType]" = set()
@@ -135,8 +135,8 @@ _unfinished: "set[_thread.LockType]" = set()
 
 
 def _flush_later(file: Path) -> None:
-    """Flush a file in a thread, for which this process waits when it ends."""
-    # That of `threading` is waited for until it has begun: while others have work, that takes long.
+    """Flush a file in a thread that this process waits for at exit."""
+    # `threading.Thread.start` waits until the thread runs, which takes long while other threads are busy.
     done = _thread.allocate_lock()
     done.acquire()
     _unfinished.add(done)
@@ -157,24 +157,24 @@ def _flush_now(file: Path, done: "_thread.LockType") -> None:
 @atexit.register
 def _wait() -> None:
     deadline = time.monotonic() + _LONGEST_WAIT_S
-    with suppress(_NoLongerError), _signals_end_the_wait():
+    with suppress(_WaitEndedError), _let_signals_end_wait():
         for done in list(_unfinished):
             done.acquire(timeout=max(0.0, deadline - time.monotonic()))
 
 
-class _NoLongerError(BaseException):
-    """A signal has arrived while the end of the process waits."""
+class _WaitEndedError(BaseException):
+    """A signal has arrived while the process waits at exit."""
 
 
 def _stop_waiting(_number: int, _frame: FrameType | None) -> None:
-    raise _NoLongerError
+    raise _WaitEndedError
 
 
 @contextmanager
-def _signals_end_the_wait() -> Iterator[None]:
-    """Within this block, SIGINT and SIGTERM that the program ignores while it ends raise `_NoLongerError`.
+def _let_signals_end_wait() -> Iterator[None]:
+    """Raise `_WaitEndedError` within this block for SIGINT and SIGTERM that the exiting program ignores.
 
-    The files are written already; only a power cut could still take them.
+    The files are already written, so only a power cut could still lose them.
     """
     ignored = [
         number

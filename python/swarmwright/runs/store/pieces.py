@@ -1,4 +1,4 @@
-"""Reading a store in pieces, between which it is locked for nobody and little of it is in memory."""
+"""Read a store in pieces, without a lock between them and with little of it in memory."""
 
 import sqlite3
 from collections import deque
@@ -8,27 +8,26 @@ from pathlib import Path
 
 from swarmwright.common.errors import InputError
 from swarmwright.runs.store.blocks import Record
-from swarmwright.runs.store.database import connect_to_read, errors, reading_on
+from swarmwright.runs.store.database import connect_to_read, reading_on, translate_errors
 from swarmwright.runs.store.generations import Generations, Row
 
 _PIECE_BYTES = 1 << 24
-"""Bytes of evaluations that are read at once, about: of larger generations, and after the first ones of small
-generations."""
+"""Approximate bytes of evaluations that are read at once."""
 
 Begin = Callable[[], AbstractContextManager[sqlite3.Connection]]
-"""Begins to read a piece."""
+"""Begins a transaction to read a piece."""
 
 
 @contextmanager
-def in_pieces(file: Path) -> Iterator[Begin]:
-    """Yield what begins a transaction to read a piece of a store, on one connection for all pieces.
+def read_in_pieces(file: Path) -> Iterator[Begin]:
+    """Yield a function that begins a transaction to read a piece of a store, on one shared connection.
 
-    Between the pieces nothing is locked: who stops in the middle keeps no process from writing. A connection
-    for each would read the whole write-ahead log each time, where a process that was killed has left one.
+    Between the pieces nothing is locked, so an abandoned iteration blocks no writer. A connection for each
+    piece would read the whole write-ahead log each time, if a killed process has left one.
 
     Raises InputError as `reading`.
     """
-    with errors(file, InputError):
+    with translate_errors(file, InputError):
         connection = connect_to_read(file)
 
     @contextmanager
@@ -46,38 +45,40 @@ def in_pieces(file: Path) -> Iterator[Begin]:
 
 
 def evaluations(
-    begin: Begin, rows: Iterable[Row], opened: Callable[[sqlite3.Connection], Generations]
+    begin: Begin, rows: Iterable[Row], open_tables: Callable[[sqlite3.Connection], Generations]
 ) -> Iterator[Record]:
-    """Yield the evaluations of generations; none of a generation before all of it has been compared.
+    """Yield the evaluations of generations, each generation only after its comparison with the digest.
 
-    opened: returns the tables of a connection.
+    open_tables: returns the tables of a connection.
     """
-    left = deque(rows)
-    while left:
+    remaining = deque(rows)
+    while remaining:
         parts: list[Record] = []
         size, large = 0, None
         with begin() as connection:
-            generations = opened(connection)
-            while left and large is None and size <= _PIECE_BYTES:
-                row = left.popleft()
-                found = generations.compared(row, _PIECE_BYTES)
-                if found is None:
+            generations = open_tables(connection)
+            while remaining and large is None and size <= _PIECE_BYTES:
+                row = remaining.popleft()
+                blocks = generations.read_verified(row, _PIECE_BYTES)
+                if blocks is None:
                     large = row
                 else:
-                    parts += found
-                    size += sum(part.nbytes for part in found)
+                    parts += blocks
+                    size += sum(part.nbytes for part in blocks)
         yield from parts
         if large is not None:
-            yield from _blocks(begin, large, opened)
+            yield from _read_blocks(begin, large, open_tables)
 
 
-def _blocks(begin: Begin, row: Row, opened: Callable[[sqlite3.Connection], Generations]) -> Iterator[Record]:
-    """Yield the evaluations of a generation that has been compared, block by block."""
+def _read_blocks(
+    begin: Begin, row: Row, open_tables: Callable[[sqlite3.Connection], Generations]
+) -> Iterator[Record]:
+    """Yield the evaluations of a generation that was compared with its digest, block by block."""
     with begin() as connection:
-        sample = opened(connection).sample(row)
+        sample = open_tables(connection).sample(row)
     number = row.first
     while number < row.summary.evaluations:
         with begin() as connection:
-            part = opened(connection).block(row, number, sample)
+            part = open_tables(connection).block(row, number, sample)
         number += len(part.fitness)
         yield part

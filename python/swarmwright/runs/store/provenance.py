@@ -1,4 +1,4 @@
-"""What a store notes of where a run comes from: the experiment, when, and with which versions."""
+"""The provenance of a run as the store records it: experiment, time and versions."""
 
 import platform
 import sqlite3
@@ -19,28 +19,28 @@ if TYPE_CHECKING:
 
 
 COMMIT = "swarmwright commit"
-"""Key of the commit among versions, which no package can have, because of the space."""
+"""Key of the commit among versions; no package name can have a space."""
 
 HASH_SEED = "hash seed"
-"""Key of Python's hash seed among versions, `random` where each process has its own."""
+"""Key of Python's hash seed among versions; its value is `random` if each process has its own."""
 
 
-def recorded(experiment: "Experiment", copy: Copy | None) -> dict[str, Any]:
-    """Return the experiment as it is written: its class in the run's copy, relative to the run folder."""
+def record_experiment(experiment: "Experiment", copy: Copy | None) -> dict[str, Any]:
+    """Return the experiment as the store records it, with classes in the run's copy of the code."""
     values = experiment.to_mapping()
     if copy is not None:
 
-        def file_of(part: str, _: str) -> str | None:
-            kept = copy.parts.get(part)
-            return None if kept is None else copy.main_path_in_run(kept)
+        def find_file(part: str, _: str) -> str | None:
+            copied = copy.parts.get(part)
+            return None if copied is None else copy.main_path_in_run(copied)
 
-        values |= with_files(values, file_of)
-    kept = None if copy is None else copy.parts.get("simulation")
-    if kept is not None and is_environment(kept.component):
-        values["simulation"] = kept.component
-    elif copy is not None and kept is not None:
-        place = copy.main_path_in_run(kept)
-        name = SimulationName.parse(SimulationName.parse(kept.component).in_file(place))
+        values |= with_files(values, find_file)
+    simulation = None if copy is None else copy.parts.get("simulation")
+    if simulation is not None and is_environment(simulation.component):
+        values["simulation"] = simulation.component
+    elif copy is not None and simulation is not None:
+        path = copy.main_path_in_run(simulation)
+        name = SimulationName.parse(SimulationName.parse(simulation.component).in_file(path))
         if name.is_command:
             values["simulation"]["folder"] = name.definition["folder"]
         else:
@@ -49,7 +49,7 @@ def recorded(experiment: "Experiment", copy: Copy | None) -> dict[str, Any]:
 
 
 def timestamp(seconds: float | None = None) -> str:
-    """Return a time as ISO 8601, UTC.
+    """Format a time as ISO 8601, UTC.
 
     seconds: since 1970; None for now.
     """
@@ -58,14 +58,14 @@ def timestamp(seconds: float | None = None) -> str:
 
 
 def versions(libraries: Sequence[str]) -> dict[str, str]:
-    """Return the versions of what computes a run; `libraries` that are not installed are left out.
+    """Return the versions of Python, this package, NumPy, SQLite and the installed ones of `libraries`.
 
-    With the commit where the package is used from a checkout.
+    The commit is included if the package is used from a checkout.
     """
     from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - only where a run starts
 
     commit = revision()
-    found = {
+    installed = {
         "swarmwright": _engine.__version__,
         **({} if commit is None else {COMMIT: commit}),
         "python": platform.python_version(),
@@ -74,5 +74,5 @@ def versions(libraries: Sequence[str]) -> dict[str, str]:
     }
     for library in libraries:
         with suppress(PackageNotFoundError):  # the method reports what is missing
-            found[library] = version(library)
-    return found
+            installed[library] = version(library)
+    return installed

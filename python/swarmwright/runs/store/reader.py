@@ -1,4 +1,4 @@
-"""Reading a store, while a run writes it or afterwards."""
+"""Read a store, while a run writes it or afterwards."""
 
 import hashlib
 import operator
@@ -20,8 +20,8 @@ from swarmwright.common.ranges import Range
 from swarmwright.common.statistics import Summary
 from swarmwright.runs.store import journal, pieces
 from swarmwright.runs.store.best_of_equals import BestOfEquals
-from swarmwright.runs.store.blocks import Record, joined
-from swarmwright.runs.store.database import FILE, DamageError, checked_facts, reading, reading_on
+from swarmwright.runs.store.blocks import Record, concatenate_records
+from swarmwright.runs.store.database import FILE, DamageError, read_facts, reading, reading_on
 from swarmwright.runs.store.generations import LARGEST, Generations, Row
 from swarmwright.runs.store.lookup import Best, Evaluation, Lookup
 from swarmwright.servers.rows import (
@@ -37,15 +37,15 @@ from swarmwright.servers.server_use import ServerUse, from_json
 
 
 class StoreReader:
-    """Reads the store in a run folder: what is in it at any time, or at one moment, see `opened`.
+    """Reads the store in a run folder: its current content, or that of one moment, see `open_snapshot`.
 
-    Raises InputError, here and in every method, when the store is missing, damaged, or of another version.
+    All methods raise InputError when the store is missing, damaged, or of another version.
 
     Args:
         folder: of the run.
         name: of the file in it.
-        connect: returns the connection of who writes the store in this process, which reads faster than a
-            new one; it is not used while something is written.
+        connect: returns the connection of the writer in this process, which reads faster than a new one; it
+            must not be used during a write.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class StoreReader:
         self._name = name
         self._connect = connect
         self._moment: Moment | None = None
-        _ = self._facts  # report errors now rather than later
+        _ = self._facts  # report errors early
 
     @property
     def _folder(self) -> Path:
@@ -73,10 +73,10 @@ class StoreReader:
 
     @classmethod
     @contextmanager
-    def opened(cls, folder: Path) -> Iterator[Self]:
-        """Return a reader of what the store holds now; what is added later it leaves out, also afterwards.
+    def open_snapshot(cls, folder: Path) -> Iterator[Self]:
+        """Yield a reader of the present content; it ignores later additions, even after the block.
 
-        All that is read within is read by one connection.
+        Within the block, one connection reads everything.
         """
         with reading(folder / FILE) as connection:
             reader = cls(folder, FILE, lambda: connection)
@@ -89,36 +89,36 @@ class StoreReader:
     @contextmanager
     def _generations(self) -> Iterator[Generations]:
         with self._reading() as connection:
-            yield self._opened(connection)
+            yield self._open_tables(connection)
 
-    def _opened(self, connection: sqlite3.Connection) -> Generations:
+    def _open_tables(self, connection: sqlite3.Connection) -> Generations:
         return Generations(connection, self.file, self._end)
 
     @contextmanager
     def _pieces(self) -> Iterator[pieces.Begin]:
-        """Yield what begins to read a piece of much that is yielded, see `in_pieces`."""
+        """Yield a function that begins the transaction of a piece, see `read_in_pieces`."""
         if self._connect is not None:
             yield self._reading
             return
-        with pieces.in_pieces(self.file) as begin:
+        with pieces.read_in_pieces(self.file) as begin:
             yield begin
 
     @property
     def _end(self) -> int:
-        """Number of the first generation that is left out."""
+        """Number of the first generation that the reader ignores."""
         return LARGEST if self._moment is None else self._moment.generations
 
     @cached_property
     def _facts(self) -> dict[str, str]:
-        return self._facts_now()
+        return self._read_facts()
 
-    def _facts_now(self) -> dict[str, str]:
+    def _read_facts(self) -> dict[str, str]:
         with self._reading() as connection:
-            return checked_facts(connection, self.file)
+            return read_facts(connection, self.file)
 
-    def _facts_then(self) -> dict[str, str]:
-        """Return the facts at the moment of this reader, which those at its beginning are."""
-        return self._facts_now() if self._moment is None else self._facts
+    def _read_facts_at_moment(self) -> dict[str, str]:
+        """Return the facts at the moment of this reader."""
+        return self._read_facts() if self._moment is None else self._facts
 
     @property
     def created(self) -> str:
@@ -127,21 +127,21 @@ class StoreReader:
 
     @property
     def name(self) -> str:
-        """Name of the experiment's file, without its ending, or of the simulation."""
+        """Name of the experiment's file without its suffix, or of the simulation."""
         return self._facts["name"]
 
     @property
     def metrics(self) -> list[str]:
-        """Names of the metrics that are stored."""
-        names: list[str] = self._parsed(self._facts["metrics"])
+        """Names of the stored metrics."""
+        names: list[str] = self._parse(self._facts["metrics"])
         return names
 
     def experiment(self) -> dict[str, Any]:
         """Return the experiment as plain values."""
-        values: dict[str, Any] = self._parsed(self._facts_then()["experiment"])
+        values: dict[str, Any] = self._parse(self._read_facts_at_moment()["experiment"])
         return values
 
-    def _parsed(self, text: str) -> Any:  # noqa: ANN401 - JSON
+    def _parse(self, text: str) -> Any:  # noqa: ANN401 - JSON
         try:
             return loads(text)
         except (ValueError, TypeError) as error:
@@ -154,20 +154,23 @@ class StoreReader:
 
     @property
     def finished(self) -> int:
-        """How many generations are finished."""
+        """Number of finished generations."""
         if self._moment is not None:
             return self._moment.generations
         last = self.last()
         return 0 if last is None else last.generation + 1
 
     def last(self) -> Summary | None:
-        """Return the figures of the last finished generation; None without one."""
+        """Return the figures of the last finished generation; None if there is none."""
         with self._generations() as generations:
             row = generations.last()
         return None if row is None else row.summary
 
     def digest(self, generation: int | None = None) -> str:
-        """Return the digest of the record up to a generation, by default the last; of none, of nothing."""
+        """Return the digest of the record up to a generation, by default the last.
+
+        Without a generation, it is the digest of an empty record.
+        """
         with self._generations() as generations:
             row = generations.last() if generation is None else generations.row(generation)
         return hashlib.sha256().hexdigest() if row is None else row.digest
@@ -176,19 +179,19 @@ class StoreReader:
         """Yield the generations in order, one in memory at a time; genomes as the store has them."""
         with self._pieces() as begin:
             with begin() as connection:
-                rows = self._opened(connection).rows()
+                rows = self._open_tables(connection).rows()
             for row in rows:
                 with begin() as connection:
-                    evaluation = self._evaluated(self._opened(connection), row)
+                    evaluation = self._read_generation(self._open_tables(connection), row)
                 yield evaluation
                 del evaluation  # before the next one is read
 
-    def _evaluated(self, generations: Generations, row: Row) -> GenerationResult:
+    def _read_generation(self, generations: Generations, row: Row) -> GenerationResult:
         sample = generations.sample(row)
-        record = self._joined(list(generations.evaluations(row, made=False)))
+        record = self._concatenate(list(generations.evaluations(row, make_genomes=False)))
         return GenerationResult(
             generation=row.generation,
-            seeds=self._parsed(row.seeds),
+            seeds=self._parse(row.seeds),
             genomes=record.genomes if sample is None else sample,
             episodes=record.episodes,
             metrics=record.metrics,
@@ -197,99 +200,99 @@ class StoreReader:
             leader=row.leader,
         )
 
-    def one_generation(self, generation: int) -> Iterator[GenerationResult]:
-        """Yield a generation, if it is there."""
+    def read_generation(self, generation: int) -> Iterator[GenerationResult]:
+        """Yield a generation, if it exists."""
         with self._generations() as generations:
             row = generations.row(generation)
-            evaluation = None if row is None else self._evaluated(generations, row)
+            evaluation = None if row is None else self._read_generation(generations, row)
         if evaluation is not None:
             yield evaluation
 
-    def used_seeds(self) -> set[int]:
-        """Return every simulation seed of the finished generations, compared with nothing."""
+    def collect_seeds(self) -> set[int]:
+        """Return all simulation seeds of the finished generations, without checking their digests."""
         with self._generations() as generations:
             texts = generations.seeds()
-        return {seed for text in texts for seed in self._parsed(text)}
+        return {seed for text in texts for seed in self._parse(text)}
 
-    def ended(self, *, now: bool = False) -> str:
-        """Return what ended a run that is done, also after the moment of this reader; empty if not known.
+    def find_end_reason(self, *, now: bool = False) -> str:
+        """Return what ended a finished run, even if after the moment of this reader; empty if unknown.
 
-        now: of a run that went on at that moment, where what is stored then is of its session before.
+        now: ignore the stored reason of an earlier session, for a run that was in progress at that moment.
         """
-        then = "" if now else self._facts_then().get("ended", "")
-        return then or self._facts_now().get("ended", "")
+        then = "" if now else self._read_facts_at_moment().get("ended", "")
+        return then or self._read_facts().get("ended", "")
 
     def outcome(self) -> str | None:
-        """Return how the last session that there is now ended; None as long as it has not."""
+        """Return the outcome of the last session; None while it runs."""
         with self._reading() as connection:
             rows = session_rows(connection)
         return rows[-1]["outcome"] if rows else None
 
     def server_use(self) -> dict[str, ServerUse]:
-        """Return the use of the servers of each launcher in all sessions, of those that are counted."""
-        text = self._facts_then().get("servers")
+        """Return the use of the servers of each launcher in all sessions, if it is counted."""
+        text = self._read_facts_at_moment().get("servers")
         try:
             return {} if text is None else from_json(text)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise DamageError(self.file, f"the fact servers: {error}") from error
 
     def channels(self) -> dict[str, Any] | None:
-        """Return what is stored of sensors and actuators, see `catalogue.channels`.
+        """Return the stored sensors and actuators, see `catalogue.channels`.
 
-        None of a simulation that only servers know. Raises InputError where it is not such a mapping.
+        None for a simulation that only servers know. Raises InputError if they are invalid.
         """
-        text = self._facts_then().get("channels")
+        text = self._read_facts_at_moment().get("channels")
         if text is None:
             return None
-        values = self._parsed(text)
-        problem = _problem_of(values)
+        values = self._parse(text)
+        problem = _find_channel_problem(values)
         if problem:
             raise DamageError(self.file, f"the fact channels: {problem}")
-        found: dict[str, Any] = values
-        return found
+        channels: dict[str, Any] = values
+        return channels
 
     def validation(self) -> dict[str, Any] | None:
-        """Return what is stored of the validation, see `runs.validation`; None of a run that has none yet."""
-        facts = self._facts_then()
+        """Return the stored validation, see `runs.validation`; None if there is none yet."""
+        facts = self._read_facts_at_moment()
         if "validation" in facts:
-            values: dict[str, Any] = self._parsed(facts["validation"])
+            values: dict[str, Any] = self._parse(facts["validation"])
             return values
         return None
 
     def audit(self) -> dict[str, int] | None:
-        """Return what is stored of the audit at the end of the run; None of a run without one."""
-        text = self._facts_then().get("audit")
-        values: dict[str, int] | None = None if text is None else self._parsed(text)
+        """Return the stored audit at the end of the run; None if there is none."""
+        text = self._read_facts_at_moment().get("audit")
+        values: dict[str, int] | None = None if text is None else self._parse(text)
         return values
 
     def transfer(self) -> dict[str, Any] | None:
-        """Return what is stored of the transfer, see `runs.transfer.at_end`; None of a run without one."""
-        text = self._facts_then().get("transfer")
-        values: dict[str, Any] | None = None if text is None else self._parsed(text)
+        """Return the stored transfer, see `runs.transfer.at_end`; None if there is none."""
+        text = self._read_facts_at_moment().get("transfer")
+        values: dict[str, Any] | None = None if text is None else self._parse(text)
         return values
 
     def record(self) -> Record:
         """Return every evaluation of the finished generations."""
         with self._generations() as generations:
             parts = [part for row in generations.rows() for part in generations.evaluations(row)]
-        return self._joined(parts)
+        return self._concatenate(parts)
 
     def rows(self) -> Iterator[Record]:
-        """Yield every evaluation, a block at a time, so that memory stays flat.
+        """Yield all evaluations in blocks, in constant memory.
 
-        None of a generation is yielded before all of it has been compared with its digest.
+        Each generation is compared with its digest before its first block.
         """
         with self._pieces() as begin:
             with begin() as connection:
-                rows = self._opened(connection).rows()
-            yield from pieces.evaluations(begin, rows, self._opened)
+                rows = self._open_tables(connection).rows()
+            yield from pieces.evaluations(begin, rows, self._open_tables)
 
     def episodes_left_out(self) -> int:
-        """Return how many episodes candidates did not go through that have not failed: dropped in a race."""
+        """Return how many episodes were skipped by candidates that a race dropped and that did not fail."""
         return sum(int(np.isnan(row.episodes[np.isfinite(row.fitness)]).sum()) for row in self.rows())
 
-    def measured(self, metric: str) -> int:
-        """Return how many evaluations have a metric."""
+    def count_measured(self, metric: str) -> int:
+        """Return how many evaluations have a finite value of a metric."""
         column = self.metrics.index(metric)
         return sum(int(np.isfinite(part.metrics[:, :, column]).any(axis=1).sum()) for part in self.rows())
 
@@ -299,14 +302,14 @@ class StoreReader:
             return generations.fitness()
 
     def best_fitness(self, first: int, end: int) -> float:
-        """Return the best fitness of the evaluations from `first` to before `end`; NaN where all failed."""
+        """Return the best fitness of the evaluations from `first` to before `end`; NaN if all failed."""
         with self._generations() as generations:
             return generations.best_fitness(first, end)
 
     def seeds(self, generation: int) -> list[int]:
         """Return the simulation seed of each episode of a generation."""
         with self._lookup() as lookup:
-            seeds: list[int] = self._parsed(lookup.row(generation).seeds)
+            seeds: list[int] = self._parse(lookup.row(generation).seeds)
         return seeds
 
     @contextmanager
@@ -316,8 +319,8 @@ class StoreReader:
 
     @cached_property
     def _best_of_equals(self) -> BestOfEquals | None:
-        """Finds the best in runs of `nsga2`, one of the front; None: the first of equal ones is the best."""
-        method = self._parsed(self._facts["experiment"])["method"]
+        """Finds a best member of the front in runs of `nsga2`; None: the first of equals is the best."""
+        method = self._parse(self._facts["experiment"])["method"]
         return BestOfEquals(method["objectives"], self.metrics) if method["kind"] == "nsga2" else None
 
     def leading(
@@ -328,28 +331,29 @@ class StoreReader:
         by_instance: bool = False,
         key: Callable[[Genome], object] = bytes,
     ) -> list[Evaluation]:
-        """Return the best evaluation of the run, and the next best with other genomes: `Lookup.leading`."""
+        """Return the best evaluations of the run, with different genomes: `Lookup.leading`."""
         with self._lookup() as lookup:
             return lookup.leading(count, last_only=last_only, by_instance=by_instance, key=key)
 
     def evaluation(self, candidate: SupportsIndex | None, generation: SupportsIndex | None) -> Evaluation:
-        """Return one evaluation; None as in `Run.evaluation`."""
-        which, of = (None if number is None else operator.index(number) for number in (candidate, generation))
+        """Return an evaluation; None as in `Run.evaluation`."""
         with self._lookup() as lookup:
-            return lookup.evaluation(which, of)
+            return lookup.evaluation(
+                *(None if number is None else operator.index(number) for number in (candidate, generation))
+            )
 
     def leader(self, generation: int) -> Evaluation:
-        """Return the evaluation that would be the best of the run if it had ended after this generation."""
+        """Return the best evaluation of the run up to this generation."""
         with self._lookup() as lookup:
             return lookup.leader(generation)
 
     def evaluations_of(self, evaluation: Evaluation) -> list[Evaluation]:
-        """Return the evaluations of the same genome up to `one`, which is the last of them."""
+        """Return all evaluations of the same genome up to this evaluation, in order."""
         with self._lookup() as lookup:
             return lookup.evaluations_of(evaluation)
 
     def best(self) -> Best | None:
-        """Return the best evaluation; None when there is none."""
+        """Return the best evaluation; None if there is none."""
         with self._lookup() as lookup:
             return lookup.best()
 
@@ -365,26 +369,26 @@ class StoreReader:
             rows = session_rows(connection) if self._moment is None else self._moment.sessions
             sessions = []
             for row in rows:
-                values = {**row, "versions": self._parsed(row["versions"])}
-                if values["seconds"] is None:  # killed: known up to its last generation
+                values = {**row, "versions": self._parse(row["versions"])}
+                if values["seconds"] is None:  # killed: use the time of its last generation
                     values["seconds"] = reached.get(values["session"])
                 sessions.append(parse_journal_line(Session, values))
         return sessions
 
     def session_of(self, generation: int) -> int:
-        """Return the session in which a generation was evaluated. Raises InputError without that one."""
+        """Return the session in which a generation was evaluated. Raises InputError if it does not exist."""
         with self._reading() as connection:
             row = connection.execute(
                 "SELECT session FROM generation WHERE generation = ? AND generation < ?",
                 (generation, self._end),
             ).fetchone()
         if row is None:
-            self.seeds(generation)  # says which there are
+            self.seeds(generation)  # raises, with the existing generations
             raise AssertionError
         return int(row[0])
 
-    def first_of_present_code(self) -> int:
-        """Return the number of the first evaluation since which the simulation's code has not changed."""
+    def find_first_of_present_code(self) -> int:
+        """Return the number of the first evaluation with the present code of the simulation."""
         sessions = self.sessions()
         first = sessions[-1]
         for session in reversed(sessions):
@@ -399,14 +403,14 @@ class StoreReader:
         return int(number or 0)
 
     def code(self) -> dict[int, str]:
-        """Return the SHA-256 of each version of the source that was copied, from 1 on."""
-        numbered = {name.partition(".")[2]: digest for name, digest in self._facts_then().items()}
+        """Return the SHA-256 of each copied version of the source, by its number from 1."""
+        numbered = {name.partition(".")[2]: digest for name, digest in self._read_facts_at_moment().items()}
         return {int(number): digest for number, digest in sorted(numbered.items()) if number.isdecimal()}
 
     def attempts(self) -> Iterator[Attempt]:
-        """Yield every attempt at evaluations, in the order in which they ended."""
+        """Yield all attempts at evaluations, in the order in which they ended."""
         with self._pieces() as begin:
-            yield from journal.lines(begin, Attempt, "attempt", self._last_attempt)
+            yield from journal.read_rows(begin, Attempt, "attempt", self._last_attempt)
 
     @property
     def _last_attempt(self) -> int:
@@ -415,51 +419,51 @@ class StoreReader:
     def evaluators(self, generations: Collection[int]) -> journal.Evaluators:
         """Return which servers evaluated some generations."""
         with self._reading() as connection:
-            return journal.evaluators(connection, generations, self._last_attempt)
+            return journal.read_evaluators(connection, generations, self._last_attempt)
 
     def servers(self) -> list[ServerShare]:
         """Return what each server did, by its number."""
         with self._reading() as connection:
-            return journal.shares(connection, self._last_attempt)
+            return journal.read_shares(connection, self._last_attempt)
 
     def failures(self) -> list[FailureReason]:
-        """Return why attempts failed, the most frequent reason first."""
+        """Return the reasons of failed attempts, the most frequent first."""
         with self._reading() as connection:
-            return journal.failures(connection, self._last_attempt)
+            return journal.read_failures(connection, self._last_attempt)
 
     def events(self) -> Iterator[Event]:
         """Yield the warnings, in order."""
         last = LARGEST if self._moment is None else self._moment.events
         with self._pieces() as begin:
-            yield from journal.lines(begin, Event, "event", last)
+            yield from journal.read_rows(begin, Event, "event", last)
 
-    def _joined(self, parts: list[Record]) -> Record:
+    def _concatenate(self, parts: list[Record]) -> Record:
         try:
-            return joined(parts, len(self.metrics))
+            return concatenate_records(parts, len(self.metrics))
         except ValueError as error:
             raise DamageError(self.file, str(error)) from error
 
 
 @dataclass(frozen=True)
 class Moment:
-    """What a store holds at a moment; it only grows."""
+    """The extent of a store at a moment; a store only grows."""
 
     generations: int
-    """Finished ones."""
+    """Number of finished generations."""
     attempts: int
-    """Number of the last row of the table; 0 without one."""
+    """Number of the last row of the table, 0 if it is empty."""
     events: int
-    """The same."""
+    """Number of the last row of the table, 0 if it is empty."""
     sessions: tuple[dict[str, Any], ...]
-    """Rows of the table, by column: the last one changes when its session ends."""
+    """Rows of the table by column; the last row changes when its session ends."""
 
     @classmethod
     def of(cls, connection: sqlite3.Connection) -> Self:
         """Return the moment that the connection's transaction reads."""
 
         def last(column: str, table: str) -> int | None:
-            found = connection.execute(f"SELECT max({column}) FROM {table}").fetchone()[0]  # noqa: S608 - our own names
-            return None if found is None else int(found)
+            value = connection.execute(f"SELECT max({column}) FROM {table}").fetchone()[0]  # noqa: S608 - our own names
+            return None if value is None else int(value)
 
         generation = last("generation", "generation")
         return cls(
@@ -477,25 +481,25 @@ def session_rows(connection: sqlite3.Connection) -> tuple[dict[str, Any], ...]:
     return tuple(dict(zip(names, row, strict=True)) for row in cursor)
 
 
-def _problem_of(channels: Any) -> str | None:  # noqa: ANN401 - whatever a file says
-    """Return what is wrong with channels as `catalogue.channels` describes them; None when nothing is."""
+def _find_channel_problem(channels: Any) -> str | None:  # noqa: ANN401 - unchecked JSON
+    """Return the problem of channels that differ from `catalogue.channels`; None if there is none."""
     if not isinstance(channels, Mapping) or not isinstance(channels.get("groups", {}), Mapping):
-        return "a mapping was expected"
-    for where in (channels, *channels.get("groups", {}).values()):
-        if not isinstance(where, Mapping):
-            return "groups: a mapping for each group was expected"
-        for which in ("sensor", "actuator"):
-            for about in ("names", "units", "ranges"):
-                found = where.get(f"{which}_{about}", [])
-                if not isinstance(found, list):
-                    return f"{which}_{about}: a list was expected"
-                if about != "ranges" and not all(isinstance(name, str) for name in found):
-                    return f"{which}_{about}: texts were expected"
+        return "expected a mapping"
+    for group in (channels, *channels.get("groups", {}).values()):
+        if not isinstance(group, Mapping):
+            return "groups: expected a mapping for each group"
+        for kind in ("sensor", "actuator"):
+            for key in ("names", "units", "ranges"):
+                values = group.get(f"{kind}_{key}", [])
+                if not isinstance(values, list):
+                    return f"{kind}_{key}: expected a list"
+                if key != "ranges" and not all(isinstance(name, str) for name in values):
+                    return f"{kind}_{key}: expected strings"
             try:
-                _ = [Range.of(ends) for ends in where.get(f"{which}_ranges", [])]
+                _ = [Range.of(ends) for ends in group.get(f"{kind}_ranges", [])]
             except ValueError as error:
-                return f"{which}_ranges: {error}"
+                return f"{kind}_ranges: {error}"
     seconds = channels.get("step_seconds")
     if seconds is not None and not (isinstance(seconds, int | float) and 0 < seconds < float("inf")):
-        return f"step_seconds: {seconds!r} found, expected seconds above 0, or null"
+        return f"step_seconds: {seconds!r} found, expected a positive number of seconds, or null"
     return None

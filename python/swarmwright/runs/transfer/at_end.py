@@ -18,13 +18,13 @@ from swarmwright.experiment.derived import place_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, PseudoReality, Target, slow_of, targets_at_end
 from swarmwright.experiment.unavailable import unreadable
-from swarmwright.runs.code import used_for
-from swarmwright.runs.post_evaluation import finite, numbers, unseen_seeds
-from swarmwright.runs.run import Run, written_run
+from swarmwright.runs.code import resolve_experiment
+from swarmwright.runs.post_evaluation import choose_unseen_seeds, decode_numbers, encode_numbers
+from swarmwright.runs.run import Run, open_written_run
 from swarmwright.runs.store import FILE, Evaluation, StoreReader, StoreWriter
 from swarmwright.runs.transfer.evaluation import Plan, Work, check_target
 from swarmwright.runs.transfer.transferred import Candidate, Transferred
-from swarmwright.runs.validation import leading
+from swarmwright.runs.validation import find_leading
 from swarmwright.servers.evaluation.base import Progress, Servers
 from swarmwright.simulations.user_code.parts import read_simulation
 from swarmwright.simulations.user_code.permission import remember, require_named
@@ -90,10 +90,10 @@ class _Planned:
         options = experiment.validate
         if not options.transfers or reader.last() is None:
             return None
-        used = reader.used_seeds() if options.seed is None else set[int]()
+        used = reader.collect_seeds() if options.seed is None else set[int]()
         return cls(
-            leading(experiment, reader, options.candidates),
-            unseen_seeds(experiment.first_seed, used, options.seeds, options.seed),
+            find_leading(experiment, reader, options.candidates),
+            choose_unseen_seeds(experiment.first_seed, used, options.seeds, options.seed),
             options.random,
             targets_at_end(experiment),
         )
@@ -151,7 +151,7 @@ def transfer_at_end(
         servers: as in `optimize`.
         on_progress: as in `optimize`.
     """
-    run = written_run(folder)
+    run = open_written_run(folder)
     if not run.transfer_is_due:
         return
     with StoreWriter.resume(folder) as store:
@@ -174,7 +174,7 @@ class _Session:
     def evaluate(self, servers: Servers | None, on_progress: Progress | None) -> None:
         """Evaluate and store. Raises InputError and RunError where the run's own simulation is not there."""
         planned, stored, count = self._planned, self._stored, len(self._planned.seeds)
-        experiment = used_for(self._run, planned.best[0].generation)
+        experiment = resolve_experiment(self._run, planned.best[0].generation)
         for name in _codes(experiment, planned.targets):
             require_named(name)
         left = planned.missing(stored)
@@ -185,7 +185,7 @@ class _Session:
                 [candidate.generation, candidate.candidate, candidate.recorded]
                 for candidate in plan.candidates
             ]
-            stored["source"] = finite(work.here(plan))
+            stored["source"] = encode_numbers(work.here(plan))
             self._store.note_transfer(stored)
         else:
             work.passed(len(plan.candidates) * count)
@@ -206,7 +206,7 @@ class _Session:
             _warn(self._run.path, error)
             return
         self._stored["targets"].append(
-            {"target": _target_as_json(target), "name": target.name, "episodes": finite(episodes)}
+            {"target": _target_as_json(target), "name": target.name, "episodes": encode_numbers(episodes)}
         )
         self._store.note_transfer(self._stored)
 
@@ -243,11 +243,11 @@ def of_run(run: Run) -> tuple[Transferred, ...]:
     if reason is not None:
         warn_once(f"{run.path}: fitness in other simulations is not shown: {reason}")
         return ()
-    source, ranking = numbers(stored["source"]), run.experiment.new_ranking()
+    source, ranking = decode_numbers(stored["source"]), run.experiment.new_ranking()
     of = {json.dumps(entry["target"]): entry for entry in stored["targets"]}
     found = (of.get(json.dumps(_target_as_json(target))) for target in targets_at_end(run.experiment))
     return tuple(
-        Transferred(run, entry["name"], candidates, source, numbers(entry["episodes"]), ranking)
+        Transferred(run, entry["name"], candidates, source, decode_numbers(entry["episodes"]), ranking)
         for entry in found
         if entry is not None
     )

@@ -13,7 +13,7 @@ from swarmwright.common.errors import InputError, RunError, with_message
 from swarmwright.common.random_numbers import Streams
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import Target, unfit
-from swarmwright.runs.post_evaluation import evaluated
+from swarmwright.runs.post_evaluation import evaluate_genomes
 from swarmwright.runs.store import Evaluation
 from swarmwright.runs.transfer.transferred import Candidate
 from swarmwright.servers.evaluation.base import Progress, Servers
@@ -183,6 +183,6 @@ class Work:
 
         broker, servers = where
         with open_backend(experiment, broker=broker, servers=servers, most=count) as backend:
-            results = evaluated(experiment, backend, genomes, seeds, on_progress, may_fail=may_fail)
+            results = evaluate_genomes(experiment, backend, genomes, seeds, on_progress, may_fail=may_fail)
         self._done += count
         return results.fitness + 0.0

@@ -68,7 +68,7 @@ def test_a_longer_run_is_validated_anew(tmp_path: Path) -> None:
     ("before", "after", "words"),
     [
         ({"generations": 3}, {"generations": 2}, "2 is less than the experiment's 3"),
-        ({"evaluations": 20}, {"generations": 1}, "1 is less than the 5 that the run has"),
+        ({"evaluations": 20}, {"generations": 1}, "1 is less than the 5 of the run"),
         (
             {"generations": 3},
             {"generations": 6, "severity": 0.5},

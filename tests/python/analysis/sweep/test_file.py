@@ -209,8 +209,8 @@ def test_mistakes_are_named(tmp_path: Path, text: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("there", "words"),
     [
-        ("a run", "is the folder of a run; name another one"),
-        ("a file", "is a file; name a folder for the runs"),
+        ("a run", "is a run folder; choose another folder"),
+        ("a file", "is a file; choose a folder for the runs"),
     ],
 )
 def test_runs_go_neither_into_a_run_nor_into_a_file(there: str, words: str, tmp_path: Path) -> None:

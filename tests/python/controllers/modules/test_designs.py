@@ -86,7 +86,7 @@ def test_edited_modules_are_noticed(own: Path, tmp_path: Path, install: Callable
     file.write_text(TEXT.format(form="machine", method=METHODS["nnga"]))
     run = optimize(Experiment.load(file), out=tmp_path / "run")
     install(CODE.replace("-0.5", "-0.25"))
-    with pytest.raises(InputError, match=r"behaviour-wander wander has changed since the run was begun"):
+    with pytest.raises(InputError, match=r"behaviour-wander wander has changed since the run began"):
         resume(run.path, settings=["method.generations=4"])
     longer = resume(run.path, settings=["method.generations=4"], accept_changed_code=True)
     assert longer.generations == 4

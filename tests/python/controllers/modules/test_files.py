@@ -14,7 +14,7 @@ from swarmwright.controllers.modules import registered
 from swarmwright.controllers.modules.grammar import states_of
 from swarmwright.experiment.derived import has_python_modules
 from swarmwright.export.exporting import export_controller
-from swarmwright.runs.code import used_for
+from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.repeat import repeat
 from swarmwright.runs.replay import Replay
 from swarmwright.servers.evaluation.module_code import is_in_python
@@ -162,7 +162,7 @@ def test_edits_are_noticed(file: Path, tmp_path: Path) -> None:
     forget()
     opened = Run.open(run.path)
     for generation, speed in ((0, SPEED), (2, "SPEED = -0.25\n")):
-        used = vars(used_for(opened, generation).controller)["behaviours"][0]
+        used = vars(resolve_experiment(opened, generation).controller)["behaviours"][0]
         assert Path(used.rpartition(":")[0]).with_name("wheel_speeds.py").read_text() == speed
         assert repeat(opened, generation=generation, candidate=0).same
     first, last = (repeat_code(opened, generation) for generation in (0, 2))
@@ -180,7 +180,9 @@ def test_other_ranges_are_another_run(file: Path, tmp_path: Path) -> None:
     own = file.parent / "parts/own.py"
     own.write_text(own.read_text().replace("Parameter(1, 20", "Parameter(1, 30"))
     forget()
-    with pytest.raises(InputError, match="its genomes mean other machines; start a new run"):
+    with pytest.raises(
+        InputError, match="its genomes would encode different state machines; start a new run"
+    ):
         resume(run.path, settings=["method.generations=3"], accept_changed_code=True)
     assert Run.open(run.path).generations == 2
 

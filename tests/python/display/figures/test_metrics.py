@@ -36,7 +36,7 @@ def test_metrics_are_gathered_by_the_fitness_of_a_generation(run: Run) -> None:
                 record.metrics[chosen, :, run.metrics.index("arrived")].mean(),
             ]
             np.testing.assert_allclose(curves.values[:, share, generation], expected)
-    assert curves.places("evaluations").tolist() == [9, 18, 27, 36]
+    assert curves.x_positions("evaluations").tolist() == [9, 18, 27, 36]
 
 
 def test_metrics_of_a_run_and_of_groups_are_drawn(run: Run, tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_metrics_of_a_run_and_of_groups_are_drawn(run: Run, tmp_path: Path) -> N
         with pytest.raises(InputError, match=words):
             run.plot(metrics=wrong)
     plain = optimize(Experiment.from_mapping({**VALUES, "fitness": None}), out=tmp_path / "plain")
-    with pytest.raises(InputError, match=r"plain: has recorded no metric that all runs have; runs record"):
+    with pytest.raises(InputError, match=r"plain: has no metric in common with all runs; runs record"):
         plain.plot(metrics="all")
     with pytest.raises(InputError, match=r"^metrics: groups solve several tasks"):
         compare([run, plain]).figure(metrics="all")

@@ -147,7 +147,7 @@ def test_a_run_on_servers_ends_and_goes_on_as_one_without(
     run = resume(again, servers=2)
     assert len(used) == 3
     same_record(run, whole)
-    assert StoreReader(run.path).ended() == StoreReader(whole.path).ended()
+    assert StoreReader(run.path).find_end_reason() == StoreReader(whole.path).find_end_reason()
 
 
 @pytest.mark.slow
@@ -201,7 +201,7 @@ def test_it_ends_where_the_ordinary_loop_ends(
     run = optimize(made, out=tmp_path / "run")
     assert 0 < run.generations < 500
     same_record(run, whole)
-    facts = [StoreReader(one.path).ended() for one in (run, whole)]
+    facts = [StoreReader(one.path).find_end_reason() for one in (run, whole)]
     assert facts[0] == facts[1]
     if whole.generations > 2:
         same_record(in_two_parts(made, tmp_path / "parts", 2), whole)
@@ -273,7 +273,7 @@ def test_what_has_ended_is_written_while_the_next_generation_is_evaluated(
         nonlocal calls
         calls += 1
 
-    monkeypatch.setattr(Recorder, "has_time", counted)
+    monkeypatch.setattr(Recorder, "use_idle_time", counted)
     monkeypatch.setattr(Ahead, "is_ready", property(lambda self: self._next is not None))
     run = optimize(experiment({"population": 20, "generations": 10, **method}), out=tmp_path / "run")
     assert (run.generations, calls) == (10, 10)

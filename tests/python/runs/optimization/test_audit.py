@@ -15,7 +15,7 @@ from swarmwright.runs.store import StoreReader
 from swarmwright.servers.evaluation.base import BudgetSpent
 from swarmwright.servers.evaluation.in_process import PythonBackend
 
-WORDS = "that were repeated came out differently"
+WORDS = "repeated evaluations gave different results"
 
 
 class Settled(Simulation):
@@ -108,7 +108,7 @@ def test_a_leaking_simulation_is_reported_once(tmp_path: Path, caplog: pytest.Lo
     with caplog.at_level(logging.WARNING, logger="swarmwright"):
         run(Leaking, tmp_path)
     (text,) = warnings(caplog)
-    assert ", such as generation " in text
+    assert ", the first in generation " in text
     assert "docs/how-to/own-simulation.md" in text
 
 
@@ -180,13 +180,13 @@ def test_faults_that_show_rarely_are_found(
         assert len(warnings(caplog)) == seed + 1
         found = Run.open(folder / "run").audit
         assert found is not None
-        assert found["evaluations"] == audit.LEAST
-        assert (found["episodes"], found["failed"], found["elsewhere"]) == (2 * audit.LEAST, 0, 0)
+        assert found["evaluations"] == audit.MIN_EVALUATIONS
+        assert (found["episodes"], found["failed"], found["elsewhere"]) == (2 * audit.MIN_EVALUATIONS, 0, 0)
         assert found["differ"] > 0
 
 
 def test_the_chance_to_find_a_fault_is_what_the_documentation_says() -> None:
-    assert 0.97 < 1 - 0.88**audit.LEAST < 0.98
+    assert 0.97 < 1 - 0.88**audit.MIN_EVALUATIONS < 0.98
 
 
 @pytest.mark.slow
@@ -227,11 +227,11 @@ def test_other_servers_repeat_what_one_has_evaluated(
     run(f"{tmp_path}/apart.py:Apart", tmp_path, servers=3, method=method, validate=False)
     found = Run.open(tmp_path / "run").audit
     assert found is not None
-    assert found["episodes"] == found["elsewhere"] == audit.LEAST
+    assert found["episodes"] == found["elsewhere"] == audit.MIN_EVALUATIONS
     (text,) = warnings(caplog)
     # Which server gets what is a matter of time: 3 may have been compared with one of the others alone.
     named = (
-        ", or server 3, which was one of the two each time, computes differently; try",
+        ", or server 3, involved in every difference, computes differently; try",
         ", or the servers compute differently; try",
     )
     assert any(words in text for words in named)
@@ -240,14 +240,14 @@ def test_other_servers_repeat_what_one_has_evaluated(
 @pytest.mark.parametrize(
     ("servers", "words"),
     [
-        ([{1, 3}, {2, 3}, {1, 3}], ", or server 3, which was one of the two each time, computes differently"),
+        ([{1, 3}, {2, 3}, {1, 3}], ", or server 3, involved in every difference, computes differently"),
         ([{1, 3}, {1, 3}], ", or the servers compute differently"),
         ([{1, 3}, {1, 2}, {2, 3}], ", or the servers compute differently"),
         ([{1, 3}, set()], ""),
     ],
 )
 def test_the_server_that_all_differences_share_is_named(servers: list[set[int]], words: str) -> None:
-    assert audit._of_servers(servers) == words
+    assert audit._suspect_servers(servers) == words
 
 
 @pytest.mark.slow
@@ -277,7 +277,7 @@ def test_a_command_that_ignores_its_seed_is_reported(
 ) -> None:
     run(drawing(tmp_path, "None"), tmp_path, controller=SPEED)
     (text,) = warnings(caplog)
-    assert "what the command computes does not follow from parameters and seed alone; have it" in text
+    assert "the output of the command does not depend on parameters and seed alone; derive" in text
     assert "simulation.determinism: none" in text
 
 
@@ -311,17 +311,17 @@ def test_an_environment_that_ignores_its_seed_is_reported(
     monkeypatch.chdir(tmp_path)
     run("gymnasium:drawn:Drawn-v0", tmp_path, servers=servers)
     (text,) = warnings(caplog)
-    assert "an episode of the environment does not follow from parameters and seed alone" in text
-    assert "reset(seed=..) has to seed all random numbers" in text
+    assert "an episode of the environment does not depend on parameters and seed alone" in text
+    assert "reset(seed=..) must seed all random numbers" in text
 
 
 def test_an_audit_that_takes_long_is_announced(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(audit, "_LONG_S", 0.01)
+    monkeypatch.setattr(audit, "_ANNOUNCED_S", 0.01)
     with caplog.at_level(logging.INFO, logger="swarmwright"):
         run(Slow, tmp_path)
-    assert any(text.startswith("auditing: repeating ") for text in caplog.messages)
+    assert any(text.startswith("audit: repeating ") for text in caplog.messages)
 
 
 def test_beyond_the_least_number_an_audit_ends_with_its_time(
@@ -330,7 +330,7 @@ def test_beyond_the_least_number_an_audit_ends_with_its_time(
     method = {"kind": "random_search", "population": 50, "generations": 2}
     repeated = []
     for time_share in (0.0, 1.0):
-        monkeypatch.setattr(audit, "_TIME", time_share)
+        monkeypatch.setattr(audit, "_MAX_TIME_SHARE", time_share)
         folder = tmp_path / str(time_share)
         folder.mkdir()
         run(Slow, folder, method=method, faults={"audit": 0.5}, validate=False)

@@ -57,7 +57,7 @@ class Unprintable:
     ids=["long", "array", "unprintable", "list", "digits"],
 )
 def test_anything_that_a_callback_returns_is_named_shortly(returned: Any, words: str, tmp_path: Path) -> None:
-    words = f"on_generation: returned {words}; return False to end the run, or else True or None"
+    words = f"on_generation: returned {words}; return False to end the run, True or None to continue"
     with pytest.raises(InputError, match=f"^{re.escape(words)}$"):
         optimize(HERE, lambda _: returned, out=tmp_path / "run")
     assert Run.open(tmp_path / "run").sessions[-1].outcome == words
@@ -65,7 +65,7 @@ def test_anything_that_a_callback_returns_is_named_shortly(returned: Any, words:
 
 @pytest.mark.parametrize("returned", [0, 1, "no", 0.0, []])
 def test_what_a_callback_returns_is_checked(returned: Any, tmp_path: Path) -> None:
-    words = f"on_generation: returned {returned!r}; return False to end the run, or else True or None"
+    words = f"on_generation: returned {returned!r}; return False to end the run, True or None to continue"
     with pytest.raises(InputError, match=f"^{re.escape(words)}$"):
         optimize(HERE, lambda _: returned, out=tmp_path / "run")
     run = Run.open(tmp_path / "run")

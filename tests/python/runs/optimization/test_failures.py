@@ -80,7 +80,7 @@ def test_candidate_episode_and_seed_are_named(caplog: pytest.LogCaptureFixture) 
     failures = Failures(Path("/runs/my run"))
     tried = [attempt(0, 0, 1, "busy"), attempt(0, 0, 2, None), attempt(0, 1, 1, None)]
     tried += [attempt(1, 1, number, "no licence") for number in (1, 2, 3)]
-    found = failures.named(results([[1.0, 2.0], [3.0, np.nan]], *tried), [17, 18], generation=4)
+    found = failures.add_warnings(results([[1.0, 2.0], [3.0, np.nan]], *tried), [17, 18], generation=4)
     assert [(one.text, one.candidate) for one in found.journal.warnings] == [
         ("server 2 is slow", None),
         ("episode 1 (seed 18) failed after 3 attempts: no licence", 1),
@@ -110,7 +110,7 @@ def test_attempts_at_a_candidate_are_counted_with_their_copies_and_without_those
     ]
     later = attempt(1, 0, 1, crash, outcome="server_failed")._replace(started=50.0)
     tried = [whole, first, waited, *copied, *again, later, overtaken]
-    found = Failures(Path("run")).named(results([[np.nan], [np.nan]], *tried), [17])
+    found = Failures(Path("run")).add_warnings(results([[np.nan], [np.nan]], *tried), [17])
     assert [one.text for one in found.journal.warnings[1:]] == [
         f"episode 0 (seed 17) failed after 3 attempts: {crash}",
         f"episode 0 (seed 17) failed after 1 attempt: {crash}",
@@ -129,7 +129,7 @@ def test_an_evaluation_in_quarantine_is_named(caplog: pytest.LogCaptureFixture) 
         WarningEntry("an evaluation failed after 3 attempts", 2, failed=given_up(2, 0)),
     ]
     failures = Failures(Path("run"))
-    found = failures.named(given, [17], generation=4)
+    found = failures.add_warnings(given, [17], generation=4)
     assert [(one.text, one.candidate) for one in found.journal.warnings] == [
         ("server 2 is slow", None),
         (f"episode 0 (seed 17) failed after 3 attempts: {hang}", 0),
@@ -139,7 +139,7 @@ def test_an_evaluation_in_quarantine_is_named(caplog: pytest.LogCaptureFixture) 
     alone = results([[np.nan]], tried[1]._replace(candidate=0))
     alone.journal.warnings.append(given.journal.warnings[-2].shift(0, 0))
     failures = Failures(Path("run"))
-    failures.named(alone, [17], generation=4)
+    failures.add_warnings(alone, [17], generation=4)
     failures.tell()
     assert "episode 0 (seed 17) failed after 3 attempts and is quarantined; repeat it: " in caplog.text
 
@@ -147,14 +147,14 @@ def test_an_evaluation_in_quarantine_is_named(caplog: pytest.LogCaptureFixture) 
 def test_candidates_that_are_counted_over_the_run(caplog: pytest.LogCaptureFixture) -> None:
     failures = Failures(Path("run"))
     given = results([[np.nan], [0.5]], attempt(7, 0, 1, "broke"), attempt(9, 0, 1, None))
-    found = failures.named(given, [3], rows={7: 0, 9: 1})
-    named = WarningEntry("episode 0 (seed 3) failed after 1 attempt: broke", 7, time=1.0)
-    assert found.journal.warnings[-1] == named, "at the end of its last attempt"
+    found = failures.add_warnings(given, [3], rows={7: 0, 9: 1})
+    add_warnings = WarningEntry("episode 0 (seed 3) failed after 1 attempt: broke", 7, time=1.0)
+    assert found.journal.warnings[-1] == add_warnings, "at the end of its last attempt"
     failures.tell()
     assert "candidate 7, episode 0 (seed 3) failed after 1 attempt; repeat it: " in caplog.text
     assert "--generation" not in caplog.text
     failures = Failures(Path("run"))
-    failures.named(given, [3], rows={7: 0, 9: 1}, first=20)
+    failures.add_warnings(given, [3], rows={7: 0, 9: 1}, first=20)
     caplog.clear()
     failures.tell()
     assert "candidate 27, episode 0 (seed 3) failed" in caplog.text
@@ -185,9 +185,9 @@ def test_a_run_that_goes_on_in_steady_state_counts_its_candidates_on(
     with caplog.at_level(logging.WARNING):
         run = resume(part)
     (hint,) = (line for line in caplog.messages if "repeat it" in line)
-    named = re.match(r"candidate (\d+), episode 0 ", hint)
-    assert named is not None
-    number = int(named[1])
+    add_warnings = re.match(r"candidate (\d+), episode 0 ", hint)
+    assert add_warnings is not None
+    number = int(add_warnings[1])
     assert number >= 20
     assert np.isnan(run.evaluation(number).fitness)
     assert f"--candidate {number}; " in hint
@@ -195,14 +195,14 @@ def test_a_run_that_goes_on_in_steady_state_counts_its_candidates_on(
 
 def test_many_failures_are_counted() -> None:
     given = results([[np.nan]] * 25, attempt(0, 0, 3, "broke", candidates=25))
-    warnings = Failures(Path("run")).named(given, [0], generation=0).journal.warnings
+    warnings = Failures(Path("run")).add_warnings(given, [0], generation=0).journal.warnings
     assert [one.candidate for one in warnings] == [None, *range(10), None]
     assert warnings[-1].text == "15 more episodes of this generation failed as well"
 
 
 def test_nothing_is_added_where_a_race_has_dropped_a_candidate() -> None:
     given = results([[1.0, np.nan]], attempt(0, 0, 1, None))
-    assert Failures(Path("run")).named(given, [0, 1], generation=0) is given
+    assert Failures(Path("run")).add_warnings(given, [0, 1], generation=0) is given
 
 
 BROKEN = """

@@ -57,14 +57,14 @@ def of(results: Results, *rows: int) -> Results:
 
 def test_the_first_ones_fail_in_the_same_way() -> None:
     with pytest.raises(
-        FirstFailedError, match=f"the first {FIRST_EVALUATIONS} evaluations all failed in the same way"
+        FirstFailedError, match=f"the first {FIRST_EVALUATIONS} evaluations all failed for the same reason"
     ):
-        FirstEvaluations(None).of_generation()(range(FIRST_EVALUATIONS), failures(FIRST_EVALUATIONS))
+        FirstEvaluations(None).start_generation()(range(FIRST_EVALUATIONS), failures(FIRST_EVALUATIONS))
     few = FirstEvaluations(None)
-    few.of_generation()(range(FIRST_EVALUATIONS - 1), failures(FIRST_EVALUATIONS - 1))
+    few.start_generation()(range(FIRST_EVALUATIONS - 1), failures(FIRST_EVALUATIONS - 1))
     assert few.is_open
     with pytest.raises(FirstFailedError):  # small generations add up
-        few.of_generation()(range(1), failures(1))
+        few.start_generation()(range(1), failures(1))
 
 
 def test_the_order_is_that_of_the_candidates() -> None:
@@ -73,14 +73,14 @@ def test_the_order_is_that_of_the_candidates() -> None:
     results.fitness[11] = 1.0
     results.fitness[0] = 2.0
     watch = FirstEvaluations(None)
-    take = watch.of_generation()
+    take = watch.start_generation()
     is_open = []
     for some in ([11], range(1, 11), [0]):
         take(some, of(results, *some))
         is_open.append(watch.is_open)
     assert is_open == [True, True, False]
     results.fitness[0] = np.nan
-    take = FirstEvaluations(None).of_generation()
+    take = FirstEvaluations(None).start_generation()
     take([11, *range(1, 10)], of(results, 11, *range(1, 10)))
     with pytest.raises(FirstFailedError):
         take([0], of(results, 0))
@@ -90,12 +90,12 @@ def test_different_reasons_and_partial_failures_do_not_end_a_run() -> None:
     different = FirstEvaluations(None)
     results = failures(FIRST_EVALUATIONS)
     results.journal.attempts[3] = results.journal.attempts[3]._replace(error="the wheel came off")
-    different.of_generation()(range(FIRST_EVALUATIONS), results)
+    different.start_generation()(range(FIRST_EVALUATIONS), results)
     assert not different.is_open
     partly = FirstEvaluations(None)
     results = failures(FIRST_EVALUATIONS)
     episodes = np.column_stack([results.fitness[:, 0], np.ones(FIRST_EVALUATIONS)])
-    partly.of_generation()(range(FIRST_EVALUATIONS), Results(episodes, results.metrics, results.journal))
+    partly.start_generation()(range(FIRST_EVALUATIONS), Results(episodes, results.metrics, results.journal))
     assert not partly.is_open
 
 
@@ -107,9 +107,9 @@ def test_an_expression_without_a_value_is_a_result_where_failures_have_a_fitness
     results = Results(
         np.full((FIRST_EVALUATIONS, 1), np.nan), np.empty((FIRST_EVALUATIONS, 1, 0)), Journal([], warnings)
     )
-    FirstEvaluations(0.0).of_generation()(range(FIRST_EVALUATIONS), results)
+    FirstEvaluations(0.0).start_generation()(range(FIRST_EVALUATIONS), results)
     with pytest.raises(FirstFailedError):
-        FirstEvaluations(None).of_generation()(range(FIRST_EVALUATIONS), results)
+        FirstEvaluations(None).start_generation()(range(FIRST_EVALUATIONS), results)
 
 
 def broken(folder: Path, works_from: int = 10**9, **values: Any) -> Experiment:
@@ -125,7 +125,7 @@ def broken(folder: Path, works_from: int = 10**9, **values: Any) -> Experiment:
 @pytest.mark.parametrize("failed", ["last", -3.0])
 def test_a_broken_simulation_ends_a_run(tmp_path: Path, servers: int | str, failed: str | float) -> None:
     experiment = broken(tmp_path, ranking={"kind": "absolute", "failed": failed})
-    message = rf"^the first {FIRST_EVALUATIONS} evaluations all failed .*; the last reason: .*no licence"
+    message = rf"^the first {FIRST_EVALUATIONS} evaluations all failed for the same reason.*no licence"
     with pytest.raises(SimulationError, match=message):
         optimize(experiment, servers=servers, out=tmp_path / "run")
     run = Run.open(tmp_path / "run")
@@ -137,7 +137,7 @@ def test_a_broken_simulation_ends_a_run(tmp_path: Path, servers: int | str, fail
 def test_a_broken_simulation_ends_a_run_in_steady_state(tmp_path: Path) -> None:
     method = {"kind": "nnga", "population": 30, "generations": 2, "operation": "steady_state"}
     with pytest.raises(
-        RunError, match=f"^the first {FIRST_EVALUATIONS} evaluations all failed in the same way"
+        RunError, match=f"^the first {FIRST_EVALUATIONS} evaluations all failed for the same reason"
     ):
         optimize(broken(tmp_path, method=method), servers="in-process", out=tmp_path / "run")
     assert list(Run.open(tmp_path / "run").attempts())

@@ -43,7 +43,7 @@ def warnings(caplog: pytest.LogCaptureFixture, *generations: list[list[float]]) 
         ([[[1.0, 2.0]]], []),  # one candidate
         ([[[1.0], [1.0]], [[1.0], [2.0]]], []),
         ([[[1.0, 1.0], [np.nan, 2.0]]], []),
-        ([[[1e-300, 0.0], [3.0, 0.5]]] * 2, ["the fitness of generation 0 has sizes from 1e-300 to 3"]),
+        ([[[1e-300, 0.0], [3.0, 0.5]]] * 2, ["the absolute fitness in generation 0 ranges from 1e-300 to 3"]),
         ([[[np.nan, 0.0], [0.0, 0.5]]], []),
     ],
 )

@@ -142,7 +142,7 @@ def test_a_replay_is_a_page_also_outside_notebooks(finished: Run, tmp_path: Path
     assert text.lstrip().lower().startswith("<!doctype html")
     frame = page._repr_html_()
     assert html.escape(text) in frame
-    with pytest.raises(InputError, match="holds the generations 0 to 3, not 9"):
+    with pytest.raises(InputError, match="has generations 0 to 3, but no generation 9"):
         finished.replay(generation=9)
     with pytest.raises(InputError, match="cannot be written"):
         page.save(tmp_path / "nowhere" / "page.html")

@@ -29,7 +29,7 @@ from swarmwright import (
     simulate,
 )
 from swarmwright.runs import picture
-from swarmwright.runs.optimization.optimize import reported_by_caller
+from swarmwright.runs.optimization.optimize import leave_reports_to_caller
 from swarmwright.simulations import catalogue
 from tests.python.records import same_record
 
@@ -147,12 +147,12 @@ def test_an_interrupt_is_told_once(tmp_path: Path, caplog: pytest.LogCaptureFixt
 
     run = optimize(small(), interrupt, servers="local", out=tmp_path / "run")
     assert run.state == "interrupted"
-    goes_on = f"swarmwright.resume({str(run.path)!r}) goes on"
+    call = f"swarmwright.resume({str(run.path)!r})"
     assert caplog.messages == [
-        f"{run.path}: interrupted after generation 1; finished generations are kept, and {goes_on}"
+        f"{run.path}: interrupted after generation 1; finished generations are kept; continue with {call}"
     ]
     caplog.clear()
-    with reported_by_caller():
+    with leave_reports_to_caller():
         optimize(small(), interrupt, servers="local", out=tmp_path / "quiet")
     assert resume(run).state == "done"
     assert not caplog.messages
@@ -496,7 +496,7 @@ def test_a_run_without_a_finished_generation_is_replaced(tmp_path: Path) -> None
     assert (out / "run.sqlite").exists()
     run = optimize(Experiment.from_mapping({"simulation": "minisim", **values}), out=out)
     assert run.experiment.simulation == "minisim"
-    with pytest.raises(InputError, match="holds a run already, and results are never written over"):
+    with pytest.raises(InputError, match="already holds a run, and results are never overwritten"):
         optimize(run.experiment, out=out)
 
 
@@ -510,11 +510,11 @@ def test_a_run_without_a_finished_generation_beside_other_files_stays(
     for _ in range(3):
         with pytest.raises(RunError):
             optimize(broken, out=out)
-    assert caplog.text.count("held a run without any finished generation, which is replaced") == 2
+    assert caplog.text.count("replacing a run without finished generations") == 2
     for foreign in (out / "notes.txt", out / "code" / "notes.txt"):
         foreign.write_text("mine")
         before = sorted(out.rglob("*"))
-        with pytest.raises(InputError, match="holds a run already, and results are never written over"):
+        with pytest.raises(InputError, match="already holds a run, and results are never overwritten"):
             optimize(broken, out=out)
         assert sorted(out.rglob("*")) == before
         foreign.unlink()

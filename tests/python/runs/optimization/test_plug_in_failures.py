@@ -169,9 +169,9 @@ def test_edited_code_is_named_before_what_follows_from_it(install: Install, tmp_
         InputError, match=r"method draw has changed since .*owned\.py was edited(.|\n)*-.*range\(4"
     ):
         resume(run)
-    with pytest.raises(RunError, match="generation 0 comes out differently here, since the code") as caught:
+    with pytest.raises(RunError, match="generation 0 is not reproducible here, since the code") as caught:
         resume(run, accept_changed_code=True)
-    assert "has changed: owned.py was edited. Restore what was edited" in str(caught.value)
+    assert "has changed: owned.py was edited. Restore the original code" in str(caught.value)
     assert str(caught.value).endswith("start a new run; the results of 2 generations are kept")
     assert list(Run.open(run.path).code) == [1], "what did not fit is not kept"
     install()
@@ -185,9 +185,9 @@ def test_a_method_that_is_not_deterministic(operation: str, install: Install, tm
         old, new = "self.initial_of(index)", "self.initial_of(index) * np.random.default_rng().random()"
     experiment = install(old, new, operation=operation, in_flight=2)
     run = optimize(experiment(), lambda one: one.generation < 1, out=tmp_path / "run")
-    with pytest.raises(RunError, match="generation 0 comes out differently here: the method draw") as caught:
+    with pytest.raises(RunError, match="generation 0 is not reproducible here: the method draw") as caught:
         resume(run)
-    assert "`swarmwright.testing.check_method('draw')` finds out why" in str(caught.value)
+    assert "find the cause with `swarmwright.testing.check_method('draw')`" in str(caught.value)
     assert "swarmwright resume" not in str(caught.value)
     assert "numpy" not in str(caught.value)
 
@@ -203,7 +203,7 @@ def test_versions_that_differ_are_named_and_no_others(
     )
     with pytest.raises(RunError) as caught:
         resume(run)
-    assert f"It was begun with numpy {recorded['numpy']} (here 0.1); use these" in str(caught.value)
+    assert f"The run began with numpy {recorded['numpy']} (now 0.1); use these" in str(caught.value)
 
 
 def test_a_finished_run_does_not_need_its_method(install: Install, tmp_path: Path) -> None:
@@ -239,7 +239,7 @@ def test_the_command_line_says_it_without_a_traceback(
         ("return self._scores", "return 'good'", r"Draw\.population_fitness \(owned\.py:\d+\): ret"),
         ("return self._scores", "return self._scores[:0]", r"Draw\.population_fitness .*the shape \(0,\); "),
         ("return self._scores", "return -np.inf * self._scores",
-         r"Draw\.population_fitness \(owned\.py:\d+\): returned an infinite fitness; .* has NaN"),
+         r"Draw\.population_fitness \(owned\.py:\d+\): returned an infinite fitness; use NaN for"),
         ("return 4 *", "return 'x' *", r"Draw\.budget \(owned\.py:\d+\): is 'xxxx', expected .*integer"),
         ("super().initial(stream)", "[1, 2]", r"Net\.initial \(owned\.py:\d+\): .*the shape \(2,\)"),
         ("super().initial(stream)", "self.bias", r"Net\.initial: AttributeError: .*\(owned\.py:\d+\)"),

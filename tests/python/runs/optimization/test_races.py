@@ -337,9 +337,11 @@ def test_candidates_that_were_dropped_do_not_hide_that_the_ranking_failed() -> N
     episodes[ranking.ran(episodes)[:, np.newaxis] <= np.arange(6)] = np.nan
     assert np.isnan(episodes).any()
     metrics = np.empty((4, 6, 0))
-    assert "all of their episodes worked" in evaluator.why_failed(Results(episodes, metrics, Journal()))
+    assert "all of their episodes succeeded" in evaluator.explain_failure(
+        Results(episodes, metrics, Journal())
+    )
     episodes[0, 1] = np.inf
-    assert evaluator.why_failed(Results(episodes, metrics, Journal())) == ""
+    assert evaluator.explain_failure(Results(episodes, metrics, Journal())) == ""
 
 
 @pytest.mark.slow

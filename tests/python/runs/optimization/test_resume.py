@@ -115,7 +115,7 @@ def test_a_larger_budget_that_leaves_nothing_to_evaluate(
 ) -> None:
     run = optimize(EXPERIMENT.replace(method=method), out=tmp_path / "run")
     assert run.state == "done"
-    with pytest.raises(InputError, match=f"with this budget nothing is left to evaluate, since {reason}"):
+    with pytest.raises(InputError, match=f"nothing is left to evaluate with this budget, since {reason}"):
         resume(run, **budget)
     again = Run.open(run.path)
     assert (again.state, again.experiment, len(again.sessions)) == ("done", run.experiment, 1)
@@ -129,7 +129,7 @@ def test_a_store_with_more_generations_than_its_experiment_has(operation: str, t
     fewer = run.experiment.replace(method={"generations": 2})
     with StoreWriter.resume(run.path.absolute()) as store:
         loop = _new_loop(fewer, fewer.representation(), store)
-        with pytest.raises(InputError, match="holds more generations than its experiment has"):
+        with pytest.raises(InputError, match="the store has more generations than its experiment"):
             loop.replay(StoreReader(run.path))
 
 
@@ -158,7 +158,7 @@ def test_a_restart_that_the_budget_cut_ends_what_can_be_prolonged(
         longer = optimize(flat.replace(method={"generations": 80}), out=tmp_path / "longer")
         assert resume(run, generations=80).digest == longer.digest
         return
-    with pytest.raises(InputError, match=f"its last restart had {last} candidates.*start_from="):
+    with pytest.raises(InputError, match=f"limited its last restart to {last} candidates.*start_from="):
         resume(run, generations=80)
     assert Run.open(run.path).digest == run.digest
 

@@ -6,7 +6,7 @@ import pytest
 
 from swarmwright import Experiment, Run, optimize
 from swarmwright.runs.differences import first_difference
-from swarmwright.runs.optimization.resuming import strayed
+from swarmwright.runs.optimization.resuming import build_divergence_error
 
 EXPERIMENT = Experiment.from_mapping(
     {
@@ -38,9 +38,9 @@ def test_another_commit_is_named_where_a_run_cannot_continue(
 ) -> None:
     run = _run(tmp_path / "run", "a" * 40, monkeypatch)
     for here, said in (
-        ("b" * 40, f"an earlier state of this version (commit {'a' * 40}; here {'b' * 40})"),
-        (None, f"an earlier state of this version (commit {'a' * 40}; here it is not known)"),
-        ("a" * 40, "an earlier state of this version;"),
+        ("b" * 40, f"another commit of this version (commit {'a' * 40}; now {'b' * 40})"),
+        (None, f"another commit of this version (commit {'a' * 40}; now unknown)"),
+        ("a" * 40, "another commit of this version;"),
     ):
         monkeypatch.setattr("swarmwright.runs.optimization.resuming.revision", lambda here=here: here)
-        assert said in str(strayed(run._store, 0, []))
+        assert said in str(build_divergence_error(run._store, 0, []))

@@ -101,17 +101,17 @@ def test_the_record_has_what_both_simulations_said(ranked: Run) -> None:
     )
     for generation in range(ranked.generations):
         rows = np.flatnonzero(record.generation == generation)
-        measured = [row for row in rows if np.isfinite(slow[row]).all()]
-        assert len(measured) == max(1, math.floor(0.2 * len(rows) + 0.5))
+        count_measured = [row for row in rows if np.isfinite(slow[row]).all()]
+        assert len(count_measured) == max(1, math.floor(0.2 * len(rows) + 0.5))
         fast = record.episodes[rows].mean(axis=1)
-        assert fast[np.isin(rows, measured)].min() >= fast[~np.isin(rows, measured)].max() - 1e-9
-        for row in measured:
+        assert fast[np.isin(rows, count_measured)].min() >= fast[~np.isin(rows, count_measured)].max() - 1e-9
+        for row in count_measured:
             assert record.fitness[row] == pytest.approx(slow[row].mean())
         seeds = ranked.seeds(generation)
         again = post_evaluate(
-            ranked, int(measured[0] - rows[0]), generation, experiment=harder, episodes=3, seed=seeds[0]
+            ranked, int(count_measured[0] - rows[0]), generation, experiment=harder, episodes=3, seed=seeds[0]
         )
-        assert again.episodes.tolist() == slow[measured[0]].tolist(), "the same seeds"
+        assert again.episodes.tolist() == slow[count_measured[0]].tolist(), "the same seeds"
     best = ranked.evaluation()
     assert np.isfinite(slow[best.number]).all()
     assert ranked.best.fitness == record.fitness.max()
@@ -123,16 +123,20 @@ def test_disparities_are_learned(tmp_path: Path) -> None:
     record = run.record
     assert run.metrics == ["arrived", "caught", "distance", "steps", "slow_fitness"]
     slow = record.metrics[:, :, -1]
-    measured = np.asarray(np.isfinite(slow).all(axis=1))
-    counts = [int(measured[record.generation == generation].sum()) for generation in range(run.generations)]
+    count_measured = np.asarray(np.isfinite(slow).all(axis=1))
+    counts = [
+        int(count_measured[record.generation == generation].sum()) for generation in range(run.generations)
+    ]
     assert counts == [3, 0, 3, 0, 3, 0]
     fast = record.episodes.mean(axis=1)
     disparity = np.abs(slow.mean(axis=1) - fast)
     expected = fast - np.maximum(0, disparity - 0.5)
-    assert record.fitness[measured] == pytest.approx(expected[measured])
-    assert (record.fitness[~measured] <= fast[~measured]).all()
-    assert (record.fitness[~measured] < fast[~measured] - 0.01).any(), "some are predicted not to transfer"
-    assert measured[run.evaluation().number]
+    assert record.fitness[count_measured] == pytest.approx(expected[count_measured])
+    assert (record.fitness[~count_measured] <= fast[~count_measured]).all()
+    assert (record.fitness[~count_measured] < fast[~count_measured] - 0.01).any(), (
+        "some are predicted not to transfer"
+    )
+    assert count_measured[run.evaluation().number]
     assert run.best.fitness == record.fitness.max()
 
 

@@ -18,8 +18,8 @@ from tests.python.records import (
     EXPERIMENT,
     change,
     change_numbers,
+    digest_facts,
     of_evaluations,
-    of_facts,
     of_generations,
     same_record,
 )
@@ -102,7 +102,7 @@ def test_the_generation_and_the_table_are_named(
 ) -> None:
     damage(copy, which)
     _, table, generation = DAMAGES[which]
-    what = "evaluations are missing" if table == "missing" else f"the table {table} disagrees with its digest"
+    what = "evaluations are missing" if table == "missing" else f"the table {table} does not match its digest"
     with pytest.raises(InputError, match=rf"generation {generation}: (\d+ )?{what}"):
         _ = Run.open(copy).record
     assert program(["runs", "verify", str(copy), "--json"]) == 1
@@ -122,9 +122,12 @@ def test_the_generation_and_the_table_are_named(
             "generation 1: it is missing in the table generation",
         ),
         ("DELETE FROM block WHERE generation = 3", "generation 3: 7 evaluations are missing"),
-        ("UPDATE fact SET value = '{}' WHERE name = 'experiment'", "the table fact, with the experiment"),
+        (
+            "UPDATE fact SET value = '{}' WHERE name = 'experiment'",
+            "the table fact, which holds the experiment",
+        ),
         ("UPDATE fact SET name = 'digesu' WHERE name = 'digest'", "the digest of the table fact is missing"),
-        ("DELETE FROM fact WHERE name = 'ended'", "the table fact, with the experiment"),
+        ("DELETE FROM fact WHERE name = 'ended'", "the table fact, which holds the experiment"),
     ],
 )
 def test_what_is_missing_is_named(
@@ -144,7 +147,7 @@ READERS: list[Callable[[Run], object]] = [
     lambda run: run.evaluation(13),
     lambda run: run.plot(),
     lambda run: list(run._store.generations()),
-    lambda run: list(run._store.one_generation(1)),
+    lambda run: list(run._store.read_generation(1)),
     lambda run: resume(run, generations=9),
 ]
 
@@ -152,7 +155,7 @@ READERS: list[Callable[[Run], object]] = [
 @pytest.mark.parametrize("reader", range(len(READERS)))
 def test_whoever_reads_a_damaged_evaluation_is_told(copy: Path, reader: int) -> None:
     damage(copy)
-    with pytest.raises(InputError, match="generation 1: the table block disagrees with its digest"):
+    with pytest.raises(InputError, match="generation 1: the table block does not match its digest"):
         READERS[reader](Run.open(copy))
     assert Run.open(copy).evaluation(None, 0).generation == 0, "other generations can be read"
 
@@ -162,14 +165,14 @@ def test_a_damaged_leader_is_not_taken_for_the_best(copy: Path) -> None:
     change_numbers(
         copy, "genomes", slice(leader.candidate, leader.candidate + 1), 0, generation=leader.generation
     )
-    with pytest.raises(InputError, match="the table block disagrees with its digest"):
+    with pytest.raises(InputError, match="the table block does not match its digest"):
         _ = Run.open(copy).best
 
 
 def test_half_a_record_is_not_left_behind(copy: Path, tmp_path: Path) -> None:
     damage(copy)
     for name in ("x.csv", "x.parquet"):
-        with pytest.raises(InputError, match="generation 1: the table block disagrees"):
+        with pytest.raises(InputError, match="generation 1: the table block does not match"):
             Run.open(copy).export(tmp_path / name)
         assert not (tmp_path / name).exists()
 
@@ -179,14 +182,14 @@ def test_the_bytes_are_those_that_the_documentation_names(finished: Run) -> None
     rows = store.execute("SELECT generation, evaluations_digest, digest FROM generation").fetchall()
     assert {generation: digest for generation, digest, _ in rows} == of_evaluations(store)
     assert {generation: digest for generation, _, digest in rows} == of_generations(store)
-    assert store.execute("SELECT value FROM fact WHERE name = 'digest'").fetchone()[0] == of_facts(store)
+    assert store.execute("SELECT value FROM fact WHERE name = 'digest'").fetchone()[0] == digest_facts(store)
     store.close()
 
 
 def test_the_digests_do_not_depend_on_the_size_of_blocks(
     finished: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmwright.runs.store.blocks._BLOCK", 700)
+    monkeypatch.setattr("swarmwright.runs.store.blocks._BLOCK_BYTES", 700)
     split = optimize(EXPERIMENT, out=tmp_path / "run")
     same_record(split, finished)
     assert chain(split.path) == chain(finished.path)
@@ -220,7 +223,7 @@ def test_verify_takes_several_runs_and_leaves_files_out(
     said = capsys.readouterr()
     assert said.out.splitlines() == [
         f"{finished.path}: ok, 4 generations, 33 evaluations",
-        f"{copy}: damaged: generation 1: the table block disagrees with its digest",
+        f"{copy}: damaged: generation 1: the table block does not match its digest",
         f"{copy}: generations 0, 2 to 3 are intact",
     ]
     assert "left out" in said.err

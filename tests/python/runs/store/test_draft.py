@@ -91,7 +91,7 @@ def test_generations_are_written_while_others_are_waited_for(
         store.begin("here")
         for evaluated in run._store.generations():
             store.commit(evaluated)
-            store.has_time()
+            store.use_idle_time()
             written.append(len(StoreReader(tmp_path / "again", NEW).history()))
     assert written == [0] * 31 + [32, 32]
     assert Run.open(tmp_path / "again").digest == run.digest
@@ -105,7 +105,7 @@ def test_facts_are_written_with_what_comes_next(tmp_path: Path, monkeypatch: pyt
         store.note_validation({"state": "due"})
         assert StoreReader(tmp_path / "again", NEW).validation() is None
         read = store.reader()
-        assert (read.ended(), read.validation()) == ("target", {"state": "due"})
+        assert (read.find_end_reason(), read.validation()) == ("target", {"state": "due"})
         # A validation may take long: when the second of the draft is over, it ends.
         monkeypatch.setattr(writer, "_DRAFT_S", 0.0)
         store.note_validation({"state": "none"})
@@ -119,21 +119,21 @@ def test_an_opened_reader_has_one_connection_until_it_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = optimize(EXPERIMENT, out=tmp_path / "run")._store
-    opened: list[Path] = []
+    open_snapshot: list[Path] = []
     reading = database.reading
 
     def counted(file: Path) -> AbstractContextManager[sqlite3.Connection]:
-        opened.append(file)
+        open_snapshot.append(file)
         return reading(file)
 
     monkeypatch.setattr(reader, "reading", counted)
     apart = store.history(), store.digest(), store.leading(2)[1].number
-    assert len(opened) == 3
-    with StoreReader.opened(tmp_path / "run") as other:
+    assert len(open_snapshot) == 3
+    with StoreReader.open_snapshot(tmp_path / "run") as other:
         assert (other.history(), other.digest(), other.leading(2)[1].number) == apart
-    assert len(opened) == 4
+    assert len(open_snapshot) == 4
     assert other.history() == apart[0]
-    assert len(opened) == 5
+    assert len(open_snapshot) == 5
 
 
 @pytest.mark.slow
@@ -250,7 +250,9 @@ def test_killed_in_its_first_second(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with running(folder, ENDLESS, NEW):
         pass
-    with pytest.raises(InputError, match=r"ended in its first second, before anything was kept; begin again"):
+    with pytest.raises(
+        InputError, match=r"ended within the first second, before anything was stored; start again"
+    ):
         Run.open(folder)
     run = optimize(EXPERIMENT, out=folder)  # what is left there is in nobody's way
     assert run.state == "done"

@@ -63,7 +63,7 @@ def test_a_run_that_takes_the_name_of_a_moved_one_is_left_alone(finished: Run, t
             _, errors = process.communicate("\n", timeout=60)
             assert sorted(path.name for path in folder.iterdir()) == before
         assert process.returncode == 1
-    assert f"{folder}: this folder was moved to {moved} while this run was writing it" in errors
+    assert f"{folder}: the folder was moved to {moved} during the run" in errors
     assert f"`swarmwright resume {moved}` goes on" in errors
     assert str(folder) not in errors.replace(f"{folder}: this folder", "")
     assert Run.open(folder).generations == 1
@@ -74,7 +74,7 @@ def test_a_run_that_takes_the_name_of_a_moved_one_is_left_alone(finished: Run, t
 def test_a_moved_run_goes_on_in_the_same_process(tmp_path: Path) -> None:
     whole = optimize(IN_PROCESS, out=tmp_path / "whole")
     folder, moved = tmp_path / "run", tmp_path / "moved"
-    with pytest.raises(RunError, match=f"{folder}: this folder was moved to {moved} while"):
+    with pytest.raises(RunError, match=f"{folder}: the folder was moved to {moved} during"):
         optimize(IN_PROCESS, after(1, lambda: folder.rename(moved)), out=folder)
     assert not folder.exists()
     again = resume(moved)
@@ -97,7 +97,7 @@ def test_a_run_that_is_moved_in_its_first_second_can_be_resumed(
     if written:
         store.reader()
     folder.rename(moved)
-    with pytest.raises(RunError, match=f"{folder}: this folder was moved to {moved} while"), store:
+    with pytest.raises(RunError, match=f"{folder}: the folder was moved to {moved} during"), store:
         pass
     assert not folder.exists()
     assert Run.open(moved).generations == 2
@@ -106,6 +106,6 @@ def test_a_run_that_is_moved_in_its_first_second_can_be_resumed(
 
 def test_a_deleted_run_says_so(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    with pytest.raises(RunError, match=f"{folder}: this folder was deleted while"):
+    with pytest.raises(RunError, match=f"{folder}: the folder was deleted during"):
         optimize(IN_PROCESS, after(1, lambda: shutil.rmtree(folder)), out=folder)
     assert not folder.exists()

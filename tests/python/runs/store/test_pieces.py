@@ -25,7 +25,7 @@ def _run(folder: Path, kind: str, experiment: Experiment = EXPERIMENT, **method:
 def test_memory_does_not_grow_with_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, population: int
 ) -> None:
-    monkeypatch.setattr(blocks, "_BLOCK", block)
+    monkeypatch.setattr(blocks, "_BLOCK_BYTES", block)
     monkeypatch.setattr(pieces, "_PIECE_BYTES", 1 << 20)
     run = _run(tmp_path / "run", "nnga", LARGE, population=population, generations=192 // population)
     whole = run.record.genomes.nbytes
@@ -44,7 +44,7 @@ def test_memory_does_not_grow_with_the_run(
 def test_the_pieces_are_the_record(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, held: int
 ) -> None:
-    monkeypatch.setattr(blocks, "_BLOCK", 500)
+    monkeypatch.setattr(blocks, "_BLOCK_BYTES", 500)
     monkeypatch.setattr(pieces, "_PIECE_BYTES", held)
     run = _run(tmp_path / "run", kind)
     parts = list(run._store.rows())
@@ -62,9 +62,9 @@ def test_the_pieces_are_the_record(
 def test_a_large_generation_that_is_read_keeps_no_process_from_going_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    monkeypatch.setattr(blocks, "_BLOCK", 500)
+    monkeypatch.setattr(blocks, "_BLOCK_BYTES", 500)
     monkeypatch.setattr(pieces, "_PIECE_BYTES", 0)
-    monkeypatch.setattr(database, "_PATIENCE", 0.0)
+    monkeypatch.setattr(database, "_PATIENCE_S", 0.0)
     run = _run(tmp_path / "run", kind)
     rows = run._store.rows()
     parts = [next(rows), next(rows)]
@@ -86,17 +86,17 @@ READERS: dict[str, Callable[[Run], int]] = {
 def test_the_log_of_a_killed_process_is_read_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    monkeypatch.setattr(blocks, "_BLOCK", 500)
+    monkeypatch.setattr(blocks, "_BLOCK_BYTES", 500)
     monkeypatch.setattr(pieces, "_PIECE_BYTES", 0)
-    monkeypatch.setattr("swarmwright.runs.store.journal._LINES", 2)
+    monkeypatch.setattr("swarmwright.runs.store.journal._PIECE_ROWS", 2)
     run = optimize(EXPERIMENT, out=tmp_path / "run", servers=1)
     connections = []
 
     def connect(*arguments: object, **options: object) -> sqlite3.Connection:
         connections.append(arguments)
-        return opened(*arguments, **options)  # type: ignore[call-overload, no-any-return] # as it was called
+        return open_snapshot(*arguments, **options)  # type: ignore[call-overload, no-any-return] # as it was called
 
-    opened = sqlite3.connect
+    open_snapshot = sqlite3.connect
     monkeypatch.setattr(sqlite3, "connect", connect)
     assert READERS[name](run) > 3
     assert len(connections) == 1

@@ -81,7 +81,7 @@ def test_the_ordinary_loop_keeps_the_same(
     same_record(ordinary, run)
     query = "SELECT * FROM sample ORDER BY generation"
     assert rows(ordinary.path, query) == rows(run.path, query)
-    monkeypatch.setattr("swarmwright.runs.store.blocks._BLOCK", 100)  # many blocks in each generation
+    monkeypatch.setattr("swarmwright.runs.store.blocks._BLOCK_BYTES", 100)  # many blocks in each generation
     split = optimize(experiment(method), out=tmp_path / "split")
     same_record(split, run)
     assert len(rows(split.path, "SELECT 1 FROM block")) > len(rows(run.path, "SELECT 1 FROM block"))
@@ -160,7 +160,7 @@ def test_a_damaged_sample_is_named(
         lambda: resume(copied, generations=9),
     ):
         with pytest.raises(
-            InputError, match=r"generation 1: the tables? block .*disagrees? with (its|their) digest"
+            InputError, match=r"generation 1: the tables? block .*do(es)? not match (its|their) digest"
         ):
             read()
     assert Run.open(copied).evaluation(3, 2).candidate == 3, "other generations can be read"
@@ -174,7 +174,7 @@ def test_a_sample_of_another_run_does_not_go_on(copied: Path) -> None:
     )
     seal(copied)
     assert Run.open(copied).generations == 5
-    with pytest.raises(RunError, match="generation 1 comes out differently here"):
+    with pytest.raises(RunError, match="generation 1 is not reproducible here"):
         resume(copied, generations=9)
 
 

@@ -19,7 +19,7 @@ from swarmwright.cli import run
 from swarmwright.cli._commands import program
 from swarmwright.runs.store import FILE, StoreReader, StoreWriter
 from swarmwright.runs.store.database import connect_to_read, reading, reopen
-from swarmwright.runs.store.lock import LOCK, Lock, _opened, is_locked
+from swarmwright.runs.store.lock import LOCK, Lock, _open_lock_file, is_locked
 from swarmwright.servers.rows import Journal, WarningEntry
 from tests.python.records import EXPERIMENT, change, change_numbers, seal
 
@@ -54,7 +54,7 @@ def test_a_run_can_be_read_while_it_goes_on(tmp_path: Path) -> None:
 
 def test_two_processes_never_write_one_run(copy: Path) -> None:
     with StoreWriter.resume(copy):
-        with pytest.raises(InputError, match="another part of this process works on this run"):
+        with pytest.raises(InputError, match="another part of this process is writing this run"):
             resume(copy, generations=9)
         assert Run.open(copy).evaluations == 33
 
@@ -66,7 +66,7 @@ def test_an_editor_that_replaces_the_experiment_opens_no_way_in(copy: Path) -> N
         saved.replace(copy / "experiment.yaml")
         assert is_locked(copy)
         with pytest.raises(
-            InputError, match="another part of this process works on this run; wait for it, or stop it"
+            InputError, match="another part of this process is writing this run; wait for it, or stop it"
         ):
             resume(copy, generations=9)
     assert not is_locked(copy)
@@ -106,15 +106,15 @@ def test_a_lock_that_goes_while_it_is_taken_is_not_held_by_two(
 ) -> None:
     first = Lock(copy)
 
-    def opened(folder: Path, path: Path) -> Any:
-        file = _opened(folder, path)
+    def open_snapshot(folder: Path, path: Path) -> Any:
+        file = _open_lock_file(folder, path)
         first.close()  # deletes the file that is open here
         return file
 
     with monkeypatch.context() as patch:
-        patch.setattr("swarmwright.runs.store.lock._opened", opened)
+        patch.setattr("swarmwright.runs.store.lock._open_lock_file", open_snapshot)
         second = Lock(copy)
-    with pytest.raises(InputError, match="another part of this process works on this run"):
+    with pytest.raises(InputError, match="another part of this process is writing this run"):
         Lock(copy)
     second.close()
 
@@ -141,7 +141,7 @@ def test_without_a_lock_the_first_writer_is_told_of_the_second(copy: Path) -> No
             assert resume(copy, generations=5).generations == 5
             store.note(9, Journal())
 
-    with pytest.raises(RunError, match="another process has gone on with this run"):
+    with pytest.raises(RunError, match="another process continues this run"):
         write()
     run = Run.open(copy)
     assert (run.generations, run.state) == (5, "done")
@@ -151,7 +151,7 @@ def test_missing_files_are_named(copy: Path) -> None:
     (copy / FILE).unlink()
     with pytest.raises(InputError, match=r"is not a run folder: run.sqlite is missing"):
         resume(copy, generations=5)
-    with pytest.raises(InputError, match="there is no such folder"):
+    with pytest.raises(InputError, match="does not exist"):
         Run.open(copy / "none")
 
 
@@ -231,11 +231,13 @@ def test_a_folder_that_is_just_being_made_is_not_taken_for_something_else(
         with pytest.raises(SystemExit):
             optimize(EXPERIMENT, out=folder)
     words = (
-        "another part of this process is just beginning a run here; name another folder for another run, or "
-        "wait a moment to look at this one"
+        "another part of this process is just starting a run in this folder; choose another folder for a new "
+        "run, or wait a moment to read this one"
     )
     assert said == [f"{folder}: {words}"] * 3
-    with pytest.raises(InputError, match="ended in its first second, before anything was kept; begin again"):
+    with pytest.raises(
+        InputError, match="ended within the first second, before anything was stored; start again"
+    ):
         Run.open(folder)
     assert optimize(EXPERIMENT, out=folder).state == "done", "nothing is lost by beginning anew"
 
@@ -249,7 +251,7 @@ def test_missing_rows_are_noticed(copy: Path) -> None:
 @pytest.mark.parametrize(
     ("version", "words"),
     [
-        (99, r"has format 99; .* update it"),
+        (99, r"has format 99, .* update Swarmwright"),
         (2, r"has format 2, .*: swarmwright optimize .*experiment\.yaml --out NEW"),
     ],
 )
@@ -325,7 +327,7 @@ def test_a_pipe_in_the_place_of_a_store_is_not_opened(copy: Path) -> None:
 def test_a_store_changed_by_hand_does_not_go_on(copy: Path) -> None:
     change_numbers(copy, "fitness", slice(0, 1), 1.0, generation=1)
     seal(copy)
-    with pytest.raises(RunError, match="generation 1 comes out differently here"):
+    with pytest.raises(RunError, match="generation 1 is not reproducible here"):
         resume(copy, generations=9)
 
 
@@ -336,7 +338,7 @@ def test_a_steady_store_changed_by_hand_does_not_go_on(tmp_path: Path, column: s
     folder = optimize(steady, out=tmp_path / "run").path
     change_numbers(folder, column, slice(0, 1), 1.0, generation=1)
     seal(folder)
-    with pytest.raises(RunError, match="generation 1 comes out differently here"):
+    with pytest.raises(RunError, match="generation 1 is not reproducible here"):
         resume(folder, generations=9)
 
 
@@ -412,7 +414,7 @@ def test_incidents_name_the_servers_whose_work_was_copied(copy: Path) -> None:
         change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
         store.incidents({"retries": 1, "backups": 9, "audits_left_out": 2})
     assert [event.text for event in StoreReader(copy).events() if event.kind == "incidents"][-1] == (
-        "retries: 1, backups: 9 (work of slow servers that was repeated on others, and the first result "
+        "retries: 1, backups: 9 (repeated work of slow servers, of which the first result "
         "counted; slower were 3 attempts of server 3, 2 attempts of server 4, 1 attempt of server 5 and "
         "others), audits left out: 2"
     )

@@ -316,5 +316,7 @@ def test_an_aggregate_that_is_no_number_is_told(tmp_path: Path) -> None:
     )
     values = {"simulation": f"{tmp_path}/huge.py:Huge", "controller": {"hidden": []}}
     experiment = Experiment.from_mapping({**values, "ranking": {"episodes": 2, "aggregate": "sum"}})
-    with pytest.raises(RunError, match="all of their episodes worked, but what the ranking makes of them"):
+    with pytest.raises(
+        RunError, match="all of their episodes succeeded, but the ranking's result is not finite"
+    ):
         optimize(experiment, servers="in-process", out=tmp_path / "run")

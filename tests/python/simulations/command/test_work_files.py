@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, evaluate
-from swarmwright.runs.code import parts_of
+from swarmwright.runs.code import collect_code
 from swarmwright.simulations.command import work_files
 
 PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR{gain}\xff"
@@ -57,7 +57,7 @@ def experiment(files: Any) -> Experiment:
 def test_files_of_every_kind_are_copied() -> None:
     one = experiment(["map.png", "world.txt", "meshes"])
     assert evaluate(one, np.full((1, 1), 0.5, np.float32), servers="in-process").tolist() == [1.0]
-    (part,) = parts_of(one)
+    (part,) = collect_code(one)
     assert {place for place in part.files if "mesh" in place} == {
         "meshes/body.bin",
         "meshes/parts/wheel.obj",

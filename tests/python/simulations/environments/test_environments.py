@@ -554,7 +554,7 @@ class OfReach(Gymnasium):
     """The environment above."""
 
     environment = "reach"
-    made_of = Reach
+    aggregation = Reach
 
     def make(self, options: dict[str, Any]) -> Any:
         return Reach(**options)
@@ -576,7 +576,7 @@ def test_environments_of_ranges_are_closed() -> None:
     name = f"{__file__}:OfReach"
     catalogue.ranges(name, {})
     kind: Any = load(name)
-    reach = kind.made_of
+    reach = kind.aggregation
     before = reach.open
     catalogue.ranges(name, {"reach": 8.0})
     with pytest.raises(InputError, match="unexpected keyword argument"):

@@ -134,7 +134,7 @@ def test_a_run_keeps_the_code_and_goes_on_with_it(folder: Path, tmp_path: Path) 
 def test_an_accepted_change_is_used_and_kept(folder: Path, tmp_path: Path) -> None:
     run = optimize(load(folder), out=tmp_path / "run")
     edit(folder / "code" / "scale_of_tests.py", "0.25", "0.5")
-    with pytest.raises(RunError, match=r"generation 1 comes out differently .*/scale_of_tests\.py was"):
+    with pytest.raises(RunError, match=r"generation 1 is not reproducible .*/scale_of_tests\.py was"):
         resume(run.path, generations=4, accept_changed_code=True)
     edit(folder / "code" / "scale_of_tests.py", "0.5", "0.25  # as it was")
     run = resume(run.path, generations=4, accept_changed_code=True)
@@ -166,7 +166,7 @@ def test_a_received_run_is_read_without_its_code(
     assert changed.generations == 5
     with caplog.at_level(logging.WARNING, "swarmwright"):
         assert run.validation is None
-    assert "held-out fitness is not shown: the ranking search.py:Lowest makes it" in caplog.text
+    assert "held-out fitness is unavailable: the ranking search.py:Lowest makes it" in caplog.text
     uses: list[Any] = [
         lambda: resume(path, generations=4),
         lambda: post_evaluate(Run.open(path), episodes=2),

@@ -103,7 +103,7 @@ def test_a_run_keeps_the_files(run: Run, project: Path) -> None:
     assert verify(run.path).problems == []
     edit(run.path / COPY / "maps" / "a.json", "100.0", "7")
     (problem,) = verify(run.path).problems
-    assert "a.json: this copy of the run" in problem.what
+    assert "a.json: this copy of the run" in problem.message
 
 
 @pytest.mark.slow
@@ -149,7 +149,7 @@ def test_a_module_is_called_as_before(project: Path, monkeypatch: pytest.MonkeyP
 )
 def test_a_run_does_not_go_on_with_other_files(run: Run, project: Path, change: Any, words: str) -> None:
     change(project / "maps")
-    with pytest.raises(InputError, match=f"has changed since the run was begun: {words}"):
+    with pytest.raises(InputError, match=f"has changed since the run began: {words}"):
         resume(run, generations=4, progress=False)
     # What is repeated is repeated with the files of the run.
     assert repeat(Run.open(run.path), generation=0, servers="in-process").same

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, repeat, resume
-from swarmwright.runs.code import remarks
+from swarmwright.runs.code import describe_edits
 from tests.conftest import Run as Program
 from tests.python.records import same_record
 from tests.python.simulations.user_code.conftest import edit
@@ -32,8 +32,8 @@ def test_keys_on_which_results_depend_are_refused(run: Run, caplog: pytest.LogCa
         assert "\n  seed is 12 in the file, 1 in the run\n" in str(caught.value)
     assert file.read_text() == edited
     assert repeat(run).same
-    assert [line for line in caplog.messages if "what the run recorded is used" in line]
-    assert len(remarks(run)) == 1
+    assert [line for line in caplog.messages if "using the recorded experiment" in line]
+    assert len(describe_edits(run)) == 1
     # Either way out.
     again = optimize(file, out=run.path.parent / "again")
     assert (again.experiment.seed, again.evaluations > run.evaluations) == (12, True)
@@ -46,7 +46,7 @@ def test_keys_on_which_results_depend_are_refused(run: Run, caplog: pytest.LogCa
 
 def test_a_budget_is_given_as_an_option(run: Run) -> None:
     edit(run.path / "experiment.yaml", "generations: 3", "generations: 10")
-    with pytest.raises(InputError, match="To prolong the run, give the option --generations"):
+    with pytest.raises(InputError, match="To prolong the run, use the option --generations"):
         resume(run)
     with pytest.raises(InputError, match=r"method\.generations is 10 in the file, 3 in the run"):
         resume(run, generations=7)
@@ -56,11 +56,11 @@ def test_a_budget_is_given_as_an_option(run: Run) -> None:
 def test_the_file_of_a_run_that_was_prolonged_is_no_edit(run: Run, caplog: pytest.LogCaptureFixture) -> None:
     longer = resume(run, generations=5)
     assert repeat(run).same
-    assert remarks(run) == []
+    assert describe_edits(run) == []
     assert "was edited" not in caplog.text
     edit(run.path / "experiment.yaml", "\nseed: 1\n", "\nseed: 12\n")
-    assert remarks(run) == remarks(longer)
-    assert remarks(run)[0].endswith("was edited: seed is 12 in the file, 1 in the run")
+    assert describe_edits(run) == describe_edits(longer)
+    assert describe_edits(run)[0].endswith("was edited: seed is 12 in the file, 1 in the run")
 
 
 @pytest.mark.slow
@@ -73,15 +73,17 @@ def test_where_it_is_computed_is_taken_over(run: Run, caplog: pytest.LogCaptureF
     assert longer.sessions[-1].place != "in this process"
     notes = sorted(event.text for event in longer.events() if event.kind == "changed")
     assert notes == ["experiment.yaml: faults.attempts 3 -> 10", "experiment.yaml: servers 'local' -> 1"]
-    assert [line for line in caplog.messages if "goes on with experiment.yaml: servers 'local' -> 1" in line]
-    assert remarks(longer) == []
+    assert [
+        line for line in caplog.messages if "continuing with experiment.yaml: servers 'local' -> 1" in line
+    ]
+    assert describe_edits(longer) == []
 
 
 def test_what_says_the_same_is_no_edit(run: Run) -> None:
     file = run.path / "experiment.yaml"
     edit(file, "\nseed: 1\n", "\n")  # the default
     file.write_text("# mine\n" + file.read_text())
-    assert remarks(run) == []
+    assert describe_edits(run) == []
     assert resume(run, generations=4).generations == 4
 
 
@@ -91,7 +93,7 @@ def test_a_file_that_is_no_experiment_any_more(run: Run, caplog: pytest.LogCaptu
     with pytest.raises(InputError, match=r"colour: unknown key(.|\n)*restore it, or delete it"):
         resume(run, generations=5)
     assert repeat(run).same
-    assert "was edited and cannot be read any more" in caplog.text
+    assert "was edited and can no longer be read" in caplog.text
 
 
 @pytest.mark.slow
@@ -104,4 +106,4 @@ def test_the_program_says_so(run: Run, program: Program) -> None:
     assert "method.population is 60 in the file, 6 in the run" in shown.stdout
     repeated = program("evaluate", run.path, "--json")
     assert repeated.returncode == 0
-    assert "what the run recorded is used" in repeated.stderr
+    assert "using the recorded experiment" in repeated.stderr

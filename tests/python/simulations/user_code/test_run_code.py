@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, Run, evaluate, optimize, repeat, resume
-from swarmwright.runs.code import remarks
+from swarmwright.runs.code import describe_edits
 from swarmwright.runs.replay import Replay
 from swarmwright.runs.store import StoreWriter
 from swarmwright.runs.store.database import seal_facts
@@ -36,7 +36,7 @@ def test_a_copy_of_the_source_is_kept(run: Run, project: Path) -> None:
     assert 'simulation: "code/1/simulation/gather.py:Gather"' in (run.path / "experiment.yaml").read_text()
     assert [one.code for one in run.sessions] == [1]
     assert list(run.code) == [1]
-    assert remarks(run) == []
+    assert describe_edits(run) == []
 
 
 @pytest.mark.slow
@@ -44,7 +44,7 @@ def test_runs_verify_finds_an_edited_copy(run: Run) -> None:
     assert verify(run.path).problems == []
     edit(run.path / COPY / "gather.py", *FACTOR)
     (problem,) = verify(run.path).problems
-    assert "gather.py: was edited" in problem.what
+    assert "gather.py: was edited" in problem.message
     shutil.rmtree(run.path / "code")
     assert verify(run.path).problems == [], "the store is whole without it"
 
@@ -57,12 +57,12 @@ def test_a_run_does_not_go_on_with_edited_code(name: str, run: Run, project: Pat
     with pytest.raises(InputError) as caught:
         resume(run, generations=5)
     words = str(caught.value)
-    assert f"simulation gather.py:Gather has changed since the run was begun: {name} was edited" in words
+    assert f"simulation gather.py:Gather has changed since the run began: {name} was edited" in words
     assert f"--- run/{COPY}/{name}\n+++ {name}\n@@" in words
     assert "--accept-changed-code" in words
     assert {path: path.read_bytes() for path in files} == files
     assert (Run.open(run.path).digest, Run.open(run.path).sessions) == (run.digest, run.sessions)
-    assert remarks(run) == [f"simulation gather.py:Gather: {name} was edited"]
+    assert describe_edits(run) == [f"simulation gather.py:Gather: {name} was edited"]
     # Nothing would be evaluated: a finished run is returned as it is.
     same_record(resume(run), run)
 
@@ -130,7 +130,7 @@ def test_what_repeats_an_evaluation_says_so_and_uses_the_copy(
     assert "run: helper.py was edited since the run; its copy in the run folder is used" in caplog.messages[0]
     other = repeat(run, simulation="gather.py:Gather")
     assert not other.same
-    with pytest.raises(InputError, match="names no class in Python"):
+    with pytest.raises(InputError, match="is not a Python class"):
         repeat(run, simulation="gather.py")
     # Servers use it, too.
     assert repeat(run, servers=1).same
@@ -214,7 +214,7 @@ def test_what_a_deleted_copy_was_is_known(run: Run, project: Path, caplog: pytes
     shutil.rmtree(run.path / "code")
     assert repeat(Run.open(run.path)).same
     assert (
-        "holds no copy of its simulation's code any more, which has not changed; gather.py:Gather is"
+        "has no copy of its simulation's code, which has not changed; using the present gather.py:Gather"
         in caplog.text
     )
     longer = resume(run.path, generations=4)
@@ -240,7 +240,7 @@ def test_a_copy_is_never_edited(run: Run, project: Path) -> None:
         repeat(run)
     assert repeat(run, simulation="gone.py:Gather").same
     edit(run.path / "code/1/manifest.json", "helper.py", "helpers.py")
-    with pytest.raises(InputError, match="code/1: was changed, but copies"):
+    with pytest.raises(InputError, match="code/1: the run's copy of the code was changed"):
         repeat(run)
     assert repeat(run, simulation="gone.py:Gather").same
 
@@ -273,7 +273,7 @@ def test_a_deleted_run_leaves_what_is_not_its_own(run: Run) -> None:
 @pytest.mark.slow
 def test_code_that_does_not_fit_the_run_is_not_accepted(run: Run, project: Path) -> None:
     edit(project / "gather.py", '"gather", 2, 2', '"gather", 3, 2  # more')
-    with pytest.raises(InputError, match=r"has 3 sensors, but the run's controllers are made for 2"):
+    with pytest.raises(InputError, match=r"has 3 sensors, but the run's controllers need 2"):
         resume(run, generations=5, accept_changed_code=True)
 
 
@@ -313,10 +313,10 @@ def test_a_run_without_a_copy_of_its_code_is_read_and_resumed(
     folder = without_copy(run, project)
     assert repeat(Run.open(folder)).same
     assert caplog.messages == [
-        f"{folder}: holds no copy of its simulation's code; gather.py:Gather is used as it is now"
+        f"{folder}: has no copy of its simulation's code; using the present gather.py:Gather"
     ]
     longer = resume(folder, generations=5)
-    assert "it is not known whether that has changed since the run was begun" in caplog.messages[-1]
+    assert "changes since its start cannot be detected" in caplog.messages[-1]
     assert [one.code for one in longer.sessions] == [None, 1]
     assert (folder / COPY / "helper.py").exists()
     edit(project / "gather.py", *FACTOR)
@@ -430,5 +430,5 @@ def test_a_plug_in_that_was_edited(installed: bool, project: Path, monkeypatch: 
         patch.setattr(logging.getLogger("swarmwright"), "warning", lambda _, text: warned.append(text))
         assert repeat(run).same
     assert warned == [
-        "run: ranking coded: site/coded_ranking.py was edited since; the current version is used"
+        "run: ranking coded: site/coded_ranking.py was edited since; using the present version"
     ] or (not installed and "source/coded_ranking.py was edited since" in warned[0])
