@@ -7,7 +7,6 @@ The words behind the language of a fenced block, which are not displayed, say ho
 - `bash`: run to its end, exit status 0; `bash environment`: its exports hold for the rest of the page;
 - `bash background ready="text"`: left running until the page's end; the next block waits for that text;
 - `bash shown`: not run, since it installs something;
-- `bash ros1`: run where ROS 1 is, by `make test-ros1`;
 - `bash make`: targets of the Makefile, checked to be there without being made, for they run these tests;
 - `python`: run as a script; any language with `file=NAME`: written to that file;
 - `text output`: what the `bash` or `python` block before it has said; `...` stands for anything.
@@ -271,7 +270,7 @@ def _bash(
     block: Block, text: str, stack: ExitStack, folder: Path, environment: dict[str, str], where: str
 ) -> str:
     """Run a block as its directives say; what it said."""
-    if "shown" in block.directives or ("ros1" in block.directives and not os.environ.get("SWARMWRIGHT_ROS1")):
+    if "shown" in block.directives:
         return ""
     if "make" in block.directives:
         for line in text.splitlines():
