@@ -82,7 +82,9 @@ class ControllerComparison(ComparedByValue):
     @cached_property
     def differences(self) -> Values:
         """(episodes,) fitness of the first minus the second; NaN where a failed episode does not count."""
-        values = [contender.ranking.counted(contender.episodes) for contender in (self.first, self.second)]
+        values = [
+            contender.ranking.replace_failures(contender.episodes) for contender in (self.first, self.second)
+        ]
         with np.errstate(invalid="ignore"):  # NaN and infinities where an episode failed
             found = values[0] - values[1]
         return np.where(np.isfinite(values[0]) & np.isfinite(values[1]), found, np.nan)

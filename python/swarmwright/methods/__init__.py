@@ -1,6 +1,6 @@
-"""Optimization methods: which candidates are evaluated next.
+"""Optimization methods, which propose candidates for evaluation.
 
-`METHODS.names()` lists the kinds that an experiment's `method` may have, those of plug-ins included;
+`METHODS.names()` lists the kinds of an experiment's `method`, including plug-ins;
 `METHODS.get("cma_es")` is the class of one, and its `options_model` has its options with their defaults.
 An experiment makes its method by `Experiment.new_method()`, which your own loop can ask and tell. A custom
 method is a class derived from `Method`: docs/how-to/plug-ins.md.

@@ -1,4 +1,4 @@
-"""What every method does."""
+"""The base class of methods."""
 
 from abc import ABC, abstractmethod
 from collections import deque
@@ -23,11 +23,11 @@ from swarmwright.controllers import Representation
 
 
 class SteadyState(ABC):
-    """The half of a method that works in steady state: `ask_next` and `tell_next`.
+    """The steady-state interface of a method: `ask_next` and `tell_next`.
 
-    Candidate n is made when the results of candidates 0 to n - in_flight have been told, in order of their
-    index, and of no later one. So it depends on `in_flight`, and not on how many servers there are, how fast
-    they answer or when candidates are asked for. The caller keeps results that arrive earlier.
+    Candidate n is created after the results of candidates 0 to n - in_flight, told in order of index, and
+    before any later result. It therefore depends on `in_flight`, but not on the number or speed of servers.
+    The caller holds back results that arrive early.
     """
 
     options: "MethodOptions"
@@ -42,54 +42,54 @@ class SteadyState(ABC):
     """Whether the method can work candidate by candidate."""
 
     def _begin_steady_state(self) -> None:
-        self._made = 0
-        """Candidates made so far, of which `_handed_out` have been asked for."""
+        self._created = 0
+        """Candidates created so far, of which `_handed_out` were returned by `ask_next`."""
         self._handed_out = 0
-        self._untold: deque[Genome] = deque()
+        self._pending: deque[Genome] = deque()
 
     @property
     def generation_size(self) -> int:
-        """So many evaluations in a row make a generation of the record."""
+        """Number of consecutive evaluations that form a generation of the record."""
         raise NotImplementedError
 
     @property
     def can_ask(self) -> bool:
-        """Whether `ask_next` has a candidate now; if not, `tell_next` or `done` comes first."""
+        """Whether `ask_next` can return a candidate now; otherwise call `tell_next`, or stop if `done`."""
         last = min(self.evaluations + self.options.in_flight, self._last)
         return not self.done and self._handed_out < last
 
     def ask_next(self) -> tuple[int, Genome]:
-        """Return the next candidate that needs evaluation: its index, from 0, and its genome (genome_size,).
+        """Return the index, from 0, and the genome, (genome_size,), of the next candidate to evaluate.
 
-        Raises InputError when as many as `in_flight` are without fitness, when there are no more candidates,
-        or when the method works in generations.
+        Raises InputError if `in_flight` candidates lack fitness, no candidates remain, or the method works in
+        generations.
         """
         self._check_operation("steady_state", "ask and tell")
         self._check_not_done()
         if self._handed_out == self._last:
-            raise InputError("all candidates have been asked for: tell the fitness of the last ones")
+            raise InputError("no candidates remain; tell the fitness of the last ones")
         if not self.can_ask:
             raise InputError(
-                f"{self.options.in_flight} candidate(s) are in flight: "
+                f"{self.options.in_flight} candidate(s) are in flight; "
                 f"tell the fitness of candidate {self.evaluations} before asking again"
             )
         self._make(self._handed_out + 1)
         self._handed_out += 1
-        return self._handed_out - 1, self._untold[self._handed_out - 1 - self.evaluations].copy()
+        return self._handed_out - 1, self._pending[self._handed_out - 1 - self.evaluations].copy()
 
     def tell_next(self, fitness: float) -> None:
-        """Take the fitness of candidate `evaluations`, the lowest one not told yet; NaN = failed.
+        """Accept the fitness of candidate number `evaluations`, the first without fitness; NaN means failed.
 
-        Raises InputError when that candidate has not been asked for.
+        Raises InputError if no candidate is waiting for its fitness.
         """
         self._check_operation("steady_state", "ask and tell")
         self._check_not_done()
         if self.evaluations == self._handed_out:
-            raise InputError("there is nothing to tell: ask for a candidate first")
-        # Make all candidates that must not depend on this result before it is told.
+            raise InputError("no candidate is waiting for its fitness; ask for one first")
+        # Create all candidates that must not depend on this result.
         self._make(min(self.evaluations + self.options.in_flight, self._last))
         value = float(fitness) if isfinite(fitness) else nan
-        self._told(self.evaluations, self._untold.popleft(), value)
+        self._tell_next(self.evaluations, self._pending.popleft(), value)
         self.evaluations += 1
         target = self.options.target
         reached = target is not None and value >= target
@@ -98,31 +98,31 @@ class SteadyState(ABC):
             self.generation = self.evaluations // self.generation_size
 
     def streams_of(self, purpose: str, index: int) -> Streams:
-        """Return the random numbers for a purpose and one candidate.
+        """Return the random streams for a purpose and a candidate.
 
-        They are those of candidate index % generation_size of generation index // generation_size.
+        Candidate `index` has number index % generation_size in generation index // generation_size.
         """
         generation, candidate = divmod(index, self.generation_size)
         return Streams(self.seed, purpose, generation, [candidate])
 
     def initial_of(self, index: int) -> Genome:
-        """Return a random genome for a candidate; see `streams_of`. The first are those to start from."""
+        """Return a random genome for a candidate, see `streams_of`; the first ones come from `start`."""
         if index < len(self.start):
             return np.array(self.start[index])
         genomes = self.representation.initials(self.streams_of("initial", index))
         return np.asarray(genomes[0])
 
-    def _next(self, index: int) -> Genome:
+    def _ask_next(self, index: int) -> Genome:
         """Return the genome of candidate `index`."""
         raise NotImplementedError
 
-    def _told(self, index: int, genome: Genome, fitness: float) -> None:
-        """Take the fitness of candidate `index`; finite or NaN. Called in order of index."""
+    def _tell_next(self, index: int, genome: Genome, fitness: float) -> None:
+        """Accept the fitness of candidate `index`, finite or NaN; called in order of index."""
         raise NotImplementedError
 
     def _check_operation(self, needed: str, instead: str) -> None:
         if self.options.operation != needed:
-            raise InputError(f"the method's operation is {self.options.operation}: use {instead}")
+            raise InputError(f"the method's operation is {self.options.operation}; use {instead}")
 
     def _check_not_done(self) -> None:
         if self.done:
@@ -130,151 +130,144 @@ class SteadyState(ABC):
 
     @cached_property
     def _last(self) -> int:
-        """How many candidates there are in all: whole generations, at least one."""
+        """Total number of candidates, in whole generations, at least one."""
         size, most = self.generation_size, self.options.evaluations
         last = self.options.generations * size
         return last if most is None else min(last, max(most // size, 1) * size)
 
     def _make(self, count: int) -> None:
-        """Make candidates until there are `count`."""
-        while self._made < count:
-            genome = self._next(self._made)
+        """Create candidates up to `count`."""
+        while self._created < count:
+            genome = self._ask_next(self._created)
             if is_plug_in(type(self)):
                 size = (self.representation.genome_size,)
-                genome = numbers(self, "_next", genome, size, "a genome, (genome_size,)")
-            self._untold.append(genome)
-            self._made += 1
+                genome = numbers(self, "_ask_next", genome, size, "a genome, (genome_size,)")
+            self._pending.append(genome)
+            self._created += 1
 
 
 NO_LIMIT = 1_000_000_000
-"""As many generations as there can be."""
+"""Number of generations that stands for no limit."""
 
 
-def by_metric(given: object, what: str, example: str, form: str) -> object:
-    """Return what was given for an option that is a mapping by the names of metrics, see `metrics_option`.
+def check_metric_mapping(value: object, label: str, example: str, form: str) -> object:
+    """Check an option that maps names of metrics to values, see `metrics_option`; return it unchanged.
 
-    Raises ValueError with the right form where it is a name, or a list of names.
+    Raises ValueError with the right form for a name or a list of names.
 
     Args:
-        given: whatever the file says.
-        what: of each metric, in words: "a range".
-        example: a metric's name, where none was given.
-        form: how what is to be said of a metric is written.
+        value: from the file.
+        label: kind of value, such as "a range".
+        example: name of a metric for the message, unless the value has one.
+        form: example of a value.
     """
-    if isinstance(given, list | str):
-        names = [given] if isinstance(given, str) else given
-        name = next((one for one in names if isinstance(one, str) and one), example)
-        raise ValueError(f"must name {what} for each metric, such as {{{name}: {form}}}")
-    return given
+    if isinstance(value, list | str):
+        names = [value] if isinstance(value, str) else value
+        name = next((entry for entry in names if isinstance(entry, str) and entry), example)
+        raise ValueError(f"must map each metric to {label}, such as {{{name}: {form}}}")
+    return value
 
 
 class MethodOptions(Options):
     """Options of every method."""
 
     kind: str = ""
-    """The name of the method; each has its own."""
+    """Name of the method."""
     metrics_option: ClassVar[str | None] = None
-    """The option, a mapping by their names, that says which metrics the method needs; experiments must have
-    it."""
+    """The option that maps names of metrics to values, if the method needs metrics; required in
+    experiments."""
 
     generations: int = Field(default=200, ge=1, le=NO_LIMIT)
-    """Number of generations; in steady state, and with restarts that enlarge the population, at most that
-    many times `population` evaluations. The first of the limits generations, evaluations and seconds ends the
-    run. Default: 200, or no limit where evaluations or seconds are given."""
+    """Number of generations; in steady state and with growing populations, the equivalent number of
+    evaluations. The first limit reached of generations, evaluations and seconds ends the run. Default: 200,
+    or no limit if evaluations or seconds are set."""
     evaluations: int | None = Field(default=None, ge=1, le=10**15)
-    """Candidates that are evaluated at most: the run ends before the first generation with which there would
-    be more. The first generation is evaluated in any case, as a whole. Default: no limit."""
+    """Maximum number of evaluated candidates: the run ends before a generation would exceed it, but evaluates
+    at least one generation. Default: no limit."""
     seconds: float | None = Field(default=None, gt=0, le=3_200_000_000)
-    """How long the run takes at most, all its sessions together: it ends with the generation in which this
-    time is over. How many generations that are depends on the machine; they are the first ones of the run
-    without this limit. Default: no limit."""
+    """Maximum duration of all sessions together; the run ends with the generation in which it is exceeded.
+    Default: no limit."""
     target: float | None = None
-    """Stop as soon as a candidate's fitness is at least this; without it the whole budget is used."""
+    """Fitness at which the run stops. Default: none."""
     operation: Literal["generational", "steady_state"] = "generational"
-    """generational: candidates are asked for and told in whole generations. steady_state: one by one, so that
-    servers do not wait for the slowest candidate of a generation; methods that do not support it reject
-    it."""
+    """generational: whole generations are evaluated. steady_state: candidates one by one, so that servers do
+    not wait for the slowest of a generation; not supported by all methods."""
     in_flight: int = Field(default=16, ge=1, le=1_000_000)
-    """Steady state only: candidates that may be evaluated at the same time. The results of a run depend on
-    it, and not on the number or speed of servers: candidate n is created from the results of candidates 0
-    to n - in_flight alone."""
+    """Steady state only: candidates evaluated at the same time. Results depend on it, but not on the number
+    or speed of servers: candidate n is created from the results of candidates 0 to n - in_flight."""
 
     @model_validator(mode="before")
     @classmethod
-    def _other_budget(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    def _drop_default_limit(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file says
         if isinstance(values, Mapping) and "generations" not in values:
-            others = (values.get("evaluations"), values.get("seconds"))
-            if any(option is not None for option in others):
+            limits = (values.get("evaluations"), values.get("seconds"))
+            if any(option is not None for option in limits):
                 return {**values, "generations": NO_LIMIT}
         return values
 
     @property
     def needed_metrics(self) -> tuple[str, ...]:
-        """Names of the metrics that the method needs beside fitness, see `Method.metrics`. Default: none."""
+        """Names of the metrics that the method needs beside fitness, see `Method.metrics`."""
         return ()
 
     @property
     def generation_limit(self) -> int | None:
-        """How many generations there may be, None for any number."""
+        """Maximum number of generations; None for no limit."""
         return (
             None if self.generations == NO_LIMIT and (self.evaluations or self.seconds) else self.generations
         )
 
 
 class Incumbent(NamedTuple):
-    """The candidate that a method takes for the best."""
+    """The best candidate in the view of a method."""
 
     evaluation: int
-    """Number of its last evaluation in the whole run, from 0."""
+    """Number of its last evaluation in the run, from 0."""
     fitness: float
 
 
 class Method(SteadyState):
-    """Optimization is a conversation: `ask` for genomes, evaluate them in any way, `tell` their fitness.
+    """Base class of methods: `ask` for genomes, evaluate them, `tell` their fitness.
 
-    `ask` and `tell` are templates around `_ask` and `_tell`, which a method implements; they keep count,
-    check shapes and see to it that a method meets each generation once. Fitness may have any sign; more is
-    better; NaN means that the evaluation failed: such a candidate ranks below all others and its number is
-    never computed with. A method draws its random numbers from `stream`, by generation and candidate, never
-    from a shared source, so the same seed gives the same genomes whatever happens in between. Telling a new
-    method what another one with the same options, representation and seed was told brings it to the same
-    state: that is how an interrupted run goes on.
+    `ask` and `tell` are templates around `_ask` and `_tell`, which a method implements; they count
+    evaluations and check shapes. Fitness may have any sign, and higher is better; NaN marks a failed
+    evaluation, which ranks below all others and must not enter computations. A method draws random numbers
+    from `stream`, by generation and candidate, so that the same seed always gives the same genomes. Telling a
+    new method with the same options, representation and seed the same results restores its state, which is
+    how interrupted runs resume.
 
-    A method that can work candidate by candidate sets `steady_state` and implements `_next`, `_told` and
-    `generation_size` as well. With the option `operation: steady_state` the conversation is `ask_next` and
-    `tell_next` instead.
+    A method that supports steady state sets `steady_state` and implements `_ask_next`, `_tell_next` and
+    `generation_size`. With `operation: steady_state`, call `ask_next` and `tell_next`.
 
     Args:
         options: this method's section of the experiment.
-        representation: gives genomes their operators.
+        representation: provides the operators on genomes.
         seed: of the experiment.
 
     Raises:
-        InputError: the method cannot evolve this representation, or not in steady state.
+        InputError: the method does not support this representation or steady state.
     """
 
     kind: ClassVar[str]
     """Name in experiment files."""
     options_model: ClassVar[type[MethodOptions]]
-    """Typed options, with `kind` among them."""
+    """Model of the options, including `kind`."""
     default_options: ClassVar[type[MethodOptions]] = MethodOptions
-    """Those of a class in a file (`my_method.py:Class`) that has no `options_model`."""
+    """Options model of classes in files (`my_method.py:Class`) without an `options_model`."""
     keeps_members: ClassVar[bool] = False
-    """Whether members stay from one generation to the next with the fitness that they have: see `kept`."""
+    """Whether members survive generations with their fitness, see `survivors`."""
     start_as: ClassVar[Literal["members", "center"] | None] = None
-    """How it starts from given controllers, see `start_from`. members: they are among its first candidates,
-    which come from `initials` or `initial_of`. center: its distribution begins at the first one, `start[0]`.
-    None: it cannot."""
+    """How the method starts from given controllers, see `start_from`. members: as first candidates, through
+    `initials` or `initial_of`. center: its distribution is centered at `start[0]`. None: not supported."""
     by_instance: ClassVar[bool] = False
-    """Whether it asks for the same candidates again on one instance after the other, see `instance`. Its
-    record has their mean so far as fitness, and its best candidate is `incumbent`."""
+    """Whether candidates are evaluated repeatedly, on one instance after the other, see `instance`. The
+    record then has their mean so far as fitness, and the best candidate is `incumbent`."""
     spreads_evaluations: ClassVar[bool] = False
-    """Whether what it asks for depends on `evaluations` of the options from the start, so that a run with
-    more of them would be another one."""
+    """Whether all candidates depend on the option `evaluations`, so that a run cannot be prolonged."""
     libraries: ClassVar[tuple[str, ...]] = ()
-    """Packages that the method computes with, besides NumPy; the record of a run names their versions."""
+    """Packages used besides NumPy; a run's record includes their versions."""
     generational_because: ClassVar[str] = "it learns from whole generations"
-    """Why the method cannot work in steady state, when it cannot; the end of a sentence."""
+    """Why the method does not support steady state; the end of a sentence."""
 
     def __init__(self, options: MethodOptions, representation: Representation, *, seed: int) -> None:
         for name, reason in self.problems(options, representation).items():
@@ -286,63 +279,61 @@ class Method(SteadyState):
         self.representation = representation
         self.seed = seed
         self.generation = 0
-        """The generation that `ask` asks for, or has asked for last."""
+        """The current generation."""
         self.evaluations = 0
-        """Candidates told so far."""
+        """Number of evaluated candidates."""
         self.done = False
-        """Whether the budget is used up or the target is reached."""
+        """Whether the budget is used or the target is reached."""
         self.reached = False
         """Whether the target is reached; not in steady state."""
         self.start: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
-        """Genomes to start from, (k, genome_size); none unless `start_from` was called."""
+        """Genomes to start from, (k, genome_size), set by `start_from`."""
         self.metrics: NDArray[np.float64] = np.empty((0, len(options.needed_metrics)))
-        """Metrics of those told last, `needed_metrics` of the options in their order, (n, metrics): means
-        over the episodes of each; NaN where no episode had one."""
-        self._asked: Genomes | None = None
+        """Metrics of the last `tell`, (n, metrics), in the order of the options' `needed_metrics`: means over
+        episodes, NaN without any value."""
+        self._current: Genomes | None = None
         self._begin_steady_state()
 
     def __repr__(self) -> str:
-        """Name the class and how far it got."""
+        """Return the class and the progress."""
         return f"<{type(self).__name__}: generation {self.generation}, {self.evaluations} evaluations>"
 
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:  # noqa: ARG003 - for those that refuse
-        """Return why this method cannot evolve a representation, as the end of a sentence; None if it can."""
+        """Return why this method cannot evolve a representation, as the end of a sentence, or None."""
         return None
 
     @classmethod
     def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
-        """Return which options are invalid for this representation: option -> reason.
+        """Return the options that are invalid for this representation: option -> reason.
 
         Args:
             options: the method's section of the experiment.
-            representation: None when it is not known yet.
+            representation: None if not yet known.
         """
-        found = {}
+        invalid = {}
         if options.operation == "steady_state" and not cls.steady_state:
-            found["operation"] = (
+            invalid["operation"] = (
                 f"{cls.kind} cannot work in steady state: {cls.generational_because}; leave the key out"
             )
         elif options.operation == "steady_state" and options.needed_metrics:
             names = ", ".join(options.needed_metrics)
-            found["operation"] = (
-                f"{cls.kind} cannot work in steady state with metrics ({names}), which are told for whole "
-                "generations only; leave the key out"
+            invalid["operation"] = (
+                f"{cls.kind} cannot work in steady state with metrics ({names}), which exist only for whole "
+                "generations; leave the key out"
             )
         reason = None if representation is None else cls.unsuitable(representation)
         if representation is not None and reason is not None:
-            found["kind"] = f"{cls.kind} cannot evolve {representation.kind}: {reason}"
-        return found
+            invalid["kind"] = f"{cls.kind} cannot evolve {representation.kind}: {reason}"
+        return invalid
 
     @classmethod
     def missing(cls) -> str | None:
-        """Return what to install before the method can be used; None if nothing is missing."""
+        """Return a message about missing packages, or None."""
         missing = [library for library in cls.libraries if find_spec(library) is None]
         if not missing:
             return None
-        return (
-            f"{cls.kind} needs {' and '.join(missing)}, not installed here: pip install {' '.join(missing)}"
-        )
+        return f"{cls.kind} needs {' and '.join(missing)}; run pip install {' '.join(missing)}"
 
     @classmethod
     def first_generation(
@@ -350,11 +341,11 @@ class Method(SteadyState):
         options: MethodOptions,
         representation: Representation | None,  # noqa: ARG003 - for those whose default depends on it
     ) -> int | None:
-        """Return how many candidates the first generation has; None when that is not known.
+        """Return the number of candidates in the first generation; None if unknown.
 
         Args:
             options: the method's section of the experiment.
-            representation: None when it is not known yet.
+            representation: None if not yet known.
         """
         population = getattr(options, "population", None)
         if not isinstance(population, int):
@@ -363,7 +354,7 @@ class Method(SteadyState):
 
     @classmethod
     def no_start(cls, options: MethodOptions, count: int) -> str | None:
-        """Return why this method cannot start from so many given controllers; None if it can.
+        """Return why this method cannot start from `count` given controllers, or None.
 
         Args:
             options: of the method.
@@ -371,7 +362,7 @@ class Method(SteadyState):
         """
         if cls.start_as is None:
             return (
-                f"{cls.kind} cannot start from given controllers; leave the key out, or take another method"
+                f"{cls.kind} cannot start from given controllers; leave the key out or choose another method"
             )
         if cls.start_as == "center" and count > 1:
             return f"{cls.kind} starts from one controller, the center of its first sample, not from {count}"
@@ -379,21 +370,21 @@ class Method(SteadyState):
 
     @classmethod
     def surplus(cls, options: MethodOptions, count: int) -> str | None:
-        """Return why the first generation has no place for so many given controllers; None if it has.
+        """Return why the first generation is too small for `count` given controllers, or None.
 
         Args:
             options: of the method.
             count: given controllers, at least 1.
         """
-        places = cls.first_generation(options, None)
-        if places is not None and count > places:
-            return f"{count} controllers are more than the {places} of the first generation"
+        size = cls.first_generation(options, None)
+        if size is not None and count > size:
+            return f"{count} controllers exceed the {size} candidates of the first generation"
         return None
 
     def start_from(self, genomes: Genomes) -> None:
-        """Start from these genomes, (k, genome_size), k >= 1; called before anything is asked for.
+        """Start from these genomes, (k, genome_size), k >= 1; call it before the first `ask`.
 
-        Raises InputError when the method cannot.
+        Raises InputError if the method does not support it.
         """
         problem = self.no_start(self.options, len(genomes))
         if problem is not None:
@@ -403,130 +394,127 @@ class Method(SteadyState):
     def ask(self) -> Genomes:
         """Return the genomes of this generation that need evaluation: float32, (n, genome_size), n >= 1.
 
-        Raises InputError when the fitness of the last ones has not been told, when the method is done, or
-        when it works in steady state.
+        Raises InputError if the last fitness was not told, the method is done, or it works in steady state.
         """
         self._check_operation("generational", "ask_next and tell_next")
-        if self._asked is not None:
-            raise InputError(
-                "the fitness of the genomes asked for last is missing: tell it before asking again"
-            )
+        if self._current is not None:
+            raise InputError("the fitness of the last genomes is missing; tell it before asking again")
         self._check_not_done()
-        self._asked = self._ask()
+        self._current = self._ask()
         if is_plug_in(type(self)):
             shape = None, self.representation.genome_size
-            self._asked = numbers(self, "_ask", self._asked, shape, "genomes, (candidates, genome_size)")
-        return self._asked if self._forgets_asked else self._asked.copy()
+            self._current = numbers(self, "_ask", self._current, shape, "genomes, (candidates, genome_size)")
+        return self._current if self._ignores_genomes else self._current.copy()
 
     @property
-    def _forgets_asked(self) -> bool:
-        """Whether `_tell` does not use the genomes, so that the caller may have them."""
+    def _ignores_genomes(self) -> bool:
+        """Whether `_tell` ignores the genomes, so that the caller may own them."""
         return False
 
     @property
     def sample(self) -> _engine.Sample | None:
-        """What all genomes asked for last were made from, where servers can make them from it, too."""
+        """Source of the last genomes, if servers can expand it; otherwise None."""
         return None
 
     @property
     def instance(self) -> int:
-        """Number, from 0, of the seeds for those asked for, where generations have new ones.
+        """Number, from 0, that selects the seeds of the current candidates when generations have new seeds.
 
-        Default: the generation. With `by_instance` the seeds are new in any case.
+        Default: the generation. With `by_instance` the seeds are always new.
         """
         return self.generation
 
     @property
     def contenders(self) -> int:
-        """With `by_instance`: candidates that may be the best one, among them those asked for."""
+        """With `by_instance`: number of candidates that may still be the best."""
         return 0
 
     @property
-    def told_means(self) -> Fitness:
-        """With `by_instance`: mean fitness on all instances so far of those told last, in their order."""
+    def instance_means(self) -> Fitness:
+        """With `by_instance`: mean fitness over all instances so far of the candidates of the last `tell`."""
         raise NotImplementedError
 
     @property
     def incumbent(self) -> Incumbent | None:
-        """With `by_instance`: the best candidate after the last `tell`; None when all have failed."""
+        """With `by_instance`: the best candidate after the last `tell`; None if all failed."""
         raise NotImplementedError
 
-    def kept(self) -> Genomes:
-        """Return the members that stay, (k, genome_size), after `ask`; none with most methods.
+    def survivors(self) -> Genomes:
+        """Return the surviving members, (k, genome_size), after `ask`; most methods have none.
 
-        Where evaluations are noisy, a member with a lucky evaluation would stay permanently: these can be
-        evaluated again along with those asked for, and `tell` takes what came out.
+        With noisy evaluations, survivors can be evaluated again with the new candidates, so that a lucky
+        evaluation does not keep a member forever; pass their new fitness to `tell`.
         """
         return np.empty((0, self.representation.genome_size), dtype=np.float32)
 
     def tell(
         self,
         fitness: ArrayLike,
-        kept: ArrayLike | None = None,
+        survivors: ArrayLike | None = None,
         metrics: ArrayLike | None = None,
     ) -> None:
-        """Take the fitness of the genomes asked for last: numbers, (n,), in their order; NaN = failed.
+        """Accept the fitness of the last genomes, (n,), in their order; NaN means failed.
 
         Args:
-            fitness: of each.
-            kept: new fitness of the members that `kept` returned, (k,), if they were evaluated again.
-            metrics: (n, metrics), where `needed_metrics` of the options names any.
+            fitness: of each genome.
+            survivors: new fitness of the survivors, (k,), if they were evaluated again.
+            metrics: (n, metrics), if the options have `needed_metrics`.
 
-        Raises InputError when nothing was asked for, or the number of values is another.
+        Raises InputError without a preceding `ask`, or for a wrong number of values.
         """
         self._check_operation("generational", "ask_next and tell_next")
-        if self._asked is None:
-            raise InputError("there is nothing to tell: ask for genomes first")
-        values = _checked(fitness, len(self._asked), "asked were")
-        self._take(metrics, len(values))
-        if kept is not None:
-            self._rescore(_checked(kept, len(self.kept()), "kept are"))
-        self._tell(self._asked, values)
-        self.passed(values)
+        if self._current is None:
+            raise InputError("no genomes are waiting for their fitness; ask for them first")
+        values = _check_fitness(fitness, len(self._current), "last")
+        self._store_metrics(metrics, len(values))
+        if survivors is not None:
+            self._rescore(_check_fitness(survivors, len(self.survivors()), "surviving"))
+        self._tell(self._current, values)
+        self.count_generation(values)
 
-    def _take(self, metrics: ArrayLike | None, count: int) -> None:
-        """Keep the metrics of what is told. Raises InputError when they are missing."""
+    def _store_metrics(self, metrics: ArrayLike | None, count: int) -> None:
+        """Store the metrics. Raises InputError if they are missing."""
         needed = self.options.needed_metrics
         if not needed:
             return
         if metrics is None:
             names = ", ".join(needed)
             raise InputError(f"{self.kind} needs metrics: tell(fitness, metrics=...), with columns {names}")
-        values = _numbers("metrics", metrics)
+        values = _parse_numbers("metrics", metrics)
         if values.shape != (count, len(needed)):
-            raise InputError(f"metrics has the shape {values.shape}; expected {(count, len(needed))}")
+            raise InputError(f"metrics: shape is {values.shape}; expected {(count, len(needed))}")
         self.metrics = values
 
-    def passed(self, values: Fitness) -> None:
-        """Count a generation whose fitness, (n,), it has been told, be it by `tell` or within the engine."""
-        self._asked = None
+    def count_generation(self, values: Fitness) -> None:
+        """Count a generation with the fitness `values`, (n,), told by `tell` or within the engine."""
+        self._current = None
         self.evaluations += len(values)
         target = self.options.target
         self.reached = target is not None and self._reaches(values, target)
-        self.done = self.reached or self._exhausted()
+        self.done = self.reached or self._is_exhausted()
         if not self.done:
             self.generation += 1
 
     def _reaches(self, values: Fitness, target: float) -> bool:
-        """Return whether the target is reached with the fitness told last."""
+        """Return whether this fitness reaches the target."""
         return bool((values >= target).any())
 
     def _rescore(self, fitness: Fitness) -> None:
-        """Take new fitness of the members that stay; finite or NaN. Methods that keep members have it."""
+        """Accept new fitness of the survivors, finite or NaN; for methods with `keeps_members`."""
         raise NotImplementedError(f"{self.kind} keeps no members")
 
     def stream(self, purpose: str, candidate: int = 0) -> Stream:
-        """Return the random numbers for a purpose and candidate of this generation."""
+        """Return the random stream for a purpose and a candidate of this generation."""
         return Stream(self.seed, purpose, self.generation, candidate)
 
     def streams(self, purpose: str, candidates: Sequence[int] | NDArray[np.int64]) -> Streams:
-        """Return the random numbers for a purpose and several candidates of this generation."""
+        """Return the random streams for a purpose and several candidates of this generation."""
         return Streams(self.seed, purpose, self.generation, candidates)
 
     def initials(self, candidates: Sequence[int]) -> Genomes:
-        """Return random genomes to start from; the same for every method, by generation and candidate.
+        """Return random initial genomes, the same for every method, by generation and candidate.
 
-        In the first generation those of `start` have the first places.
+        In the first generation, genomes of `start` come first.
         """
         genomes = self.representation.initials(self.streams("initial", candidates))
         if self.generation == 0 and len(self.start):
@@ -538,23 +526,20 @@ class Method(SteadyState):
     @property
     @abstractmethod
     def budget(self) -> int:
-        """Number of evaluations of the whole run, when nothing fails and no target stops it.
-
-        Where it depends on the fitness, the most that can be expected.
-        """
+        """Number of evaluations of a run without failures and target, or an upper bound."""
 
     @property
     def evaluation_limit(self) -> int | None:
-        """How many candidates a run evaluates at most; it ends before a generation that does not fit.
+        """Maximum number of evaluated candidates; the run ends before a generation that would exceed it.
 
-        None where only generations, all of one size, are counted, or time.
+        None if only generations of a fixed size, or time, are limited.
         """
         return self.options.evaluations
 
     @property
     @abstractmethod
     def population_fitness(self) -> Fitness:
-        """Fitness of the population after the last `tell`: what the figures of a generation describe."""
+        """Fitness of the population after the last `tell`, for the statistics of a generation."""
 
     @abstractmethod
     def _ask(self) -> Genomes:
@@ -562,17 +547,17 @@ class Method(SteadyState):
 
     @abstractmethod
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
-        """Take their fitness; finite or NaN."""
+        """Accept the fitness of `genomes`, finite or NaN."""
 
-    def _exhausted(self) -> bool:
-        """Return whether the generation told last was the last one."""
+    def _is_exhausted(self) -> bool:
+        """Return whether the current generation is the last one."""
         return self.generation + 1 >= self.options.generations
 
 
-def _numbers(name: str, given: ArrayLike) -> NDArray[np.float64]:
-    """Return what was told as binary64. Raises InputError for what holds no numbers."""
+def _parse_numbers(name: str, data: ArrayLike) -> NDArray[np.float64]:
+    """Convert values to binary64. Raises InputError if they are not numbers."""
     try:
-        values = np.asarray(given)
+        values = np.asarray(data)
         if values.dtype.kind in "biufO":  # None is NaN, as in tables
             return values.astype(np.float64)
     except (TypeError, ValueError) as error:
@@ -580,8 +565,8 @@ def _numbers(name: str, given: ArrayLike) -> NDArray[np.float64]:
     raise InputError(f"{name}: must be an array of numbers, not of the type {values.dtype}")
 
 
-def _checked(fitness: ArrayLike, count: int, which: str) -> Fitness:
-    values = _numbers("fitness", fitness)
+def _check_fitness(fitness: ArrayLike, count: int, label: str) -> Fitness:
+    values = _parse_numbers("fitness", fitness)
     if values.shape != (count,):
-        raise InputError(f"fitness has the shape {values.shape}; {which} {count} genomes")
+        raise InputError(f"fitness: shape is {values.shape}; expected ({count},), for the {label} genomes")
     return np.where(np.isfinite(values), values, np.nan)

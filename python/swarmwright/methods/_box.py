@@ -1,4 +1,4 @@
-"""Methods that search a box with members which stay until something better replaces them."""
+"""Methods that search a box with members that survive until a better candidate replaces them."""
 
 import numpy as np
 from pydantic import Field
@@ -6,7 +6,7 @@ from pydantic import Field
 from swarmwright.common.arrays import Genomes, Limits
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import MethodOptions
-from swarmwright.methods._numbers import center_and_reach, discrete, limits
+from swarmwright.methods._numbers import center_and_reach, explain_discrete, limits
 from swarmwright.methods.search import KeepsMembers
 
 
@@ -15,18 +15,17 @@ class BoxOptions(MethodOptions):
 
     population: int
     reach: float = Field(default=5.0, ge=1, le=1e6)
-    """Genes without bounds stay within this many times their initial range around its middle. Where a given
-    controller is outside of that, up to half of the initial range farther."""
+    """Limit of genes without bounds, as a multiple of their initial range around its middle; extended for
+    given controllers outside."""
 
 
 class Box(KeepsMembers):
-    """Members in a box, and as many candidates that compete with them in each generation.
+    """Members in a box, each of which competes with one candidate per generation.
 
-    The box is made of the genes' bounds and, where there are none, of their initial range times `reach`;
-    where a genome to start from is outside of that, the box ends half of the initial range beyond it. The
-    first generation are random genomes of the representation, as with every method here, not points of the
-    whole box. A candidate takes the place of its member when it is better; a failed one is worse than all
-    others.
+    The box consists of the genes' bounds or, without bounds, of their initial range times `reach`, extended
+    to half of the initial range beyond given genomes. The first generation consists of random genomes of the
+    representation, not of points of the whole box. A better candidate replaces its member; failed candidates
+    are worse than all others.
     """
 
     options: BoxOptions
@@ -35,7 +34,7 @@ class Box(KeepsMembers):
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse genes that are not numbers to compute with."""
-        return discrete(representation)
+        return explain_discrete(representation)
 
     @property
     def budget(self) -> int:
@@ -44,15 +43,15 @@ class Box(KeepsMembers):
 
     @property
     def box(self) -> Limits:
-        """Where genes are searched: the lowest and highest value of each."""
+        """The lowest and highest value of each gene."""
         center, reach = center_and_reach(self.representation)
         lower, upper = self.representation.bounds
         least, most = limits(self.representation)
         wide = self.options.reach * reach
         low, high = center - wide, center + wide
         if len(self.start):
-            given = self.start.astype(np.float64)
-            lowest, highest = given.min(axis=0), given.max(axis=0)
+            start = self.start.astype(np.float64)
+            lowest, highest = start.min(axis=0), start.max(axis=0)
             low = np.where(lowest < low, lowest - reach, low)
             high = np.where(highest > high, highest + reach, high)
         return (

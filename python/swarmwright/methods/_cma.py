@@ -1,4 +1,4 @@
-"""CMA-ES: what its two variants share."""
+"""The common base of both variants of CMA-ES."""
 
 from typing import ClassVar, Literal
 
@@ -11,7 +11,7 @@ from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import logarithm
-from swarmwright.methods._numbers import center_and_reach, discrete
+from swarmwright.methods._numbers import center_and_reach, explain_discrete
 from swarmwright.methods.search import SearchMethod
 
 
@@ -23,21 +23,19 @@ class CmaOptions(MethodOptions):
     step: float = Field(default=0.3, gt=0, le=1000)
     """Initial standard deviation, as a share of half the initial range of a gene."""
     restart: Literal["none", "ipop", "bipop"] = "ipop"
-    """What happens when a stopping criterion of the page on methods is met. none: samples of the same
-    distribution until the budget is used. ipop: a new start from a random genome with twice the population.
-    bipop: starts with ever larger populations, as with ipop, and starts with small populations and steps take
-    turns; both kinds get as many evaluations."""
+    """Reaction to a stopping criterion. none: continue with the same distribution. ipop: restart from a
+    random genome with twice the population. bipop: alternate between ipop's restarts and restarts with small
+    populations and steps, with equal evaluations."""
 
 
 class Cma(SearchMethod):
-    """The distribution of a normal sample follows the best half of each generation.
+    """A normal distribution that follows the best half of each generation.
 
-    It learns from the points that it drew, not from their rounding to binary32:
-    rounding is part of the function. Failed candidates are worse than all others; a generation that failed
-    as a whole teaches nothing, and another sample of the same distribution follows.
+    It learns from the drawn points, not from their rounding to binary32. Failed candidates are worse than all
+    others; after a generation that failed completely, the distribution is sampled again.
 
-    A run has at most `generations` x `population` evaluations: starts with larger populations use up the
-    budget in fewer generations. `done` is true from the generation on in which they are reached.
+    A run has at most `generations` x `population` evaluations, which larger populations use up in fewer
+    generations.
     """
 
     options: CmaOptions
@@ -63,8 +61,8 @@ class Cma(SearchMethod):
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse genes that are not numbers to compute with, and a single one."""
         if representation.genome_size < 2:
-            return "there is a single gene, too few to learn how genes change; take de, pso or nnga"
-        return discrete(representation)
+            return "it has a single gene, too few to learn a covariance; use de, pso or nnga"
+        return explain_discrete(representation)
 
     @property
     def budget(self) -> int:
@@ -80,15 +78,15 @@ class Cma(SearchMethod):
 
     @property
     def starts(self) -> int:
-        """How often the search has begun, the first time included."""
+        """Number of starts, including the first."""
         return int(self._state("starts")[0])
 
     @property
     def stopped(self) -> list[str]:
-        """By which criterion each start has ended."""
+        """Stopping criterion of each ended start."""
         return self.search.stopped
 
-    def _exhausted(self) -> bool:
+    def _is_exhausted(self) -> bool:
         return self.evaluations >= self.budget
 
     def _begin(self) -> _engine.Search:

@@ -1,18 +1,18 @@
-"""What methods share that draw each generation from a normal distribution, learned by themselves."""
+"""The common base of methods that sample from a learned normal distribution."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.controllers import Representation
-from swarmwright.methods._numbers import center_and_reach, discrete, limits
+from swarmwright.methods._numbers import center_and_reach, explain_discrete, limits
 from swarmwright.methods.search import SearchMethod
 
 Numbers = NDArray[np.float64]
 
 
 class Gaussian(SearchMethod):
-    """A distribution around a center, in units in which the initial range of each gene is -1 to 1.
+    """A distribution around a center, in units where the initial range of each gene is -1 to 1.
 
     It starts from the middle of the initial range, as evosax does, or from a given genome.
     """
@@ -24,7 +24,7 @@ class Gaussian(SearchMethod):
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse genes that are not numbers to compute with."""
-        return discrete(representation)
+        return explain_discrete(representation)
 
     @property
     def budget(self) -> int:
@@ -33,7 +33,7 @@ class Gaussian(SearchMethod):
 
     @property
     def center(self) -> Numbers:
-        """Where the samples are around, as genes: (genome_size,)."""
+        """Center of the samples, as genes: (genome_size,)."""
         return self._state("center")
 
     @property
@@ -42,13 +42,13 @@ class Gaussian(SearchMethod):
         return (*center_and_reach(self.representation), *limits(self.representation))
 
     @property
-    def _given_center(self) -> Numbers | None:
-        """The center that is given, as genes."""
+    def _start_center(self) -> Numbers | None:
+        """The center of a given genome, or None."""
         return self.start[0].astype(np.float64) if len(self.start) else None
 
 
 class Pairs(Gaussian):
-    """Samples in pairs on opposite sides of the center: candidates 2 i and 2 i + 1. Adam moves the center."""
+    """Pairs of samples on opposite sides of the center, candidates 2 i and 2 i + 1; Adam moves the center."""
 
     generational_because = "the center moves by the ranks within a generation"
 
@@ -57,7 +57,7 @@ class Pairs(Gaussian):
             self.seed,
             self.kind,
             space=self._space,
-            start=self._given_center,
+            start=self._start_center,
             population=self.population,
             noise=noise,
             step=step,

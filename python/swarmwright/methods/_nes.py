@@ -1,4 +1,4 @@
-"""What natural evolution strategies share: samples, weights by rank, and new starts."""
+"""The common base of natural evolution strategies: samples, rank weights and restarts."""
 
 from abc import abstractmethod
 from typing import ClassVar, Literal
@@ -22,27 +22,25 @@ class NesOptions(MethodOptions):
     step: float = Field(default=0.2, gt=0, le=1000)
     """Initial standard deviation, as a share of half the initial range of a gene."""
     rate: float | None = Field(default=None, gt=0, le=1)
-    """How fast standard deviations are learned. Default: the source's, by the number of genes."""
+    """Learning rate of standard deviations. Default: that of the paper, by the number of genes."""
     restart: Literal["none", "same", "ipop"] = "same"
-    """What happens when all standard deviations are below a thousandth of `step`, or the best fitness has
-    been the same in 10 + 30 genes / population generations. none: the search goes on there until the budget
-    is used. same: a new start from a random genome. ipop: such a start with twice the population, which
-    helps where there are many local optima and a budget for it."""
+    """Reaction when all standard deviations fall below a thousandth of `step`, or the best fitness stays the
+    same for 10 + 30 genes / population generations. none: continue. same: restart from a random genome. ipop:
+    restart with twice the population, for many local optima."""
 
 
 class Nes(Gaussian):
     """A normal distribution that follows the natural gradient of the expected fitness.
 
-    A run has at most `generations` x `population` evaluations: starts with larger populations use up the
-    budget in fewer generations. `done` is true from the generation on in which they are reached. Equal
-    fitness has equal weight, so a plateau changes nothing; a generation that failed as a whole does not
-    either.
+    A run has at most `generations` x `population` evaluations, which larger populations use up in fewer
+    generations. Equal fitness has equal weight, so plateaus and generations that failed completely change
+    nothing.
     """
 
     options: NesOptions
     generational_because = "its distribution is learned from the ranks within a generation"
     separable: ClassVar[bool]
-    """Whether only a standard deviation of each gene is learned, and not how genes change together."""
+    """Whether only the standard deviation of each gene is learned, without correlations."""
 
     def __init__(self, options: NesOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
@@ -60,7 +58,7 @@ class Nes(Gaussian):
 
     @property
     def population(self) -> int:  # type: ignore[override] # it grows
-        """Genomes in each generation of the start that is under way."""
+        """Genomes in each generation of the current start."""
         return int(self._state("population")[0])
 
     @property
@@ -78,14 +76,14 @@ class Nes(Gaussian):
     @staticmethod
     @abstractmethod
     def _default_rate(genes: int) -> float:
-        """Return the source's learning rate of the standard deviations."""
+        """Return the paper's learning rate of the standard deviations."""
 
     def _begin(self) -> _engine.Search:
         return _engine.Search.nes(
             self.seed,
             self.kind,
             space=self._space,
-            start=self._given_center,
+            start=self._start_center,
             starts=self._new_start,
             population=self._first_population,
             step=self.options.step,
@@ -102,7 +100,7 @@ class Nes(Gaussian):
             genome = self.representation.initials(Streams(self.seed, "initial", generation, [0]))[0]
         return genome.astype(np.float64)
 
-    def _exhausted(self) -> bool:
+    def _is_exhausted(self) -> bool:
         return self.evaluations >= self._budget
 
 

@@ -1,4 +1,4 @@
-"""What methods share that compute with genes."""
+"""Helpers of methods that compute with genes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,29 +16,29 @@ def limits(representation: Representation) -> tuple[NDArray[np.float64], NDArray
 
 
 def center_and_reach(representation: Representation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the middle of each gene's initial range, and half of its width."""
+    """Return the middle and half of the width of each gene's initial range."""
     lower, upper = representation.initial_range
     return lower / 2 + upper / 2, upper / 2 - lower / 2
 
 
-def discrete(representation: Representation) -> str | None:
-    """Return why methods that add and scale genes refuse a representation; None where it is continuous."""
+def explain_discrete(representation: Representation) -> str | None:
+    """Return why numeric methods refuse a representation; None if it is continuous."""
     if representation.continuous:
         return None
-    whose = "its genes"
+    subject = "its genes"
     if isinstance(representation, Team):
         parts = representation.parts.items()
         groups = [f"{name} ({part.kind})" for name, part in parts if not part.continuous]
-        whose = f"the genes of {', '.join(groups)}"
+        subject = f"the genes of {', '.join(groups)}"
     return (
-        f"{whose} are choices, not numbers to compute with; take nnga, cea2d, racing or random_search, which "
-        "leave variation to the representation"
+        f"{subject} are choices, not numbers; use nnga, cea2d, racing or random_search, which leave "
+        "variation to the representation"
     )
 
 
-def beyond_covariance(representation: Representation, most: int, instead: str) -> str | None:
-    """Return why more than `most` genes are refused, and what to take `instead`; None if they are not."""
+def explain_too_many_genes(representation: Representation, most: int, instead: str) -> str | None:
+    """Return why more than `most` genes are refused and what to use `instead`, or None."""
     genes = representation.genome_size
     if genes <= most:
         return None
-    return f"{genes} genes need a covariance matrix of as many rows and columns; above {most} take {instead}"
+    return f"{genes} genes are too many for a covariance matrix; above {most}, use {instead}"

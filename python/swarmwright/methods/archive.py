@@ -1,4 +1,4 @@
-"""What quality diversity and multi-objective optimization keep: elites of cells, and fronts."""
+"""Archives of elites for quality diversity, and fronts for multi-objective optimization."""
 
 import math
 from collections.abc import Sequence
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from swarmwright.common.arrays import Fitness
 
 Values = NDArray[np.float64]
-"""Of each candidate (a row) several values (columns)."""
+"""(candidates, values)."""
 
 
 _EPSILON = 1e-6
-"""Share of a bin by which values are moved up, since the ends of bins are rounded."""
+"""Share of a bin by which values are moved up, as bin edges are rounded."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A measure by which an archive is divided into cells."""
+    """A measure that divides an archive into bins."""
 
     low: float
     high: float
@@ -28,7 +28,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells of an archive: the range of each measure is divided into bins of the same width."""
+    """Cells of an archive: the range of each measure is divided into equal bins."""
 
     axes: tuple[Axis, ...]
     """The measures, in order; at least one."""
@@ -40,35 +40,35 @@ class Grid:
 
     @property
     def cells(self) -> int:
-        """How many there are."""
+        """Number of cells."""
         return math.prod(self.shape)
 
     def cells_of(self, measures: Values) -> NDArray[np.int64]:
-        """Return the cells of candidates, (n,), from 0; -1 where a measure is not finite.
+        """Return the cells of candidates, (n,), from 0; -1 if a measure is not finite.
 
-        Values beyond the range of a measure belong to its first or last bin. The last measure counts fastest.
-        As in the GridArchive of pyribs, values that rounding puts just below the begin of a bin belong to it.
+        Values beyond the range of a measure belong to its first or last bin. The last measure varies fastest.
+        As in the GridArchive of pyribs, values just below the edge of a bin due to rounding belong to it.
 
         Args:
             measures: (n, measures).
         """
-        known: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(measures), axis=1)
+        finite: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(measures), axis=1)
         bins = np.array(self.shape)
         low = np.array([measure.low for measure in self.axes])
         width = np.array([measure.high - measure.low for measure in self.axes])
-        # pyribs adds 1e-6 in the unit of the measure, which could be many bins of a small range.
+        # pyribs adds 1e-6 in units of the measure, which could be many bins of a small range.
         with np.errstate(over="ignore"):  # far beyond the range
-            above = bins * (np.where(known[:, np.newaxis], measures, low) - low)
-            places = above / width + _EPSILON
-        indices = np.clip(np.floor(places), 0, bins - 1).astype(np.int64)
+            above = bins * (np.where(finite[:, np.newaxis], measures, low) - low)
+            positions = above / width + _EPSILON
+        indices = np.clip(np.floor(positions), 0, bins - 1).astype(np.int64)
         cells = np.zeros(len(measures), dtype=np.int64)
         for axis, size in enumerate(self.shape):
             cells = cells * size + indices[:, axis]
-        return np.where(known, cells, -1)
+        return np.where(finite, cells, -1)
 
 
 class Archive:
-    """The best candidate of each cell, by its number; of equally good ones the earliest stays."""
+    """The best candidate of each cell, by number; the earlier of equal candidates stays."""
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
@@ -77,13 +77,13 @@ class Archive:
         self._count = 0
 
     def __len__(self) -> int:
-        """Return how many cells have an elite."""
+        """Return the number of cells with an elite."""
         return self._count
 
     def add(self, numbers: Sequence[int], fitness: Fitness, measures: Values) -> list[tuple[int, int]]:
-        """Add candidates, one after the other; return (cell, row) of those that are elites afterwards.
+        """Add candidates, one after the other; return (cell, row) of the new elites.
 
-        Those whose fitness or measures are not finite are left out.
+        Candidates without finite fitness and measures are skipped.
 
         Args:
             numbers: of the candidates, n of them.
@@ -106,7 +106,7 @@ class Archive:
 
     @property
     def cells(self) -> NDArray[np.int64]:
-        """Cells that have an elite, in order."""
+        """Cells with an elite, in order."""
         return np.flatnonzero(self._numbers >= 0)
 
     @property
@@ -116,20 +116,20 @@ class Archive:
 
     @property
     def fitness(self) -> Fitness:
-        """Their fitness."""
+        """Fitness of the elites, in the order of `cells`."""
         return self._fitness[self.cells]
 
 
 def dominates(values: Values) -> NDArray[np.bool_]:
-    """Return which rows dominate which, (n, n): as good in every column and better in one; more is better.
+    """Return which rows dominate which, (n, n): as good in every column and better in one; higher is better.
 
-    A row with a value that is not finite dominates nothing, and is dominated by all that are finite.
+    Rows with values that are not finite dominate nothing and are dominated by all finite rows.
     """
     finite: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(values), axis=1)
-    known = np.where(finite[:, np.newaxis], values, 0.0)
+    filled = np.where(finite[:, np.newaxis], values, 0.0)
     at_least = np.ones((len(values), len(values)), dtype=bool)
     better = np.zeros_like(at_least)
-    for column in known.T:
+    for column in filled.T:
         at_least &= column[:, np.newaxis] >= column
         better |= column[:, np.newaxis] > column
     both = finite[:, np.newaxis] & finite
@@ -137,13 +137,13 @@ def dominates(values: Values) -> NDArray[np.bool_]:
 
 
 def front_with(front: Values, values: Values) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which rows of a front stay when others come, and which of those belong to it, both (n,).
+    """Merge rows into a front; return which rows of the front stay, and which new rows join, both (n,).
 
-    Rows that equal an earlier one, or one of the front, do not.
+    New rows that equal an earlier row or one of the front do not join.
 
     Args:
         front: rows that do not dominate each other, finite.
-        values: the others, finite.
+        values: new rows, finite.
     """
     _, first = np.unique(values, axis=0, return_index=True)
     joins = np.zeros(len(values), dtype=bool)
@@ -159,23 +159,23 @@ def front_with(front: Values, values: Values) -> tuple[NDArray[np.bool_], NDArra
 
 
 def ranks(values: Values, last: int | None = None) -> NDArray[np.int64]:
-    """Return the front of each row, (n,): 0 for those that no row dominates, then 1, and so on.
+    """Return the number of the front of each row, (n,): 0 for non-dominated rows, then 1, and so on.
 
-    last: number of the last front that is looked for; the rows behind it have -1. Default: all.
+    last: last front to compute; later rows get -1. Default: all.
 
     Source: the non-dominated sorting of Deb, Pratap, Agarwal and Meyarivan, "A fast and elitist
     multiobjective genetic algorithm: NSGA-II", IEEE Transactions on Evolutionary Computation 6(2), 2002.
     """
     relation = dominates(values)
-    left = relation.sum(axis=0)
-    found = np.full(len(values), -1, dtype=np.int64)
+    dominators = relation.sum(axis=0)
+    fronts = np.full(len(values), -1, dtype=np.int64)
     front = 0
-    while (found < 0).any() and (last is None or front <= last):
-        now = (left == 0) & (found < 0)
-        found[now] = front
-        left = left - relation[now].sum(axis=0)
+    while (fronts < 0).any() and (last is None or front <= last):
+        now = (dominators == 0) & (fronts < 0)
+        fronts[now] = front
+        dominators = dominators - relation[now].sum(axis=0)
         front += 1
-    return found
+    return fronts
 
 
 def crowding(values: Values) -> Values:
@@ -184,13 +184,13 @@ def crowding(values: Values) -> Values:
     Source: as `ranks`.
     """
     count = len(values)
-    found = np.zeros(count)
+    distances = np.zeros(count)
     for column in values.T:
         order = np.argsort(column, kind="stable")
         ordered = column[order]
-        found[order[[0, -1]]] = np.inf
+        distances[order[[0, -1]]] = np.inf
         # Halves, so that the difference of two huge values is finite.
         width = ordered[-1] / 2 - ordered[0] / 2
         if count > 2 and width > 0:
-            found[order[1:-1]] += (ordered[2:] / 2 - ordered[:-2] / 2) / width
-    return found
+            distances[order[1:-1]] += (ordered[2:] / 2 - ordered[:-2] / 2) / width
+    return distances

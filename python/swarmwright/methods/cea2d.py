@@ -17,10 +17,7 @@ from swarmwright.methods._base import Method, MethodOptions
 
 
 class Cea2dOptions(MethodOptions):
-    """FREVO's CEA2D with its defaults: members on a torus meet only their neighbours.
-
-    The four shares add up to 1.
-    """
+    """FREVO's CEA2D: members on a torus interact only with their neighbours. The four shares sum to 1."""
 
     kind: Literal["cea2d"] = "cea2d"
     width: int = Field(default=10, ge=2, le=3000)
@@ -28,22 +25,21 @@ class Cea2dOptions(MethodOptions):
     height: int = Field(default=10, ge=2, le=3000)
     """Rows of the torus; width x height is the population."""
     neighbourhood: Literal["grid", "random"] = "grid"
-    """grid: the 8 cells around a cell. random: 8 cells drawn once from all."""
+    """grid: the 8 surrounding cells. random: 8 random cells, drawn once."""
     obstacles: int = Field(default=0, ge=0)
-    """Empty cells, drawn at random; they separate regions."""
+    """Number of random empty cells, which separate regions."""
     elite: float = Field(default=0.11, ge=0, le=1)
-    """Share of a neighbourhood, the cell itself included, that stays: of 9 cells, with the default, the
-    best."""
+    """Share of a neighbourhood, including the cell itself, that survives; by default the best of 9 cells."""
     mutate: float = Field(default=0.59, ge=0, le=1)
     """Share of mutated copies of an elite neighbour."""
     crossover: float = Field(default=0.30, ge=0, le=1)
-    """Share of children of a cell's own member and an elite neighbour."""
+    """Share of children of the cell's member and an elite neighbour."""
     renew: float = Field(default=0.0, ge=0, le=1)
     """Share of new random members."""
     severity: float = Field(default=0.3, ge=0, le=1000)
-    """Size of mutations, as a share of the initial range of weights and biases."""
+    """Size of mutations, relative to the initial range of weights and biases."""
     probability: float = Field(default=1.0, ge=0, le=1)
-    """Probability of a gene to be changed by a mutation."""
+    """Probability that a mutation changes a gene."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -51,9 +47,11 @@ class Cea2dOptions(MethodOptions):
         if abs(total - 1) > 1e-6:
             raise ValueError(f"elite, mutate, crossover and renew must add up to 1, not {total:.6g}")
         if self.elite > 0.9:
-            raise ValueError(f"no new candidate is made: elite must be at most 0.9, not {self.elite:.6g}")
+            raise ValueError(
+                f"elite must be at most 0.9, not {self.elite:.6g}, else no new candidates are created"
+            )
         if self.members < 2:
-            raise ValueError(f"obstacles must leave 2 of {self.width * self.height} cells at least")
+            raise ValueError(f"obstacles must leave at least 2 of {self.width * self.height} cells free")
         return self
 
     @property
@@ -63,20 +61,20 @@ class Cea2dOptions(MethodOptions):
 
 
 class Cea2d(Method):
-    """Each member competes and mates with its neighbours only, so good genes spread slowly.
+    """A cellular algorithm: members compete and mate only with neighbours, so good genes spread slowly.
 
-    A member that is among the best of its neighbourhood stays and keeps its fitness. Every other cell gets a
-    mutated copy of an elite neighbour, or the child of its own member and an elite neighbour, or a random
-    member. All cells change at once, and only new members are evaluated. In steady state cells change one
-    after another, column by column, again and again; cells whose member stays are passed over.
+    A member among the best of its neighbourhood survives with its fitness. Every other cell receives a
+    mutated copy of an elite neighbour, a child of its member and an elite neighbour, or a random member. All
+    cells change at once, and only new members are evaluated. In steady state, cells change one after another,
+    column by column, and cells with surviving members are skipped.
 
-    Source: CEA2D of FREVO (Dittrich, Zhevzhyk; Components/Methods/CEA2D). It differs in four points. Of equal
-    members the one in the later cell is ahead, as in FREVO, but FREVO gets there by adding 1e-6 times the
-    cell's number to the fitness, which reorders members that are closer than that. A torus less than three
-    cells wide counts each neighbour once and no cell as its own neighbour. A member whose evaluation failed
-    is not a parent: in its cell an elite neighbour is mutated where FREVO crosses, and a neighbourhood in
-    which all failed is renewed. And where the whole population is elite, which FREVO then never leaves, one
-    cell is mutated. FREVO's three fixed patterns of obstacles do not exist here.
+    Source: CEA2D of FREVO (Dittrich, Zhevzhyk; Components/Methods/CEA2D), with four differences. Of equal
+    members the one in the later cell ranks first, as in FREVO, which however adds 1e-6 times the cell's
+    number to the fitness and thereby reorders close members. A torus less than three cells wide counts each
+    neighbour once and no cell as its own neighbour. Failed members are not parents: their cell gets a mutated
+    elite neighbour instead of a child, and a neighbourhood in which all failed is renewed. If the whole
+    population is elite, where FREVO gets stuck, one cell is mutated. FREVO's three fixed obstacle patterns do
+    not exist.
     """
 
     kind: ClassVar[str] = "cea2d"
@@ -90,8 +88,8 @@ class Cea2d(Method):
         super().__init__(options, representation, seed=seed)
         self._genomes: Genomes = np.zeros((options.members, representation.genome_size), dtype=np.float32)
         self._fitness: Fitness = np.full(options.members, np.nan)
-        self._cells = np.arange(options.members)  # generational: where the genomes asked for last go
-        self._places: dict[int, int] = {}  # steady state: where candidates in flight go
+        self._cells = np.arange(options.members)  # generational: cells of the last genomes
+        self._target_cells: dict[int, int] = {}  # steady state: cells of candidates in flight
         self._cursor = 0
 
     @classmethod
@@ -103,12 +101,12 @@ class Cea2d(Method):
 
     @classmethod
     def no_start(cls, options: MethodOptions, count: int) -> str | None:  # noqa: ARG003 - any number
-        """Take any number: runs are recorded with more than there are cells. New ones are refused them."""
+        """Accept any number, as recorded runs may have more than cells; new runs are refused them."""
         return None
 
     @property
     def budget(self) -> int:
-        """Evaluations of the whole run at most: members that stay are not evaluated again."""
+        """Upper bound of evaluations, as survivors are not evaluated again."""
         return self.options.members * self.options.generations
 
     @property
@@ -142,15 +140,15 @@ class Cea2d(Method):
         if self.generation == 0:
             return self.initials(range(self.options.members))
         cells = self._torus.changing(self._fitness)
-        # Where the whole population is elite, the worst one goes.
+        # If the whole population is elite, replace the worst member.
         self._cells = cells if len(cells) else np.array([np.argmin(self._fitness)])
         return self._children(self._cells, self.streams)
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         self._genomes[self._cells], self._fitness[self._cells] = genomes, fitness
 
-    def kept(self) -> Genomes:
-        """Return the members that stay in their cells; after `ask`."""
+    def survivors(self) -> Genomes:
+        """Return the members that survive in their cells, after `ask`."""
         return self._genomes[self._staying()]
 
     def _rescore(self, fitness: Fitness) -> None:
@@ -159,28 +157,28 @@ class Cea2d(Method):
     def _staying(self) -> NDArray[np.int64]:
         return np.delete(np.arange(self.options.members), self._cells)
 
-    def _next(self, index: int) -> Genome:
+    def _ask_next(self, index: int) -> Genome:
         members = self.options.members
         if index < members:
-            self._places[index] = index
+            self._target_cells[index] = index
             return self.initial_of(index)
-        found = self._torus.next(self._fitness, self._cursor)
-        cell = self._cursor if found is None else found
+        next_cell = self._torus.next(self._fitness, self._cursor)
+        cell = self._cursor if next_cell is None else next_cell
         self._cursor = (cell + 1) % members
-        self._places[index] = cell
+        self._target_cells[index] = cell
         children = self._children(np.array([cell]), lambda purpose, _: self.streams_of(purpose, index))
         return np.asarray(children[0])
 
-    def _told(self, index: int, genome: Genome, fitness: float) -> None:
-        cell = self._places.pop(index)
+    def _tell_next(self, index: int, genome: Genome, fitness: float) -> None:
+        cell = self._target_cells.pop(index)
         if self._torus.stays(self._fitness, cell) and not fitness > self._fitness[cell]:
-            return  # an earlier candidate for this cell is one of the best meanwhile
+            return  # an earlier candidate for this cell has become elite
         self._genomes[cell], self._fitness[cell] = genome, fitness
 
     def _children(
         self, cells: NDArray[np.int64], streams: Callable[[str, NDArray[np.int64]], Streams]
     ) -> Genomes:
-        """Return the members that come into cells; streams: random numbers by purpose and cells."""
+        """Create new members for cells. streams: random streams by purpose and cells."""
         options, genomes = self.options, self._genomes
         drawn = streams("cea2d.choose", cells).units(2)
         parents, *rows = self._torus.choose(

@@ -9,38 +9,35 @@ from swarmwright.methods._box import Box, BoxOptions
 
 
 class DeOptions(BoxOptions):
-    """Differential evolution, with the defaults of the library `pymoo` but for the population."""
+    """Differential evolution, with pymoo's defaults except for the population."""
 
     kind: Literal["de"] = "de"
     population: int = Field(default=40, ge=5, le=1_000_000)
-    """Members, each of which competes with one trial vector in each generation."""
+    """Members, each of which competes with one trial vector per generation."""
     base: Literal["best", "rand", "target-to-best"] = "best"
-    """What a difference of two other members is added to: the best member or a random one;
-    `target-to-best`: the member itself, to which the difference between the best and another member is
-    added, as in pymoo."""
+    """Base of mutants: the best member, a random one, or (`target-to-best`) the member itself plus the
+    difference between the best and another member, as in pymoo."""
     crossover: Literal["bin", "exp", "hypercube", "line"] = "bin"
-    """How member and mutant are mixed: `bin` gene by gene; `exp`: a run of genes is the mutant's;
-    `hypercube`: each gene lies between the two by a share of its own; `line`: all genes by the same share."""
+    """Mixing of member and mutant. `bin`: gene by gene. `exp`: a run of genes from the mutant. `hypercube`:
+    each gene between the two, by its own share. `line`: all genes by the same share."""
     factor: float = Field(default=0.5, gt=0, le=2)
-    """F: how much of a difference is added."""
+    """F: weight of differences."""
     rate: float = Field(default=0.2, ge=0, le=1)
-    """CR. `bin`: probability that a gene is the mutant's, of which there is at least one; `exp`: probability
-    that the run of the mutant's genes, which has at least one, has one more; `hypercube` and `line`: the
-    largest share of the way from member to mutant, of which a uniform part is taken."""
+    """CR. `bin`: probability of a gene of the mutant (at least one). `exp`: probability that the run of the
+    mutant's genes continues. `hypercube`, `line`: upper limit of the share of the way to the mutant."""
     mutate: float = Field(default=0.1, ge=0, le=1)
-    """Probability of a polynomial mutation after that."""
+    """Probability of a subsequent polynomial mutation."""
 
 
 class De(Box):
-    """Differences between members are steps: they shrink and turn with the population by themselves.
+    """Differential evolution, whose steps are differences between members and adapt with the population.
 
-    Each member meets a challenger, made of a base plus `factor` times a difference of two members, crossed
-    with the member; the better one stays. What leaves the box comes back between the bound and its
-    base, at random.
+    Each member competes with a challenger: a base plus `factor` times a difference of two members, crossed
+    with the member. The better of the two survives. Genes beyond the box are set to a random value between
+    the bound and the base.
 
-    Source: Storn and Price, "Differential evolution", Journal of Global Optimization 11, 1997; the mutation
-    after that as in the library `pymoo` (Blank and Deb, IEEE Access 8, 2020,
-    doi:10.1109/ACCESS.2020.2990567).
+    Source: Storn and Price, "Differential evolution", Journal of Global Optimization 11, 1997; the subsequent
+    mutation as in the library `pymoo` (Blank and Deb, IEEE Access 8, 2020, doi:10.1109/ACCESS.2020.2990567).
     """
 
     kind: ClassVar[str] = "de"

@@ -8,30 +8,30 @@ from pydantic import Field
 from swarmwright import _engine
 from swarmwright.controllers import Representation
 from swarmwright.methods._base import MethodOptions
-from swarmwright.methods._numbers import center_and_reach, discrete, limits
+from swarmwright.methods._numbers import center_and_reach, explain_discrete, limits
 from swarmwright.methods.search import SearchMethod
 
 
 class EvostickOptions(MethodOptions):
-    """EvoStick's algorithm: the best stay, and all others are their mutants."""
+    """EvoStick's algorithm: the best survive, and all others are their mutants."""
 
     kind: Literal["evostick"] = "evostick"
     population: int = Field(default=100, ge=2, le=1_000_000)
-    """Genomes in each generation, those that stay included."""
+    """Genomes in each generation, including survivors."""
     elites: int = Field(default=20, ge=1, le=1_000_000)
-    """How many of the best stay, and have mutants. A larger number than the population means all of it."""
+    """Number of best genomes that survive and have mutants, limited to the population."""
     step: float = Field(default=0.2, gt=0, le=10)
-    """The most by which a mutation moves a gene, as a share of half of its initial range: with genes from -5
-    to 5, 0.2 is at most 1."""
+    """Maximum change of a gene by a mutation, as a share of half of its initial range: 0.2 is 1 for genes
+    from -5 to 5."""
 
 
 class Evostick(SearchMethod):
-    """The best of a generation stay and are evaluated again; all others are mutants of them.
+    """EvoStick's algorithm: the best of a generation survive and are evaluated again; all others are mutants.
 
-    The parent of a mutant is drawn from those that stay. Half of the mutants have each gene moved with
-    probability 0.7, and drawn anew, around the middle of its range, with 0.2. In the others every gene is
-    moved, except in the last fifth of a genome of 10 genes or more, where the probabilities are 0.5 and 0.2.
-    Both are uniform within the step, and genes are cut to their bounds.
+    Parents of mutants are drawn from the survivors. In half of the mutants, each gene is moved with
+    probability 0.7 and drawn anew, around the middle of its range, with probability 0.2. In the others every
+    gene is moved, except in the last fifth of a genome of 10 genes or more, where the probabilities are 0.5
+    and 0.2. Both are uniform within the step, and genes are clipped to their bounds.
 
     Source: Francesca, Brambilla, Brutschy, Trianni and Birattari, "AutoMoDe: a novel approach to the
     automatic design of control software for robot swarms", Swarm Intelligence 8(2), 2014. Its published code
@@ -47,7 +47,7 @@ class Evostick(SearchMethod):
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse genes that are not numbers to compute with."""
-        return discrete(representation)
+        return explain_discrete(representation)
 
     @property
     def budget(self) -> int:

@@ -17,20 +17,20 @@ from swarmwright.controllers.networks import NodeNetwork
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods.search import KeepsMembers
 
-_TRIALS = 100  # crossovers that are tried before a random genome takes the place
+_TRIALS = 100  # crossovers to try before a random genome is used
 
 
 class SteadyMembers:
-    """Members that are replaced one by one.
+    """A population whose members are replaced one by one.
 
     A child is mutated, crossed or random, in the ratio of these three shares. Parents are drawn from all
     members, the k-th best of m (k = 0, 1, ..) with probability proportional to m - k; the father is the one
-    most different from the mother among several drawn. The child takes the place of the worst member, be it
-    better or not, unless its evaluation failed; so the best is never lost.
+    most different from the mother among several draws. Unless its evaluation failed, the child replaces the
+    worst member, whether it is better or not; the best is never lost.
 
     Args:
         options: of the method.
-        representation: gives genomes their operators.
+        representation: provides the operators on genomes.
     """
 
     def __init__(self, options: "NngaOptions", representation: Representation) -> None:
@@ -39,44 +39,44 @@ class SteadyMembers:
         self._genomes: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
         self._values: Fitness = np.full(options.population, np.nan)
         self._ranks = _engine.Ranks(options.population)
-        self._known: Counter[bytes] = Counter()
+        self._counts: Counter[bytes] = Counter()
         self._count = 0
 
     @property
     def fitness(self) -> Fitness:
-        """Fitness of the members there are, NaN of those that failed."""
+        """Fitness of the current members, NaN for failed ones."""
         return self._values[: self._count]
 
-    def join(self, genome: Genome, fitness: float) -> None:
-        """Take in a genome whose fitness is known, NaN if it failed."""
+    def add(self, genome: Genome, fitness: float) -> None:
+        """Add a genome with its fitness, NaN if it failed."""
         if self._count < self._options.population:
             if self._count == 0:
                 self._genomes = np.empty((self._options.population, len(genome)), dtype=np.float32)
-            place = self._count
+            slot = self._count
             self._count += 1
         elif np.isnan(fitness):
             return
         else:
-            place = self._ranks.worst
-            self._forget(self._genomes[place].tobytes())
-        self._genomes[place], self._values[place] = genome, fitness
-        self._known[self._genomes[place].tobytes()] += 1
-        self._ranks.set(place, fitness)
+            slot = self._ranks.worst
+            self._forget(self._genomes[slot].tobytes())
+        self._genomes[slot], self._values[slot] = genome, fitness
+        self._counts[self._genomes[slot].tobytes()] += 1
+        self._ranks.set(slot, fitness)
 
     def _forget(self, member: bytes) -> None:
-        self._known[member] -= 1
-        if not self._known[member]:
-            del self._known[member]
+        self._counts[member] -= 1
+        if not self._counts[member]:
+            del self._counts[member]
 
-    def child(self, streams: Callable[[str], Streams]) -> Genome | None:
-        """Return a new genome; None where a random one is to be taken. streams: one stream by purpose."""
+    def create_child(self, streams: Callable[[str], Streams]) -> Genome | None:
+        """Create a genome; None for a random one. streams: returns the streams of a purpose."""
         options = self._options
         total = options.mutate + options.crossover + options.renew
         share = float(streams("nnga.way").units(1)[0, 0]) * total
         if self._ranks.worked == 0 or share >= options.mutate + options.crossover:
             return None
         if share >= options.mutate:
-            return self._crossed(streams)
+            return self._cross(streams)
         parent = self._ranks.draw(streams("nnga.parent")[0], 1)
         children = self._representation.mutations(
             self._genomes[parent],
@@ -86,33 +86,33 @@ class SteadyMembers:
         )
         return np.asarray(children[0])
 
-    def _crossed(self, streams: Callable[[str], Streams]) -> Genome | None:
-        """Return a child of two that is not a member yet; None when none is found."""
+    def _cross(self, streams: Callable[[str], Streams]) -> Genome | None:
+        """Create a child of two members that is not yet a member; None after too many trials."""
         parents, varying = streams("nnga.parent")[0], streams("nnga.crossover")[0]
         for _ in range(_TRIALS):
-            mother, *others = self._ranks.draw(parents, 1 + self._options.partners)
+            mother, *fathers = self._ranks.draw(parents, 1 + self._options.partners)
             distances = self._representation.distances_among(
-                self._genomes, np.array([mother]), np.array([others])
+                self._genomes, np.array([mother]), np.array([fathers])
             )
-            father = others[int(distances.argmax())]
+            father = fathers[int(distances.argmax())]
             child = self._representation.crossover(self._genomes[mother], self._genomes[father], varying)
-            if child.tobytes() not in self._known:
+            if child.tobytes() not in self._counts:
                 return child
         return None
 
 
 _MOST_MEMBERS = 10_000_000
-"""Of a population."""
+"""Upper limit of members in a population."""
 
 
 @dataclass(frozen=True)
 class Shares:
-    """How many members of the next population come about in each way."""
+    """Numbers of members of the next population by origin."""
 
     elite: int
-    """The best, which stay."""
+    """The best, which survive."""
     random: int
-    """Others that stay, chosen at random."""
+    """Other survivors, chosen at random."""
     mutate: int
     """Mutated copies."""
     crossover: int
@@ -122,45 +122,44 @@ class Shares:
 
     @property
     def survivors(self) -> int:
-        """Members that stay."""
+        """Number of survivors."""
         return self.elite + self.random
 
     @property
     def new(self) -> int:
-        """Members that come new and are evaluated."""
+        """Number of new members, which are evaluated."""
         return self.mutate + self.crossover + self.renew
 
 
 class NngaOptions(MethodOptions):
-    """FREVO's NNGA with its defaults. The five shares of the population add up to 1."""
+    """FREVO's NNGA with its defaults. The five shares of the population sum to 1."""
 
     kind: Literal["nnga"] = "nnga"
     population: int = Field(default=50, ge=2, le=_MOST_MEMBERS)
-    """Members of a population."""
+    """Members of each population."""
     populations: int = Field(default=1, ge=1, le=10_000)
-    """Populations, each with as many members, that evolve side by side."""
+    """Number of populations that evolve in parallel."""
     exchange_interval: int = Field(default=10, ge=0, le=1_000_000_000)
-    """How often populations exchange genes: in the generations 1, 1 + exchange_interval, 1 + 2 *
-    exchange_interval, ..; 0: never."""
+    """Generations between exchanges of genes among populations, beginning with generation 1; 0 for never."""
     exchange: float = Field(default=1.0, ge=0, le=1)
-    """How much they exchange then: the share of crossovers whose father comes from any of the populations,
-    drawn at random, the mother's own among them."""
+    """Share of crossovers in these generations whose father comes from a random population (possibly the
+    same)."""
     elite: float = Field(default=0.15, ge=0, le=1)
-    """Share of best members that stay as they are. What rounding leaves over is elite, too."""
+    """Share of best members that survive, plus the remainder of rounding."""
     random: float = Field(default=0.10, ge=0, le=1)
-    """Share of other members that stay, drawn at random, better-ranked ones more often."""
+    """Share of other survivors, drawn at random by rank."""
     mutate: float = Field(default=0.40, ge=0, le=1)
-    """Share of mutated copies of those that stay."""
+    """Share of mutated copies of survivors."""
     crossover: float = Field(default=0.30, ge=0, le=1)
-    """Share of children of two that stay."""
+    """Share of children of two survivors."""
     renew: float = Field(default=0.05, ge=0, le=1)
     """Share of new random members."""
     severity: float = Field(default=0.3, ge=0, le=1000)
-    """Size of mutations, as a share of the initial range of weights and biases."""
+    """Size of mutations, relative to the initial range of weights and biases."""
     probability: float = Field(default=1.0, ge=0, le=1)
-    """Probability of a gene to be changed by a mutation."""
+    """Probability that a mutation changes a gene."""
     partners: int = Field(default=11, ge=1, le=10_000)
-    """Partners drawn for each crossover; the one most different from the mother is taken."""
+    """Partners drawn per crossover; the one most different from the mother is used."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -168,16 +167,14 @@ class NngaOptions(MethodOptions):
         if abs(total - 1) > 1e-6:
             raise ValueError(f"elite, random, mutate, crossover and renew must add up to 1, not {total:.6g}")
         if self.operation == "steady_state" and self.populations > 1:
-            raise ValueError("in steady state there is one population; leave populations out")
+            raise ValueError("steady state allows only one population; leave populations out")
         shares = self.shares()
         if shares.survivors < 1:
-            raise ValueError(
-                "no candidate survives: elite or random must be a larger share, or the population larger"
-            )
+            raise ValueError("no candidate survives; increase elite, random or the population")
         if shares.new < 1:
             raise ValueError(
-                "no new candidate is made: mutate, crossover or renew must be a larger share, "
-                f"or the population larger than {self.population}"
+                "no new candidates are created; increase mutate, crossover, renew or the population above "
+                f"{self.population}"
             )
         if self.populations * self.population > _MOST_MEMBERS:
             raise ValueError(
@@ -186,8 +183,8 @@ class NngaOptions(MethodOptions):
         return self
 
     def shares(self) -> Shares:
-        """Return whole numbers: each share rounded down, the rest to the elite."""
-        # The tiny summand keeps 0.29 * 100 = 28.999... at 29.
+        """Return the numbers of members: shares rounded down, the remainder to the elite."""
+        # 1e-6 turns 0.29 * 100 = 28.999... into 29.
         random, mutate, crossover, renew = (
             math.floor(self.population * share + 1e-6)
             for share in (self.random, self.mutate, self.crossover, self.renew)
@@ -196,29 +193,28 @@ class NngaOptions(MethodOptions):
 
 
 class Nnga(KeepsMembers):
-    """Survival, mutation, crossover and renewal, in shares of the population.
+    """A genetic algorithm with survival, mutation, crossover and renewal in shares of the population.
 
-    From the ranked population a generation is made so: the elite stays; some others stay, drawn at random;
-    copies of members that stay are mutated; pairs of them are crossed, where the father is the one most
-    different from the mother among several drawn; and some members are renewed at random. Members that stay
-    keep their fitness and are not evaluated again, so with the defaults 37 of 50 are evaluated in each
-    generation after the first. A child that is the same as a member is crossed anew, at most 100 times a
-    generation; then random members take the places left.
+    Each generation, the elite and some random other members survive. Copies of survivors are mutated; pairs
+    of survivors are crossed, where the father is the one most different from the mother among several draws;
+    and some members are renewed at random. Survivors keep their fitness and are not evaluated again, so with
+    the defaults, 37 of 50 members are evaluated in each generation after the first. A child equal to a member
+    is crossed anew, at most 100 times per generation; then random members fill the remaining positions.
 
-    Several populations evolve side by side, each ranked by itself; every now and then a crossover may take
-    its father from another one.
+    Several populations evolve in parallel, each with its own ranking; at intervals, fathers may come from
+    other populations.
 
-    In steady state, which FREVO does not have, there are no survivors: one child after the other takes the
-    place of the worst member, see `SteadyMembers`; the shares elite and random do not count.
+    In steady state, which FREVO lacks, each child replaces the worst member, see `SteadyMembers`; the shares
+    elite and random have no effect.
 
-    Source: NNGA of FREVO (Fehervari, Pfandler; Components/Methods/nnga 1.51). It differs in three points.
-    FREVO draws the random survivors by a folded triangle distribution that it notes itself to be wrong: the
-    worst member can never be drawn, the best remaining one only half as often as meant, and each draw moves
-    another one far down the ranks. Here the intended distribution is used: of m remaining members in ranked
-    order, the k-th from the top (k = 0, 1, ..) is drawn with probability proportional to m - k. Members whose
-    evaluation failed never stay; random members take their places. And FREVO makes one population's children
-    after the other's, so that those made first take fathers from the best of populations that have not chosen
-    yet who stays; here all populations choose first, and fathers are always members that stay.
+    Source: NNGA of FREVO (Fehervari, Pfandler; Components/Methods/nnga 1.51), with three differences. FREVO
+    draws the random survivors by a folded triangle distribution that its own comments call wrong: the worst
+    member is never drawn, the best remaining one half as often as intended, and each draw moves another one
+    far down the ranks. Here the intended distribution is used: of m remaining members in ranked order, the
+    k-th from the top (k = 0, 1, ..) is drawn with probability proportional to m - k. Failed members never
+    survive; random members replace them. FREVO creates the children of one population after the other, so
+    that early ones take fathers from populations without survivor selection; here all populations select
+    first, and fathers are always survivors.
     """
 
     kind: ClassVar[str] = "nnga"
@@ -232,40 +228,42 @@ class Nnga(KeepsMembers):
 
     @property
     def budget(self) -> int:
-        """Number of evaluations of the whole run, when nothing fails."""
-        if self._one_by_one:
+        """Number of evaluations of a run without failures."""
+        if self._is_steady_state:
             return self.options.population * self.options.generations
         new = self.options.population + (self.options.generations - 1) * self.options.shares().new
         return self.options.populations * new
 
     @property
     def population_fitness(self) -> Fitness:
-        """Fitness of all members of all populations, survivors and new ones."""
-        return self._steady.fitness.copy() if self._one_by_one else super().population_fitness
+        """Fitness of all members of all populations."""
+        return self._steady.fitness.copy() if self._is_steady_state else super().population_fitness
 
     @property
     def generation_size(self) -> int:
-        """Members."""
+        """Number of members."""
         return self.options.population
 
     @property
     def ahead(self) -> bool:
-        """Whether the engine may ask and tell the search by itself: it has the operators, too."""
-        return super().ahead and not self._one_by_one and self._native is not None
+        """Whether the engine may run the search by itself, including the operators."""
+        return super().ahead and not self._is_steady_state and self._native is not None
 
-    def kept(self) -> Genomes:
+    def survivors(self) -> Genomes:
         """Return the survivors of all populations."""
         return (
-            np.empty((0, self.representation.genome_size), np.float32) if self._one_by_one else super().kept()
+            np.empty((0, self.representation.genome_size), np.float32)
+            if self._is_steady_state
+            else super().survivors()
         )
 
     @property
-    def _one_by_one(self) -> bool:
+    def _is_steady_state(self) -> bool:
         return self.options.operation == "steady_state"
 
     @property
     def _native(self) -> _engine.NodeNetwork | None:
-        """The representation's operators, where they are the engine's."""
+        """The representation's operators, if the engine implements them."""
         representation = self.representation
         return representation.operators if isinstance(representation, NodeNetwork) else None
 
@@ -286,11 +284,11 @@ class Nnga(KeepsMembers):
             exchange=options.exchange,
         )
 
-    def _next(self, index: int) -> Genome:
+    def _ask_next(self, index: int) -> Genome:
         child = None
         if index >= self.options.population:
-            child = self._steady.child(lambda purpose: self.streams_of(purpose, index))
+            child = self._steady.create_child(lambda purpose: self.streams_of(purpose, index))
         return self.initial_of(index) if child is None else child
 
-    def _told(self, index: int, genome: Genome, fitness: float) -> None:  # noqa: ARG002 - members have no order
-        self._steady.join(genome, fitness)
+    def _tell_next(self, index: int, genome: Genome, fitness: float) -> None:  # noqa: ARG002 - members have no order
+        self._steady.add(genome, fitness)

@@ -1,4 +1,4 @@
-"""NSGA-II: several objectives, and the best trade-offs between them."""
+"""NSGA-II: multi-objective optimization."""
 
 import hashlib
 from typing import ClassVar, Literal
@@ -10,35 +10,34 @@ from pydantic import Field, field_validator
 from swarmwright.common.arrays import Fitness, Genome, Genomes
 from swarmwright.common.random_numbers import Streams
 from swarmwright.controllers import Representation
-from swarmwright.methods._base import Method, MethodOptions, by_metric
+from swarmwright.methods._base import Method, MethodOptions, check_metric_mapping
 from swarmwright.methods.archive import Values, crowding, ranks
 
 _ATTEMPTS = 20
-"""Times that a child is mutated anew while it is not a new one: there may be few genomes, or no mutations."""
+"""Attempts to mutate a child into a new genome; there may be few genomes, or no mutations."""
 
 
 class Nsga2Options(MethodOptions):
-    """Multi-objective: the trade-offs between fitness and further metrics."""
+    """Multi-objective: trade-offs between fitness and further metrics."""
 
     metrics_option = "objectives"
     kind: Literal["nsga2"] = "nsga2"
     population: int = Field(default=100, ge=4, le=4_000)
     """Members, and children in each generation."""
     objectives: dict[str, Literal["maximize", "minimize"]] = Field(default={}, max_length=8)
-    """Metrics that are objectives beside the fitness, which is maximized: `objectives: {energy: minimize}`. A
-    candidate's value is the mean of the metric over its episodes. Required in experiments."""
+    """Metrics to optimize beside the fitness, as means over episodes: `{energy: minimize}`. Required in
+    experiments."""
     crossover: float = Field(default=0.9, ge=0, le=1)
-    """Probability of a child of two members, by the representation's crossover, which is then mutated; the
-    others are mutated copies of one."""
+    """Probability of a child of two members, which is then mutated; other children are mutated copies."""
     severity: float = Field(default=0.2, ge=0, le=1000)
-    """Size of mutations, as a share of the initial range of weights and biases."""
+    """Size of mutations, relative to the initial range of weights and biases."""
     probability: float = Field(default=0.2, ge=0, le=1)
-    """Probability of a gene to be changed by a mutation."""
+    """Probability that a mutation changes a gene."""
 
     @field_validator("objectives", mode="before")
     @classmethod
-    def _directions(cls, given: object) -> object:
-        return by_metric(given, "a direction", "energy", "minimize")
+    def _check_objectives(cls, value: object) -> object:
+        return check_metric_mapping(value, "a direction", "energy", "minimize")
 
     @property
     def needed_metrics(self) -> tuple[str, ...]:
@@ -46,17 +45,17 @@ class Nsga2Options(MethodOptions):
         return tuple(self.objectives)
 
     def values(self, fitness: Fitness, metrics: Values) -> Values:
-        """Return what is maximized, (n, 1 + objectives): fitness (n,), then metrics (n, objectives)."""
+        """Return the values to maximize, (n, 1 + objectives), of fitness (n,) and metrics (n, objectives)."""
         signs = [1.0 if goal == "maximize" else -1.0 for goal in self.objectives.values()]
         return np.column_stack([fitness, metrics * np.array(signs)])
 
 
 class Nsga2(Method):
-    """Members and their children are sorted by fronts of trade-offs, and within one by how isolated they are.
+    """NSGA-II, which sorts members and children by non-dominated fronts, and within a front by isolation.
 
-    Parents win a tournament of two: the one in the better front, or else the more isolated one. Variation is
-    that of the representation; a child that equals a member or another child is mutated anew. The result is
-    the front of all evaluations that no other one dominates: `swarmwright runs elites RUN`.
+    Parents win a tournament of two by front, then by isolation. Variation is that of the representation; a
+    child that equals a member or another child is mutated again. The result is the front of all non-dominated
+    evaluations: `swarmwright runs elites RUN`.
 
     Source: Deb, Pratap, Agarwal and Meyarivan, "A fast and elitist multiobjective genetic algorithm:
     NSGA-II", IEEE Transactions on Evolutionary Computation 6(2), 2002. It varies numbers by simulated binary
@@ -91,7 +90,9 @@ class Nsga2(Method):
         candidates = np.arange(options.population)
         if not len(self._members):
             return self.initials(candidates.tolist())
-        parents = self._tournaments(self.streams("nsga2.choose", candidates).integers(len(self._members), 4))
+        parents = self._run_tournaments(
+            self.streams("nsga2.choose", candidates).integers(len(self._members), 4)
+        )
         children = self._members[parents[:, 0]]
         crossed = np.flatnonzero(self.streams("nsga2.cross", candidates).units(1)[:, 0] < options.crossover)
         if len(crossed):
@@ -100,58 +101,62 @@ class Nsga2(Method):
                 self._members[parents[crossed, 1]],
                 self.streams("nsga2.crossover", crossed),
             )
-        mutants = self._mutants(children, self.streams("nsga2.mutate", candidates))
-        known = {_digest(member) for member in self._members}
+        mutants = self._mutate(children, self.streams("nsga2.mutate", candidates))
+        digests = {_digest(member) for member in self._members}
         rows = candidates
         for attempt in range(_ATTEMPTS):
-            rows = np.array([row for row in rows if not _adds(known, mutants[row])], dtype=np.int64)
+            rows = np.array([row for row in rows if not _add_digest(digests, mutants[row])], dtype=np.int64)
             if not len(rows):
                 break
-            mutants[rows] = self._mutants(children[rows], self.streams(f"nsga2.mutate.{attempt}", rows))
+            mutants[rows] = self._mutate(children[rows], self.streams(f"nsga2.mutate.{attempt}", rows))
         return mutants
 
-    def _mutants(self, genomes: Genomes, streams: Streams) -> Genomes:
+    def _mutate(self, genomes: Genomes, streams: Streams) -> Genomes:
         options = self.options
         return self.representation.mutations(
             genomes, streams, severity=options.severity, probability=options.probability
         )
 
-    def _tournaments(self, drawn: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _run_tournaments(self, drawn: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the winners of pairs: (n, 4) members to (n, 2)."""
-        ones, others = drawn[:, 0::2], drawn[:, 1::2]
-        better = self._ranks[others] < self._ranks[ones]
-        isolated = (self._ranks[others] == self._ranks[ones]) & (
-            self._crowding[others] > self._crowding[ones]
+        first, second = drawn[:, 0::2], drawn[:, 1::2]
+        better = self._ranks[second] < self._ranks[first]
+        isolated = (self._ranks[second] == self._ranks[first]) & (
+            self._crowding[second] > self._crowding[first]
         )
-        return np.where(better | isolated, others, ones)
+        return np.where(better | isolated, second, first)
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         metrics = self.metrics if self.options.objectives else np.empty((len(genomes), 0))
         members = np.concatenate([self._members, genomes])
         values = np.concatenate([self._values, self.options.values(fitness, metrics)])
-        every = np.concatenate([self._fitness, fitness])
+        all_fitness = np.concatenate([self._fitness, fitness])
         fronts = ranks(values)
-        kept: list[int] = []
+        selected: list[int] = []
         distances = np.zeros(len(values))
         for front in range(int(fronts.max()) + 1):
             rows = np.flatnonzero(fronts == front)
             distances[rows] = crowding(np.where(np.isfinite(values[rows]), values[rows], 0.0))
-            left = self.options.population - len(kept)
-            if len(rows) > left:
-                rows = np.sort(rows[np.argsort(-distances[rows], kind="stable")[:left]])
-            kept.extend(rows.tolist())
-            if len(kept) == self.options.population:
+            free = self.options.population - len(selected)
+            if len(rows) > free:
+                rows = np.sort(rows[np.argsort(-distances[rows], kind="stable")[:free]])
+            selected.extend(rows.tolist())
+            if len(selected) == self.options.population:
                 break
-        self._members, self._values, self._fitness = members[kept], values[kept], every[kept]
-        self._ranks, self._crowding = fronts[kept], distances[kept]
+        self._members, self._values, self._fitness = (
+            members[selected],
+            values[selected],
+            all_fitness[selected],
+        )
+        self._ranks, self._crowding = fronts[selected], distances[selected]
 
 
 def _digest(genome: Genome) -> bytes:
     return hashlib.sha256(genome.tobytes()).digest()  # genomes can be large
 
 
-def _adds(known: set[bytes], genome: Genome) -> bool:
-    """Add a genome to the known ones; return whether it is new."""
-    digest, count = _digest(genome), len(known)
-    known.add(digest)
-    return len(known) > count
+def _add_digest(digests: set[bytes], genome: Genome) -> bool:
+    """Add a genome's digest to a set; return whether it is new."""
+    digest, count = _digest(genome), len(digests)
+    digests.add(digest)
+    return len(digests) > count

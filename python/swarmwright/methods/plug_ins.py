@@ -1,4 +1,4 @@
-"""The components that an experiment chooses by their `kind`, built in or from installed packages."""
+"""Registries of the components that an experiment selects by `kind`."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,4 +13,4 @@ REGISTRIES: Mapping[str, Registry[Any]] = {
     "method": METHODS,
     "ranking": RANKINGS,
 }
-"""Key of an experiment -> its components."""
+"""Key of an experiment -> registry of its components."""

@@ -9,31 +9,31 @@ from swarmwright.methods._box import Box, BoxOptions
 
 
 class PsoOptions(BoxOptions):
-    """Particle swarm optimization, with the coefficients that Trelea recommends."""
+    """Particle swarm optimization, with Trelea's coefficients."""
 
     kind: Literal["pso"] = "pso"
     population: int = Field(default=30, ge=3, le=1_000_000)
     """Particles."""
     inertia: float = Field(default=0.6, ge=0, le=2)
-    """w: share of a particle's velocity that it keeps."""
+    """w: weight of a particle's previous velocity."""
     own: float = Field(default=1.7, ge=0, le=10)
-    """c1: pull of the best place where a particle has been."""
+    """c1: attraction of a particle's best position."""
     social: float = Field(default=1.7, ge=0, le=10)
-    """c2: pull of the best place where any particle has been."""
+    """c2: attraction of the swarm's best position."""
     adaptive: bool = False
-    """Whether inertia and pulls follow the state of the swarm, from the given values on. The time for this
-    grows with the square of the population."""
+    """Whether inertia and attractions adapt to the state of the swarm; takes time quadratic in the
+    population."""
     fastest: float = Field(default=0.2, gt=0, le=1)
-    """Largest velocity, as a share of the range that is searched."""
+    """Maximum velocity, as a share of the search range."""
     perturb: bool = False
     """Whether the best particle is mutated instead of moved."""
 
 
 class Pso(Box):
-    """Particles fly, pulled by the best place each has seen and the best that all have seen.
+    """Particle swarm optimization: particles are attracted by their own and the swarm's best positions.
 
-    The members are the best places of the particles. A flight that leaves the box is drawn again, up to 20
-    times; then it ends between the bound and where it began, at random.
+    The members are the best positions of the particles. A move that leaves the box is drawn again, up to 20
+    times; then it ends at a random point between the bound and its start.
 
     Source: Kennedy and Eberhart, "Particle swarm optimization", ICNN 1995; coefficients of Trelea, "The
     particle swarm optimization algorithm: convergence analysis and parameter selection", Information

@@ -19,19 +19,19 @@ from swarmwright.methods.rankings.race import Test, ranks_of, survivors
 
 @dataclass(eq=False)
 class Entrant:
-    """A candidate, with what is known of it."""
+    """A candidate and its scores."""
 
     genome: Genome
     spread: float = 1.0
-    """Standard deviation with which numbers are sampled around it, as a share of that at the start."""
+    """Standard deviation of samples around it, relative to the initial one."""
     fresh: float = 1.0
-    """Probability with which choices are drawn anew in what is sampled around it."""
+    """Probability that choices are drawn anew in samples around it."""
     scores: dict[int, float] = field(default_factory=dict)
-    """By instance."""
+    """Scores by instance."""
     parent: "Entrant | None" = None
-    """The elite that it was sampled around; None of the first ones, and of elites."""
+    """The elite around which it was sampled; None for initial candidates and elites."""
     evaluation: int = -1
-    """Number of its last evaluation in the whole run."""
+    """Number of its last evaluation in the run."""
 
     @property
     def mean(self) -> float:
@@ -41,30 +41,29 @@ class Entrant:
 
 @dataclass(frozen=True)
 class Rules:
-    """How races are run."""
+    """Rules of a race."""
 
     test: Test
     level: float
     first_test: int
     each_test: int
     patience: int
-    """Tests that drop no candidate after which a race ends; 0: any number."""
+    """Consecutive tests without drops until a race ends; 0 for no limit."""
     survivors: int
-    """A race ends when no more than so many are left."""
+    """A race ends when at most this many candidates remain."""
 
 
 class Race:
-    """A conversation: `missing` says who is to be evaluated on `instance`, `tell` takes their scores.
+    """A race: `find_missing` returns the candidates to evaluate on `instance`, `tell` takes their scores.
 
-    Those that come with scores, the elites of former races, are not evaluated again where they have been; and
-    none of them is dropped before the race has come through all the instances that it was evaluated on, so
-    that it is compared with the others on all of them.
+    Elites of former races keep their scores. They are not dropped before the race has passed all instances on
+    which they were evaluated, so that they are compared with the others on all of them.
 
     Args:
-        entrants: those that race.
-        instances: numbers of the first instances, in order; after them come those from `unseen` on.
-        unseen: the lowest number of an instance that was never used, those in `instances` left out.
-        budget: evaluations, after which there is no further test.
+        entrants: candidates of the race.
+        instances: numbers of the first instances, in order, followed by those from `unseen` on.
+        unseen: the lowest number of an unused instance outside `instances`.
+        budget: evaluations after which there is no further test.
         rules: of the race.
     """
 
@@ -74,120 +73,122 @@ class Race:
         self._instances = list(instances)
         self._unseen = unseen
         self._budget = budget
-        self._rules = rules
+        self._make_rules = rules
         self._protected = {entrant: len(entrant.scores) for entrant in entrants if entrant.scores}
         self._quiet = 0  # tests in a row that dropped none
         self._used = 0
-        self._place = 0
+        self._position = 0
         self.alive = list(entrants)
-        """Those that are left, in their order."""
+        """The remaining candidates, in their order."""
 
     @property
     def instance(self) -> int:
-        """The number of the instance that the race is at."""
-        return self._at(self._place)
+        """The number of the current instance."""
+        return self._get_instance(self._position)
 
     @property
     def unseen(self) -> int:
-        """The lowest number of an instance that was not used in this race or before."""
-        done = [self._at(place) for place in range(self._place)]
+        """The lowest number of an instance not yet used."""
+        done = [self._get_instance(position) for position in range(self._position)]
         return max([self._unseen, *(number + 1 for number in done)])
 
-    def _at(self, place: int) -> int:
-        listed = len(self._instances)
-        return self._instances[place] if place < listed else self._unseen + place - listed
+    def _get_instance(self, position: int) -> int:
+        count = len(self._instances)
+        return self._instances[position] if position < count else self._unseen + position - count
 
-    def missing(self, left: int) -> list[Entrant] | None:
-        """Return who is to be evaluated on `instance`, at least one; None when the race is over.
+    def find_missing(self, remaining: int) -> list[Entrant] | None:
+        """Return the candidates to evaluate on `instance`, at least one; None if the race is over.
 
-        left: evaluations left of the whole run.
+        left: remaining evaluations of the run.
         """
         while self.alive:
             missing = [entrant for entrant in self.alive if self.instance not in entrant.scores]
             if missing:
-                over = len(missing) > left or (self._all_seen() and self._is_over(len(missing)))
+                over = len(missing) > remaining or (self._covers_instances() and self._is_over(len(missing)))
                 return None if over else missing
             self._pass(missing)
         return None
 
-    def _all_seen(self) -> bool:
-        """Return whether every instance of former races has been seen by any of those left."""
-        seen: set[int] = set()
+    def _covers_instances(self) -> bool:
+        """Return whether the remaining candidates cover every instance of former races."""
+        covered: set[int] = set()
         for entrant in self.alive:
-            seen.update(entrant.scores)
-            if seen.issuperset(self._instances):
+            covered.update(entrant.scores)
+            if covered.issuperset(self._instances):
                 return True
         return False
 
     def _is_over(self, missing: int) -> bool:
-        rules = self._rules
+        rules = self._make_rules
         if len(self.alive) <= rules.survivors:
             return True
-        tested = self._place >= rules.first_test and self._place % rules.each_test == 0
+        tested = self._position >= rules.first_test and self._position % rules.each_test == 0
         if tested and self._used + missing * rules.each_test > self._budget:
             return True
         return 0 < rules.patience <= self._quiet
 
     def tell(self, missing: Sequence[Entrant], scores: Fitness) -> None:
-        """Take scores of those that were missing, in order; one that failed (NaN) is dropped at once."""
+        """Accept the scores of the missing candidates, in order; failed ones (NaN) are dropped at once."""
         failed = set()
-        for one, score in zip(missing, scores.tolist(), strict=True):
+        for entrant, score in zip(missing, scores.tolist(), strict=True):
             if math.isfinite(score):
-                one.scores[self.instance] = score
+                entrant.scores[self.instance] = score
             else:
-                failed.add(one)
+                failed.add(entrant)
         self._used += len(missing)
         self.alive = [entrant for entrant in self.alive if entrant not in failed]
-        for one in failed:
-            self._protected.pop(one, None)
+        for entrant in failed:
+            self._protected.pop(entrant, None)
         self._pass(missing)
         self._test()
 
     def _pass(self, missing: Sequence[Entrant]) -> None:
-        """Go on to the next instance."""
+        """Advance to the next instance."""
         evaluated = set(missing)
         for entrant in [entrant for entrant in self._protected if entrant not in evaluated]:
             self._protected[entrant] -= 1
             if not self._protected[entrant]:
                 del self._protected[entrant]
-        self._place += 1
+        self._position += 1
 
     def _test(self) -> None:
-        rules, before = self._rules, len(self.alive)
-        if self._place < rules.first_test or self._place % rules.each_test:
+        rules, before = self._make_rules, len(self.alive)
+        if self._position < rules.first_test or self._position % rules.each_test:
             return
         if before > 1:
-            instances = [self._at(place) for place in range(self._place)]
+            instances = [self._get_instance(position) for position in range(self._position)]
             scores = np.array([[entrant.scores[number] for entrant in self.alive] for number in instances])
             good = survivors(scores, rules.test, rules.level).tolist()
-            kept = zip(self.alive, good, strict=True)
-            self.alive = [survivor for survivor, stays in kept if stays or survivor in self._protected]
-        if not self._protected and self._place > rules.first_test:
+            decisions = zip(self.alive, good, strict=True)
+            self.alive = [survivor for survivor, stays in decisions if stays or survivor in self._protected]
+        if not self._protected and self._position > rules.first_test:
             self._quiet = self._quiet + 1 if len(self.alive) == before else 0
 
-    def ranked(self) -> list[Entrant]:
-        """Return those left, the best first.
+    def rank(self) -> list[Entrant]:
+        """Return the remaining candidates, the best first.
 
-        One that was evaluated on more instances is better; of equally many the one with the smaller sum of
-        ranks on their common instances, or with the better mean where a t-test decides.
+        Candidates are ordered by the number of instances, then by the sum of ranks on common instances, or by
+        the mean if a t-test is used.
         """
-        found: list[Entrant] = []
+        ranking: list[Entrant] = []
         for count in sorted({len(entrant.scores) for entrant in self.alive}, reverse=True):
-            found += self._in_order([entrant for entrant in self.alive if len(entrant.scores) == count])
-        return found
+            ranking += self._sort_entrants(
+                [entrant for entrant in self.alive if len(entrant.scores) == count]
+            )
+        return ranking
 
-    def best(self) -> Entrant | None:
-        """Return the first of `ranked`; None when none is left."""
+    def find_best(self) -> Entrant | None:
+        """Return the best remaining candidate, or None."""
         most = max((len(entrant.scores) for entrant in self.alive), default=0)
-        found = self._in_order([entrant for entrant in self.alive if len(entrant.scores) == most])
-        return found[0] if found else None
+        ranking = self._sort_entrants([entrant for entrant in self.alive if len(entrant.scores) == most])
+        return ranking[0] if ranking else None
 
-    def _in_order(self, entrants: list[Entrant]) -> list[Entrant]:
+    def _sort_entrants(self, entrants: list[Entrant]) -> list[Entrant]:
         common = set.intersection(*(set(entrant.scores) for entrant in entrants)) if entrants else set()
         if not common or len(entrants) == 1:
             return entrants
         scores = np.array([[entrant.scores[number] for entrant in entrants] for number in sorted(common)])
-        if self._rules.test == "friedman":
+        if self._make_rules.test == "friedman":
             badness = ranks_of(scores).sum(axis=0)
         else:
             badness = -np.array([entrant.mean for entrant in entrants])
@@ -195,75 +196,73 @@ class Race:
 
 
 _SAME_SHARE = 1e-4
-"""Two candidates are practically the same when no number of theirs differs by more of its range."""
+"""Candidates are practically equal if no number differs by more than this share of its range."""
 _LARGEST_COPY_RATE = 0.2
-"""How often a candidate of choices alone may equal its parent, at most."""
+"""Maximum probability that a candidate with only choices equals its parent."""
 
 
 class RacingOptions(MethodOptions):
-    """Iterated racing with irace's defaults. An instance is a seed, or ranking.episodes of them."""
+    """Iterated racing with irace's defaults. An instance is a set of ranking.episodes seeds."""
 
     kind: Literal["racing"] = "racing"
     generations: int = Field(default=NO_LIMIT, ge=1, le=NO_LIMIT)
-    """Instances on which candidates are evaluated, one in each generation. Default: no limit."""
+    """Number of instances, one per generation. Default: no limit."""
     evaluations: int = Field(default=10_000, ge=1, le=10**15)
-    """Evaluations, each of a candidate on an instance. They are spread over the races, so a run cannot be
-    prolonged. If not even one race fits in, the error message names the smallest number with which one
-    does."""
+    """Evaluations of candidates on instances, distributed over the races; a run cannot be prolonged."""
     races: int | None = Field(default=None, ge=1, le=10_000)
-    """Races over which the evaluations are spread. What is left then is used for more of them. Default: the
-    whole part of 2 + log2(genes)."""
+    """Races over which the evaluations are distributed; the remainder is used for more races. Default:
+    2 + log2(genes), rounded down."""
     candidates: int = Field(default=1024, ge=2, le=100_000)
-    """Candidates that a race begins with, at most."""
+    """Maximum number of candidates at the start of a race."""
     survivors: int | None = Field(default=None, ge=1, le=10_000)
-    """A race ends when this many candidates are left. As many of the best are the elites, which take part in
-    the next race and have candidates sampled around them. Default: the whole part of 2 + log2(genes)."""
+    """A race ends when this many candidates remain; they are the elites of the next race, around which
+    candidates are sampled. Default: 2 + log2(genes), rounded down."""
     first_test: int = Field(default=5, ge=2, le=100_000)
     """Instances before the first test of a race."""
     each_test: int = Field(default=1, ge=1, le=100_000)
     """Instances between two tests."""
     test: Test = "friedman"
     """friedman: Friedman's test and Conover's comparisons with the best, by ranks. t, t_holm, t_bonferroni:
-    paired t-tests with the best mean, without or with a correction for their number; for fitness whose sums
-    count more than its order."""
+    paired t-tests against the best mean, without or with correction, if sums of fitness matter more than
+    order."""
     level: float = Field(default=0.05, gt=0, lt=1)
     """Significance level of each test."""
     new_instances: int = Field(default=1, ge=0, le=100_000)
-    """Unseen instances with which a race begins, before those of former races."""
+    """Unseen instances at the start of a race, before those of former races."""
     patience: int = Field(default=2, ge=0, le=100_000)
-    """Tests in a row that drop no candidate after which a race ends; counted when it has come through the
-    instances of former races. 0: any number."""
+    """Consecutive tests without drops that end a race, counted after the instances of former races; 0 for no
+    limit."""
     soft_restart: bool = True
-    """Whether sampling becomes wider again where candidates are practically the same."""
+    """Whether to widen the sampling again when candidates are practically equal."""
 
 
 class Racing(Method):
     """Races over instances, and sampling around the elites that survive them.
 
-    A generation is an instance, with seeds of its own, whatever `ranking.seeds` says. All candidates of a
-    race that are left and have not been evaluated on it are. From `first_test` instances on, those that are
-    significantly worse than the best are dropped. What survives is an elite. The next race has the elites and
-    new candidates, and begins with an unseen instance; then come those of former races, in random order,
-    where the elites need not be evaluated again, and none is dropped before it was compared on all of them.
+    A generation is an instance with its own seeds, regardless of `ranking.seeds`. All remaining candidates of
+    a race without a score on it are evaluated. From `first_test` instances on, candidates that are
+    significantly worse than the best are dropped; the survivors are the elites. The next race has the elites
+    and new candidates. It begins with an unseen instance, followed by those of former races in random order,
+    on which elites keep their scores; elites are not dropped before they were compared on all of them.
 
-    A new candidate is sampled around an elite, which is drawn with a probability that falls linearly with its
-    rank. Numbers are drawn from a normal distribution within their bounds, whose deviation is half of the
-    initial range at first and is multiplied by (1 / n) ** (1 / genes) before each race with n new candidates.
-    Choices are drawn anew with a probability that is 1 at first and multiplied by 1 - (j - 1) / races before
-    race j. How a representation applies both: its `perturbations`. Where two candidates of a race are
-    practically the same, their parents' distributions become wider, about as they were two races before, and
-    all new candidates are sampled anew.
+    A new candidate is sampled around an elite, drawn with a probability that falls linearly with rank.
+    Numbers are drawn from a truncated normal distribution, whose deviation starts at half of the initial
+    range and is multiplied by (1 / n) ** (1 / genes) before each race with n new candidates. Choices are
+    drawn anew with a probability that starts at 1 and is multiplied by 1 - (j - 1) / races before race j. The
+    representation's `perturbations` applies both. If two candidates of a race are practically equal, the
+    distributions of their parents are widened to about those of two races before, and all new candidates are
+    sampled again.
 
-    What is left when no race fits any more is used for unseen instances, on which all elites are evaluated.
+    Evaluations that are too few for another race are spent on unseen instances for all elites.
 
-    A candidate's recorded fitness is the mean of its scores on all instances so far. The best one is that
-    with the most instances; of equals, that with the smallest sum of ranks.
+    A candidate's recorded fitness is the mean of its scores on all instances so far. The best candidate is
+    the one with the most instances, then with the smallest sum of ranks.
 
     Source: López-Ibáñez, Dubois-Lacoste, Pérez Cáceres, Birattari and Stützle, "The irace package: iterated
-    racing for automatic algorithm configuration", Operations Research Perspectives 3, 2016. Differences: the
-    first candidates are random ones of the representation and not a Sobol sequence; a choice keeps no
-    probabilities of former ancestors; where a race's share of the budget is too small for one, it may have
-    all that is left; and the elites get the rest.
+    racing for automatic algorithm configuration", Operations Research Perspectives 3, 2016. Differences:
+    initial candidates are random genomes of the representation, not a Sobol sequence; choices keep no
+    probabilities of former ancestors; a race whose share of the budget is too small may use all that remains;
+    and the elites get the remainder.
     """
 
     kind: ClassVar[str] = "racing"
@@ -276,8 +275,8 @@ class Racing(Method):
 
     def __init__(self, options: RacingOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
-        self._races = self._planned_races(options, representation)
-        self._rules = _rules(options, representation)
+        self._races = self._plan_races(options, representation)
+        self._make_rules = _make_rules(options, representation)
         self._number = 0  # of the race, from 1
         self._elites: list[Entrant] = []
         self._unseen = 0
@@ -289,46 +288,46 @@ class Racing(Method):
 
     @classmethod
     def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
-        """Return which options are invalid for this representation: option -> reason."""
-        found = super().problems(options, representation)
-        if representation is None or found or not isinstance(options, RacingOptions):
-            return found
-        rules = _rules(options, representation)
+        """Return the options that are invalid for this representation: option -> reason."""
+        invalid = super().problems(options, representation)
+        if representation is None or invalid or not isinstance(options, RacingOptions):
+            return invalid
+        rules = _make_rules(options, representation)
         least = (rules.survivors + 1) * (rules.first_test + rules.each_test)
         if options.evaluations < least:
-            found["evaluations"] = (
-                f"{options.evaluations} are too few for a race: one of {rules.survivors + 1} candidates, of "
-                f"which {rules.survivors} survive, on {rules.first_test + rules.each_test} instances takes "
-                f"{least}; take as many, or smaller survivors or first_test"
+            invalid["evaluations"] = (
+                f"{options.evaluations} are too few for a race, which takes at least {least}: "
+                f"{rules.survivors + 1} candidates on {rules.first_test + rules.each_test} instances; "
+                "increase it, or decrease survivors or first_test"
             )
         elif options.candidates <= rules.survivors:
-            found["candidates"] = (
-                f"{options.candidates} are too few for a race that ends when {rules.survivors} are left; "
-                "take more, or smaller survivors"
+            invalid["candidates"] = (
+                f"{options.candidates} are too few for a race that ends with {rules.survivors}; increase it, "
+                "or decrease survivors"
             )
-        return found
+        return invalid
 
     @classmethod
     def no_start(cls, options: MethodOptions, count: int) -> str | None:
-        """Return why it cannot start from so many controllers; None if it can."""
+        """Return why the method cannot start from `count` controllers, or None."""
         most = options.candidates if isinstance(options, RacingOptions) else count
         if count > most:
-            return f"{count} controllers are more than the {most} candidates of a race"
+            return f"{count} controllers exceed the {most} candidates of a race"
         return super().no_start(options, count)
 
     @classmethod
     def first_generation(cls, options: MethodOptions, representation: Representation | None) -> int | None:
-        """Return how many candidates the first race begins with."""
+        """Return the number of candidates of the first race."""
         if representation is None or not isinstance(options, RacingOptions):
             return super().first_generation(options, representation)
         race = cls(options, representation, seed=0)
-        size = race._next_size(1, options.evaluations)
+        size = race._find_next_size(1, options.evaluations)
         return None if size is None else size[1]
 
     @staticmethod
-    def _planned_races(options: RacingOptions, representation: Representation) -> int:
-        """Return over how many races the budget is spread: fewer where each would have too little."""
-        rules = _rules(options, representation)
+    def _plan_races(options: RacingOptions, representation: Representation) -> int:
+        """Return the number of races over which the budget is distributed."""
+        rules = _make_rules(options, representation)
         races = options.races or _logarithm(representation)
         while races > 1:
             if options.evaluations // races // (rules.first_test + rules.each_test) > rules.survivors:
@@ -338,34 +337,34 @@ class Racing(Method):
 
     @property
     def budget(self) -> int:
-        """Number of evaluations of the whole run, at most."""
+        """Upper bound of evaluations."""
         return self.options.evaluations
 
     @property
     def population_fitness(self) -> Fitness:
-        """Mean scores of the candidates that are left in the race; NaN when none is."""
+        """Mean scores of the remaining candidates; NaN without any."""
         alive = [] if self._race is None else self._race.alive
         return np.array([entrant.mean for entrant in alive]) if alive else np.full(1, np.nan)
 
     @property
     def instance(self) -> int:
-        """Number of the instance that candidates are asked for, or were last."""
+        """Number of the current instance."""
         return 0 if self._race is None else self._race.instance
 
     @property
     def contenders(self) -> int:
-        """Candidates that are left in the race."""
+        """Number of remaining candidates in the race."""
         return 0 if self._race is None else len(self._race.alive)
 
     @property
-    def told_means(self) -> Fitness:
-        """Mean scores of the candidates told last, in their order; NaN of those that failed."""
+    def instance_means(self) -> Fitness:
+        """Mean scores of the candidates of the last `tell`, in order; NaN for failed ones."""
         return self._means
 
     @property
     def incumbent(self) -> Incumbent | None:
         """The best candidate."""
-        best = None if self._race is None else self._race.best()
+        best = None if self._race is None else self._race.find_best()
         return None if best is None else Incumbent(best.evaluation, best.mean)
 
     @property
@@ -375,104 +374,106 @@ class Racing(Method):
 
     @property
     def widened(self) -> int:
-        """How often sampling became wider again."""
+        """How often sampling was widened."""
         return self._widened
 
     def _ask(self) -> Genomes:
         if self._race is None:
-            self._go_on(0)
+            self._advance(0)
         assert self._missing is not None, "a race that is asked for has candidates to evaluate"
         return np.array([entrant.genome for entrant in self._missing], dtype=np.float32)
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - the race knows them
         assert self._race is not None
         assert self._missing is not None
-        told = self._missing
-        for row, entrant in enumerate(told):
+        entrants = self._missing
+        for row, entrant in enumerate(entrants):
             entrant.evaluation = self.evaluations + row
-        self._race.tell(told, fitness)
-        means = [entrant.mean for entrant in told]
+        self._race.tell(entrants, fitness)
+        means = [entrant.mean for entrant in entrants]
         self._means = np.where(np.isfinite(fitness), means, np.nan)
 
-    def passed(self, values: Fitness) -> None:
-        """Count an instance, and go on to the next one."""
-        super().passed(values)
+    def count_generation(self, values: Fitness) -> None:
+        """Count an instance and advance to the next one."""
+        super().count_generation(values)
         if not self.done:
-            self._go_on(self.evaluations)
+            self._advance(self.evaluations)
             self.done = self._missing is None
 
     def _reaches(self, values: Fitness, target: float) -> bool:  # noqa: ARG002 - one instance says little
-        best = None if self._race is None else self._race.best()
+        best = None if self._race is None else self._race.find_best()
         return best is not None and len(best.scores) >= self.options.first_test and best.mean >= target
 
-    def _go_on(self, used: int) -> None:
-        """Find who is to be evaluated next, in this race or in the next one; none when the budget is used."""
-        left = self.options.evaluations - used
+    def _advance(self, used: int) -> None:
+        """Find the next candidates to evaluate, in this race or the next; none if the budget is used."""
+        remaining = self.options.evaluations - used
         self._missing = None
         while self._missing is None:
             if self._race is not None:
-                self._missing = self._race.missing(left)
-            if self._missing is None and (self._is_last or not self._begin_race(left)):
+                self._missing = self._race.find_missing(remaining)
+            if self._missing is None and (self._is_last or not self._begin_race(remaining)):
                 return
 
-    def _begin_race(self, left: int) -> bool:
-        """Begin the next race; return whether there is one."""
+    def _begin_race(self, remaining: int) -> bool:
+        """Begin the next race; return whether the budget allows one."""
         if self._race is not None:
-            self._elites = self._race.ranked()[: self._rules.survivors]
+            self._elites = self._race.rank()[: self._make_rules.survivors]
             for elite in self._elites:
                 elite.parent = None
             self._unseen = self._race.unseen
         number = self._number + 1
         self._races = max(self._races, number)
-        found = self._next_size(number, left)
-        if found is None:
-            return self._use_rest(left)
-        budget, count, new_instances = found
+        size = self._find_next_size(number, remaining)
+        if size is None:
+            return self._use_remainder(remaining)
+        budget, count, new_instances = size
         self._number = number
-        entrants = [*self._elites, *self._new(count - len(self._elites))]
+        entrants = [*self._elites, *self._create_entrants(count - len(self._elites))]
         fresh = range(self._unseen, self._unseen + new_instances)
         old = sorted({instance for elite in self._elites for instance in elite.scores})
         order = Stream(self.seed, "racing.order", number)
         for last in range(len(old) - 1, 0, -1):
-            other = order.integer(last + 1)
-            old[last], old[other] = old[other], old[last]
+            partner = order.integer(last + 1)
+            old[last], old[partner] = old[partner], old[last]
         unseen = self._unseen + new_instances
-        self._race = Race(entrants, [*fresh, *old], unseen, budget, self._rules)
+        self._race = Race(entrants, [*fresh, *old], unseen, budget, self._make_rules)
         return True
 
-    def _use_rest(self, left: int) -> bool:
-        """Evaluate the elites on unseen instances, without tests; return whether one fits."""
+    def _use_remainder(self, remaining: int) -> bool:
+        """Evaluate the elites on unseen instances without tests; return whether the budget allows it."""
         self._is_last = True
-        if not 0 < len(self._elites) <= left:
+        if not 0 < len(self._elites) <= remaining:
             return False
-        untested = replace(self._rules, survivors=0, patience=0, first_test=left + 1)
-        self._race = Race(self._elites, [], self._unseen, left, untested)
+        untested = replace(self._make_rules, survivors=0, patience=0, first_test=remaining + 1)
+        self._race = Race(self._elites, [], self._unseen, remaining, untested)
         return True
 
-    def _next_size(self, number: int, left: int) -> tuple[int, int, int] | None:
-        """Return the size of a race with its share of the evaluations left, or else with all; see `_size`."""
-        return self._size(number, left // (self._races - number + 1)) or self._size(number, left)
+    def _find_next_size(self, number: int, remaining: int) -> tuple[int, int, int] | None:
+        """Return the size of a race with its share of the remaining evaluations, else with all of them."""
+        return self._find_size(number, remaining // (self._races - number + 1)) or self._find_size(
+            number, remaining
+        )
 
-    def _size(self, number: int, budget: int) -> tuple[int, int, int] | None:
-        """Return evaluations, candidates and new instances of a race; None where too few would race."""
-        rules, elites = self._rules, len(self._elites)
-        seen = len({instance for elite in self._elites for instance in elite.scores})
+    def _find_size(self, number: int, budget: int) -> tuple[int, int, int] | None:
+        """Return evaluations, candidates and new instances of a race; None if the budget is too small."""
+        rules, elites = self._make_rules, len(self._elites)
+        past = len({instance for elite in self._elites for instance in elite.scores})
         new = self.options.new_instances if elites else 0
-        # With less than enough: no new instance, then as short as a race can be.
+        # If the budget is short: no new instance, then the shortest possible race.
         for first, growth, unseen in (
             (rules.first_test, min(5, number), new),
             (rules.first_test, min(5, number), 0),
             (1, 1, 0),
         ):
-            length = max(first + rules.each_test * growth, _multiple(seen + unseen, rules.each_test))
-            count = min((budget + elites * seen) // length, self.options.candidates)
+            length = max(first + rules.each_test * growth, _round_up(past + unseen, rules.each_test))
+            count = min((budget + elites * past) // length, self.options.candidates)
             if count > rules.survivors and count > elites:
                 needed = (count - elites) * rules.first_test + elites * min(unseen, rules.first_test)
                 return (budget, count, unseen) if needed <= budget else None
         return None
 
-    def _new(self, count: int) -> list[Entrant]:
-        """Return new candidates: random ones, or around the elites."""
+    def _create_entrants(self, count: int) -> list[Entrant]:
+        """Create new candidates, at random or around the elites."""
         if not self._elites:
             if self._number == 1:
                 genomes = self.initials(range(count))
@@ -485,16 +486,16 @@ class Racing(Method):
             elite.fresh = max(
                 elite.fresh * (1 - (self._number - 1) / self._races), 1 - _LARGEST_COPY_RATE ** (1 / genes)
             )
-        new = self._sampled("racing.sample", count)
+        new = self._sample_entrants("racing.sample", count)
         if self.options.soft_restart and self._widen(new):
-            new = self._sampled("racing.again", count)
+            new = self._sample_entrants("racing.again", count)
         return new
 
     def _streams(self, purpose: str, count: int) -> Streams:
         return Streams(self.seed, purpose, self._number, range(count))
 
-    def _sampled(self, purpose: str, count: int) -> list[Entrant]:
-        """Return candidates around the elites, better ones more often."""
+    def _sample_entrants(self, purpose: str, count: int) -> list[Entrant]:
+        """Sample candidates around the elites, around better ones more often."""
         elites, streams = self._elites, self._streams(purpose, count)
         bounds = np.cumsum(np.arange(len(elites), 0, -1))
         drawn = streams.integers(int(bounds[-1]), 1)[:, 0]
@@ -509,12 +510,12 @@ class Racing(Method):
         return [Entrant(genome, parent.spread, parent.fresh, parent=parent) for genome, parent in pairs]
 
     def _widen(self, new: list[Entrant]) -> bool:
-        """Sample wider around elites whose descendants, or that themselves, are practically the same."""
+        """Widen the sampling around elites if they or their descendants are practically equal."""
         entrants = [*self._elites, *new]
         rows = self.representation.likeness(
             np.array([entrant.genome for entrant in entrants], dtype=np.float32)
         )
-        same = alike(rows)
+        same = find_alike(rows)
         if not len(same):
             return False
         genes, count = self.representation.genome_size, len(new)
@@ -526,25 +527,25 @@ class Racing(Method):
         return True
 
 
-def alike(rows: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return which rows are practically the same as another one, (n, numbers) in units of their ranges."""
+def find_alike(rows: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the rows that are practically equal to another row, (n, numbers) in units of their ranges."""
     if len(rows) < 2 or not rows.shape[1]:
         return np.empty(0, dtype=np.intp)
-    # Rows that are alike have sums that are near each other. accumulate adds in order, sum() as it likes.
+    # Equal rows have close sums. Unlike sum(), accumulate adds in a fixed order.
     sums = np.add.accumulate(rows, axis=1)[:, -1]
     order = np.argsort(sums, kind="stable")
     reach = _SAME_SHARE * rows.shape[1] * (1 + 1e-9)
-    found: set[int] = set()
+    alike_rows: set[int] = set()
     ends = np.searchsorted(sums[order], sums[order] + reach, side="right")
-    for place, end in enumerate(ends.tolist()):
-        others = order[place + 1 : end]
-        near = others[(np.abs(rows[others] - rows[order[place]]) <= _SAME_SHARE).all(axis=1)]
-        if len(near):
-            found.update([int(order[place]), *near.tolist()])
-    return np.array(sorted(found), dtype=np.intp)
+    for position, end in enumerate(ends.tolist()):
+        following = order[position + 1 : end]
+        equal = following[(np.abs(rows[following] - rows[order[position]]) <= _SAME_SHARE).all(axis=1)]
+        if len(equal):
+            alike_rows.update([int(order[position]), *equal.tolist()])
+    return np.array(sorted(alike_rows), dtype=np.intp)
 
 
-def _rules(options: RacingOptions, representation: Representation) -> Rules:
+def _make_rules(options: RacingOptions, representation: Representation) -> Rules:
     return Rules(
         test=options.test,
         level=options.level,
@@ -556,10 +557,10 @@ def _rules(options: RacingOptions, representation: Representation) -> Rules:
 
 
 def _logarithm(representation: Representation) -> int:
-    """Return the whole part of 2 + log2(genes)."""
+    """Return 2 + log2(genes), rounded down."""
     return 2 + math.frexp(representation.genome_size)[1] - 1
 
 
-def _multiple(value: int, of: int) -> int:
-    """Return the next multiple that is not smaller."""
-    return -(-value // of) * of
+def _round_up(value: int, divisor: int) -> int:
+    """Round up to a multiple."""
+    return -(-value // divisor) * divisor

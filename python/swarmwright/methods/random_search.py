@@ -11,7 +11,7 @@ from swarmwright.methods._base import Method, MethodOptions
 
 
 class RandomSearchOptions(MethodOptions):
-    """Independent random genomes; nothing is learned from their fitness."""
+    """Independent random genomes."""
 
     kind: Literal["random_search"] = "random_search"
     population: int = Field(default=50, ge=1, le=10_000_000)
@@ -19,9 +19,9 @@ class RandomSearchOptions(MethodOptions):
 
 
 class RandomSearch(Method):
-    """Each generation is a fresh sample of the representation's initial distribution.
+    """Random search: each generation is a sample of the representation's initial distribution.
 
-    In steady state it asks for the same genomes in the same order.
+    Steady state proposes the same genomes in the same order.
     """
 
     kind: ClassVar[str] = "random_search"
@@ -42,7 +42,7 @@ class RandomSearch(Method):
 
     @property
     def population_fitness(self) -> Fitness:
-        """Fitness of the last sample; in steady state, of what has been told of it."""
+        """Fitness of the last sample; in steady state, of its evaluated part."""
         return np.array(self._sample) if self._sample else self._fitness
 
     @property
@@ -56,10 +56,10 @@ class RandomSearch(Method):
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - nothing is learned
         self._fitness = fitness
 
-    def _next(self, index: int) -> Genome:
+    def _ask_next(self, index: int) -> Genome:
         return self.initial_of(index)
 
-    def _told(self, index: int, genome: Genome, fitness: float) -> None:  # noqa: ARG002 - nothing is learned
+    def _tell_next(self, index: int, genome: Genome, fitness: float) -> None:  # noqa: ARG002 - nothing is learned
         if index % self.options.population == 0:
             self._sample.clear()
         self._sample.append(fitness)

@@ -1,4 +1,4 @@
-"""Methods that the engine knows wholly: here are their options, and what they need to begin."""
+"""Methods whose search is implemented in the engine."""
 
 from abc import abstractmethod
 from typing import cast
@@ -14,26 +14,26 @@ from swarmwright.methods._base import Method
 
 
 class SearchMethod(Method):
-    """A conversation with the engine's search.
+    """A method that delegates to a search of the engine.
 
-    Every number is made by the engine, by single IEEE 754 operations in a fixed order, so it has the same
-    bits on every machine. Where nothing else is needed, the engine evolves by itself, see `ahead`.
+    The engine computes by single IEEE 754 operations in a fixed order, so that all machines give the same
+    bits. If nothing else is involved, the engine evolves by itself, see `ahead`.
     """
 
-    _begun: _engine.Search | None = None
+    _search: _engine.Search | None = None
     _fitness: Fitness | None = None
 
     @abstractmethod
     def _begin(self) -> _engine.Search:
-        """Return the search as it begins; called once, when the start is known."""
+        """Create the search; called once, when `start` is known."""
 
     @property
     def search(self) -> _engine.Search:
-        """The engine's search, in the state in which it is."""
-        if self._begun is None:
+        """The engine's search in its current state."""
+        if self._search is None:
             use_threads()
-            self._begun = self._begin()
-        return self._begun
+            self._search = self._begin()
+        return self._search
 
     def _state(self, name: str) -> NDArray[np.float64]:
         """Return a part of the search's state."""
@@ -41,14 +41,14 @@ class SearchMethod(Method):
 
     @property
     def ahead(self) -> bool:
-        """Whether the engine may ask and tell the search by itself: no subclass does it in another way."""
+        """Whether the engine may run the search by itself, as no subclass overrides ask or tell."""
         kind, names = type(self), ("ask", "tell", "_ask", "_tell")
-        own = next(base for base in kind.__mro__ if base.__module__.startswith("swarmwright.methods."))
-        return all(getattr(kind, name) is getattr(own, name) for name in names)
+        base_class = next(base for base in kind.__mro__ if base.__module__.startswith("swarmwright.methods."))
+        return all(getattr(kind, name) is getattr(base_class, name) for name in names)
 
     @property
-    def _forgets_asked(self) -> bool:
-        """The search has them; a subclass may use them."""
+    def _ignores_genomes(self) -> bool:
+        """Whether only the search uses the genomes."""
         return self.ahead
 
     @property
@@ -58,7 +58,7 @@ class SearchMethod(Method):
 
     @property
     def sample(self) -> _engine.Sample | None:
-        """What the search made the genomes from that were asked for last; None if a subclass makes them."""
+        """Source of the last genomes; None if a subclass makes them."""
         return self.search.sample if self.ahead else None
 
     def _ask(self) -> Genomes:
@@ -71,7 +71,7 @@ class SearchMethod(Method):
 
 
 class KeepsMembers(SearchMethod):
-    """A search with members that stay until something better replaces them."""
+    """A search with members that survive until a better candidate replaces them."""
 
     keeps_members = True
     start_as = "members"
@@ -81,8 +81,8 @@ class KeepsMembers(SearchMethod):
         """Fitness of the members."""
         return cast("Fitness", self.search.fitness)
 
-    def kept(self) -> Genomes:
-        """Return the members that stay beside those asked for, from the second generation on."""
+    def survivors(self) -> Genomes:
+        """Return the surviving members, from the second generation on."""
         return cast("Genomes", self.search.members)
 
     def _rescore(self, fitness: Fitness) -> None:

@@ -8,15 +8,15 @@ from swarmwright.methods._nes import Nes, NesOptions
 
 
 class SnesOptions(NesOptions):
-    """The separable natural evolution strategy, with the source's learning rates."""
+    """Separable natural evolution strategy, with the learning rates of its paper."""
 
     kind: Literal["snes"] = "snes"
 
 
 class Snes(Nes):
-    """The natural gradient of a normal distribution with a standard deviation for each gene.
+    """A natural evolution strategy with a standard deviation for each gene.
 
-    Memory and time grow with the number of genes, not with its square, so it suits large networks.
+    Memory and time grow linearly with the number of genes, so it suits large networks.
 
     Source: Wierstra, Schaul, Glasmachers, Sun, Peters and Schmidhuber, "Natural evolution strategies",
     Journal of Machine Learning Research 15, 2014, algorithm 6; `ipop` as in Auger and Hansen, "A restart

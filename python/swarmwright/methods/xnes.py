@@ -6,22 +6,22 @@ from typing import ClassVar, Literal
 from swarmwright.controllers import Representation
 from swarmwright.methods._gaussian import logarithm
 from swarmwright.methods._nes import Nes, NesOptions
-from swarmwright.methods._numbers import beyond_covariance
+from swarmwright.methods._numbers import explain_too_many_genes
 
 _MOST_GENES = 500
 """Genes for which a matrix exponential is affordable."""
 
 
 class XnesOptions(NesOptions):
-    """The exponential natural evolution strategy, with the source's learning rates. For up to 500 genes."""
+    """Exponential natural evolution strategy, with the learning rates of its paper, for up to 500 genes."""
 
     kind: Literal["xnes"] = "xnes"
 
 
 class Xnes(Nes):
-    """The natural gradient of a normal distribution with a full covariance matrix.
+    """A natural evolution strategy with a full covariance matrix.
 
-    It learns which genes must change together, as `cma_es` does, but without evolution paths.
+    It learns correlations of genes like `cma_es`, but without evolution paths.
 
     Source: Glasmachers, Schaul, Sun, Wierstra and Schmidhuber, "Exponential natural evolution strategies",
     GECCO 2010; Wierstra et al., "Natural evolution strategies", JMLR 15, 2014, algorithm 5; `ipop` as in
@@ -36,7 +36,7 @@ class Xnes(Nes):
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse discrete representations, and genomes whose covariance matrix would be too large."""
-        return beyond_covariance(
+        return explain_too_many_genes(
             representation, _MOST_GENES, "snes, sep_cma_es or openai_es"
         ) or super().unsuitable(representation)
 

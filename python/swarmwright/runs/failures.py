@@ -36,7 +36,7 @@ def taken_in(evaluated: "GenerationResult", ranking: "Ranking") -> Taken:
     failed = ~np.isfinite(evaluated.episodes)
     lengths = np.full(len(failed), failed.shape[1], np.int64)
     if isinstance(ranking, Race):
-        lengths = ranking.ran(evaluated.episodes)
+        lengths = ranking.count_episodes(evaluated.episodes)
         failed &= np.arange(failed.shape[1]) < lengths[:, np.newaxis]
     return Taken(evaluated.generation, lengths, failed.sum(axis=1))
 

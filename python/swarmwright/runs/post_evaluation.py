@@ -97,7 +97,7 @@ class ControllerEvaluation(ComparedByValue):
     @cached_property
     def counted(self) -> list[float]:
         """Fitness of the episodes that count; failed ones count if `ranking.failed` is a number."""
-        return _select_finite(self.ranking.counted(self.episodes))
+        return _select_finite(self.ranking.replace_failures(self.episodes))
 
     @property
     def is_reportable(self) -> bool:

@@ -159,4 +159,4 @@ def _count_episodes(run: "Run", recorded: Evaluation) -> int:
     if not isinstance(ranking, Race):
         return len(recorded.seeds)
     generation = next(run._store.read_generation(recorded.generation))
-    return int(ranking.ran(generation.episodes)[recorded.candidate])
+    return int(ranking.count_episodes(generation.episodes)[recorded.candidate])

@@ -519,13 +519,13 @@ def _check_kept(kind: str, representation: Representation) -> None:
     lower, upper = representation.bounds
     while not method.done:
         genomes = method.ask()
-        members = method.kept()
+        members = method.survivors()
         found += len(members)
-        assert members.dtype == np.float32, f"kept returns {members.dtype}, not float32"
+        assert members.dtype == np.float32, f"survivors returns {members.dtype}, not float32"
         assert members.shape == (len(members), representation.genome_size), (
-            f"kept returns shape {members.shape}"
+            f"survivors returns shape {members.shape}"
         )
-        assert ((lower <= members) & (members <= upper)).all(), "kept returns genes outside of bounds"
+        assert ((lower <= members) & (members <= upper)).all(), "survivors returns genes outside of bounds"
         again = _sphere(members) - method.generation
         again[1::5] = np.nan
         if not method.keeps_members:

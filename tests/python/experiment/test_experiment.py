@@ -118,7 +118,7 @@ def test_only_the_simulation_is_required() -> None:
         ),
         (
             "method: {kind: map_elites, measures: [steps]}\n",
-            "my.yaml:2: method.measures: must name a range for each metric, such as {steps: {range: [0, 1], ",
+            "my.yaml:2: method.measures: must map each metric to a range, such as {steps: {range: [0, 1], ",
         ),
         ("seed: -1\n", "my.yaml:2: seed: must be at least 0, not -1"),
         ("seed: true\n", "my.yaml:2: seed: must be an integer, not true"),
@@ -345,7 +345,7 @@ def test_methods_are_asked_and_told() -> None:
     for wrong in (["a"] * 15, [{}] * 15, "a", [[1.0], [1.0, 2.0]]):
         with pytest.raises(InputError, match="fitness: must be an array of numbers"):
             method.tell(wrong)
-    with pytest.raises(InputError, match=r"fitness has the shape \(14,\); asked were 15 genomes"):
+    with pytest.raises(InputError, match=r"fitness: shape is \(14,\); expected \(15,\)"):
         method.tell(np.zeros(14))
     method.tell(evaluate(experiment, genomes, generation=method.generation))
     assert method.generation == 1

@@ -184,7 +184,7 @@ def test_a_file_may_hold_any_genome(genome: object, tmp_path: Path) -> None:
         ({"start_from": "nowhere"}, "start_from: .*nowhere: there is no such file"),
         ({"start_from": 5}, "must be the path of a run or of a controller"),
         ({"start_from": {"run": "x", "candidat": 3}}, "a mapping is written"),
-        ({"method": {"population": 10}, "start_from": 12}, "12 controllers are more than the 10"),
+        ({"method": {"population": 10}, "start_from": 12}, "12 controllers exceed the 10"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_said_before_the_run(changes: dict[str, Any], words: str, first: Run) -> None:
@@ -203,7 +203,7 @@ def test_a_method_that_cannot_says_so(first: Run, monkeypatch: pytest.MonkeyPatc
 
 def test_a_torus_has_a_cell_for_each_controller(first: Run, tmp_path: Path) -> None:
     torus = {"kind": "cea2d", "width": 2, "height": 2, "generations": 3}
-    words = "start_from: 6 controllers are more than the 4 of the first generation"
+    words = "start_from: 6 controllers exceed the 4 candidates of the first generation"
     with pytest.raises(InputError, match=words):
         experiment(method=torus, start_from=[str(first.path)] * 6)
     fits = experiment(method=torus, start_from=[str(first.path)] * 4)

@@ -49,7 +49,7 @@ class PlainNnga(Nnga):
             return super().population_fitness
         return np.array([fitness for members in self._members for _, fitness in members])
 
-    def kept(self) -> Genomes:
+    def survivors(self) -> Genomes:
         return self._rows([genome for members in self._members for genome, _ in members])
 
     def _rescore(self, fitness: Fitness) -> None:
@@ -217,19 +217,19 @@ class PlainCea2d(Cea2d):
         """The random numbers of a cell in this generation, by purpose."""
         return lambda purpose: self.stream(purpose, cell)
 
-    def _next(self, index: int) -> Genome:
+    def _ask_next(self, index: int) -> Genome:
         members = self.options.members
         if index < members:
-            self._places[index] = index
+            self._target_cells[index] = index
             return self.representation.initial(self.streams_of("initial", index)[0])
         sweep = [(self._cursor + step) % members for step in range(members)]
         cell = next((one for one in sweep if one not in self.elite(one)), self._cursor)
         self._cursor = (cell + 1) % members
-        self._places[index] = cell
+        self._target_cells[index] = cell
         return self.made(cell, lambda purpose: self.streams_of(purpose, index)[0])
 
-    def _told(self, index: int, genome: Genome, fitness: float) -> None:
-        cell = self._places.pop(index)
+    def _tell_next(self, index: int, genome: Genome, fitness: float) -> None:
+        cell = self._target_cells.pop(index)
         if cell not in self.elite(cell) or fitness > self._fitness[cell]:
             self._genomes[cell], self._fitness[cell] = genome, fitness
 

@@ -157,7 +157,7 @@ def test_steady_state_sweeps_over_the_cells_that_do_not_stay() -> None:
     swept: list[int] = []
     for _ in range(16):
         method.ask_next()
-        swept.extend(method._places.values())
+        swept.extend(method._target_cells.values())
         method.tell_next(-1.0)
     assert swept == [cell for cell in range(9) if cell != 5] * 2
 
@@ -166,8 +166,8 @@ def test_steady_state_sweeps_over_the_cells_that_do_not_stay() -> None:
     ("options", "words"),
     [
         ({"elite": 0.5}, "must add up to 1, not 1.39"),
-        ({"elite": 1.0, "mutate": 0.0, "crossover": 0.0}, "no new candidate is made"),
-        ({"obstacles": 99}, "must leave 2 of 100 cells"),
+        ({"elite": 1.0, "mutate": 0.0, "crossover": 0.0}, "no new candidates are created"),
+        ({"obstacles": 99}, "must leave at least 2 of 100 cells"),
     ],
 )
 def test_shares_that_make_no_population_are_refused(options: dict[str, Any], words: str) -> None:

@@ -15,7 +15,7 @@ def method(request: pytest.FixtureRequest) -> Method:
 
 
 def test_telling_before_asking(method: Method) -> None:
-    with pytest.raises(InputError, match="ask for genomes first"):
+    with pytest.raises(InputError, match="no genomes are waiting"):
         method.tell(np.zeros(50))
 
 
@@ -27,7 +27,7 @@ def test_asking_twice(method: Method) -> None:
 
 def test_telling_another_number(method: Method) -> None:
     method.ask()
-    with pytest.raises(InputError, match=r"shape \(3,\); asked were 50 genomes"):
+    with pytest.raises(InputError, match=r"shape is \(3,\); expected \(50,\)"):
         method.tell(np.zeros(3))
     method.tell(np.zeros(50))  # the right number is still welcome
 
@@ -63,7 +63,7 @@ def test_no_method_starts_from_more_controllers_than_its_first_generation_has() 
     component = METHODS.get("nnga")
     options = component.options_model.model_validate({"population": 4, "populations": 2})
     assert component.no_start(options, 8) is None
-    assert component.no_start(options, 9) == "9 controllers are more than the 8 of the first generation"
+    assert component.no_start(options, 9) == "9 controllers exceed the 8 candidates of the first generation"
 
 
 def test_the_initial_genomes_are_the_same_for_every_method() -> None:

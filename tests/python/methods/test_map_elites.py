@@ -112,7 +112,7 @@ def test_telling_it_needs_metrics_of_the_right_shape() -> None:
         InputError, match=r"map_elites needs metrics: tell\(fitness, metrics=\.\.\.\), with columns x, y"
     ):
         method.tell(np.zeros(4))
-    with pytest.raises(InputError, match=r"metrics has the shape \(4, 3\); expected \(4, 2\)"):
+    with pytest.raises(InputError, match=r"metrics: shape is \(4, 3\); expected \(4, 2\)"):
         method.tell(np.zeros(4), metrics=np.zeros((4, 3)))
     method.tell(np.zeros(4), metrics=np.zeros((4, 2)))
 
@@ -163,5 +163,5 @@ def test_genes_that_are_choices_are_mutated() -> None:
     first = method.ask()
     told(method, first)
     assert {row.tobytes() for row in method.ask()} == {(first[first[:, 0].argmax()] + 1).tobytes()}
-    with pytest.raises(InputError, match=r"method\.variation: line needs genes that are numbers"):
+    with pytest.raises(InputError, match=r"method\.variation: line needs numeric genes"):
         new("map_elites", subject=subject, variation="line")

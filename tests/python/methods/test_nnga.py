@@ -125,7 +125,7 @@ def test_partners_are_the_most_different() -> None:
     ("options", "words"),
     [
         ({"elite": 0.5}, "must add up to 1, not 1.35"),
-        ({"population": 2}, "no new candidate is made"),
+        ({"population": 2}, "no new candidates are created"),
         ({"populations": 1000, "population": 100_000}, "1000 populations of 100000 have more than 10000000"),
         (
             {"elite": 0.0, "random": 0.0, "mutate": 1.0, "crossover": 0.0, "renew": 0.0},
@@ -316,5 +316,5 @@ def test_steady_state_gets_better() -> None:
 
 
 def test_steady_state_has_one_population() -> None:
-    with pytest.raises(ValidationError, match="in steady state there is one population"):
+    with pytest.raises(ValidationError, match="steady state allows only one population"):
         NngaOptions(operation="steady_state", populations=2)

@@ -58,7 +58,7 @@ def in_generations(method: Any) -> list[Genomes]:
     asked = []
     while not method.done:
         asked.append(method.ask())
-        kept = method.kept()
+        kept = method.survivors()
         again = fitness_of(kept, 5) if method.generation == 3 else None
         method.tell(fitness_of(asked[-1], method.generation), again)
     return asked

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from swarmwright import InputError
 from swarmwright.common.random_numbers import Stream
 from swarmwright.controllers import Representation
-from swarmwright.methods.racing import Entrant, Race, Racing, RacingOptions, Rules, alike
+from swarmwright.methods.racing import Entrant, Race, Racing, RacingOptions, Rules, find_alike
 from swarmwright.methods.rankings.race import ranks_of
 from swarmwright.testing import check_method
 from swarmwright.testing._common import representation
@@ -34,7 +34,7 @@ def entrants(count: int) -> list[Entrant]:
 def raced(race: Race, score: Any, left: int = 10**9) -> list[tuple[int, list[int]]]:
     """Run a race; return who was evaluated on which instance."""
     seen = []
-    while (missing := race.missing(left)) is not None:
+    while (missing := race.find_missing(left)) is not None:
         instance = race.instance
         who = [int(one.genome[0]) for one in missing]
         seen.append((instance, who))
@@ -64,7 +64,7 @@ def test_the_only_best_is_never_dropped() -> None:
         best = int(rng.integers(8))
         race = Race(entrants(8), [], 0, 400, RULES)
         raced(race, lambda one, _, rng=rng, best=best: rng.normal() + 3 * (one == best))
-        found = race.best()
+        found = race.find_best()
         assert found is not None
         assert found.genome[0] == best
 
@@ -91,8 +91,8 @@ def test_a_failed_candidate_goes_at_once() -> None:
     race = Race(entrants(3), [], 0, 10_000, RULES)
     assert len(raced(race, lambda *_: math.nan)) == 1
     assert race.alive == []
-    assert race.best() is None
-    assert race.ranked() == []
+    assert race.find_best() is None
+    assert race.rank() == []
 
 
 def with_elites(count: int, instances: int, *, others: int) -> list[Entrant]:
@@ -161,11 +161,11 @@ def test_what_every_race_keeps(seed: int, count: int, survivors: int, test: Any)
     for one in made:
         new = {instance for instance, who in seen if one.genome[0] in who}
         assert set(one.scores) == before[id(one)] | new
-    ranked = race.ranked()
+    ranked = race.rank()
     assert len(ranked) == len(race.alive)
     counts = [len(one.scores) for one in ranked]
     assert counts == sorted(counts, reverse=True)
-    assert race.best() is ranked[0]
+    assert race.find_best() is ranked[0]
     assert race.unseen == max([old if elites else -1, *alive_instances]) + 1
     best = [one for one in ranked if len(one.scores) == counts[0]]
     if test == "friedman" and best[0].scores and len({frozenset(one.scores) for one in best}) == 1:
@@ -224,11 +224,11 @@ def test_the_first_race_has_as_many_candidates_as_irace_would_give_it() -> None:
 
 def test_too_small_a_budget_is_refused_with_what_is_needed() -> None:
     # 2 + log2(10) = 5 survive.
-    with pytest.raises(InputError, match=r"method\.evaluations: 35 are too few .* takes 36; take as many"):
+    with pytest.raises(InputError, match=r"method\.evaluations: 35 are too few .* at least 36: "):
         racing(evaluations=35)
     method = racing(evaluations=36)
     assert conversation(method, lambda genomes: -(genomes**2).sum(axis=1))
-    with pytest.raises(InputError, match=r"method\.candidates: 5 are too few for a race that ends when 5"):
+    with pytest.raises(InputError, match=r"method\.candidates: 5 are too few for a race that ends with 5"):
         racing(candidates=5)
 
 
@@ -238,7 +238,7 @@ def test_it_finds_better_candidates_under_noise_than_the_same_number_at_random()
 
     def found(kind: Racing) -> float:
         conversation(kind, quality, noise=5.0)
-        best = kind._race.best()  # type: ignore[union-attr]
+        best = kind._race.find_best()  # type: ignore[union-attr]
         assert best is not None
         return float(quality(best.genome[np.newaxis].astype(np.float64))[0])
 
@@ -261,7 +261,7 @@ def test_the_incumbent_has_the_most_instances_and_their_mean() -> None:
             numbers.setdefault(rows[-1], []).append(value)
         method.tell(fitness)
         expected = [math.fsum(numbers[one.tobytes()]) / len(numbers[one.tobytes()]) for one in genomes]
-        assert method.told_means.tolist() == expected
+        assert method.instance_means.tolist() == expected
         incumbent = method.incumbent
         assert incumbent is not None
         mine = numbers[rows[incumbent.evaluation]]
@@ -311,7 +311,7 @@ def test_it_evolves_choices_categories_and_machines(subject: str) -> None:
 
     method = racing(made, evaluations=4000)
     steps = conversation(method, quality, noise=0.5)
-    best = method._race.best()  # type: ignore[union-attr]
+    best = method._race.find_best()  # type: ignore[union-attr]
     assert best is not None
     random = quality(steps[0][2].astype(np.float64))
     assert quality(best.genome[np.newaxis].astype(np.float64))[0] >= random.max()
@@ -367,4 +367,4 @@ def test_rows_that_are_alike_are_found(seed: int) -> None:
         for index, row in enumerate(rows)
         if any(np.abs(row - other).max() <= 1e-4 for at, other in enumerate(rows) if at != index)
     ]
-    assert alike(rows).tolist() == expected
+    assert find_alike(rows).tolist() == expected

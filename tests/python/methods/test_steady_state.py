@@ -87,28 +87,28 @@ def test_cea2d_gets_better() -> None:
 
 def test_out_of_turn() -> None:
     method = new("random_search", operation="steady_state", in_flight=2, population=3, generations=1)
-    with pytest.raises(InputError, match="ask for a candidate first"):
+    with pytest.raises(InputError, match="no candidate is waiting for its fitness"):
         method.tell_next(1.0)
     with pytest.raises(InputError, match="use ask_next and tell_next"):
         method.ask()
     method.ask_next()
     method.ask_next()
     assert not method.can_ask
-    with pytest.raises(InputError, match=r"2 candidate\(s\) are in flight: tell the fitness of candidate 0"):
+    with pytest.raises(InputError, match=r"2 candidate\(s\) are in flight; tell the fitness of candidate 0"):
         method.ask_next()
     method.tell_next(1.0)
     method.ask_next()
     method.tell_next(1.0)
-    with pytest.raises(InputError, match="all candidates have been asked for"):
+    with pytest.raises(InputError, match="no candidates remain"):
         method.ask_next()
     method.tell_next(1.0)
     assert method.done
     with pytest.raises(InputError, match="done after 1 generation"):
         method.ask_next()
     whole = new("random_search")
-    with pytest.raises(InputError, match="operation is generational: use ask and tell"):
+    with pytest.raises(InputError, match="operation is generational; use ask and tell"):
         whole.ask_next()
-    with pytest.raises(InputError, match="operation is generational: use ask and tell"):
+    with pytest.raises(InputError, match="operation is generational; use ask and tell"):
         whole.tell_next(1.0)
 
 

@@ -174,8 +174,8 @@ def test_rankings_with_a_fitness_of_failed_episodes() -> None:
     fast = np.array([[1.0], [0.0], [np.nan], [-9.0]])
     there = np.array([[np.nan], [5.0], [np.nan], [np.nan]])
     metrics = np.empty((4, 1, 0))
-    assert slow.chosen(fast, there, metrics).tolist() == [True, True, False, False]
-    assert slow.ranked(fast, there, metrics)[:2].tolist() == [-7.0, 5.0]
+    assert slow.find_transferred(fast, there, metrics).tolist() == [True, True, False, False]
+    assert slow.rank(fast, there, metrics)[:2].tolist() == [-7.0, 5.0]
     one = Absolute(AbsoluteOptions(reevaluate=True, failed=-1))
     genomes = np.zeros((1, 1), np.float32)
     assert one.score(np.array([[np.nan]]), genomes).tolist() == [-1.0]

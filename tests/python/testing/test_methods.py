@@ -149,7 +149,7 @@ def test_state_that_a_new_process_does_not_have_is_found(monkeypatch: pytest.Mon
 @pytest.mark.slow
 def test_a_window_that_learns_too_early_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     def eager(method: Any, fitness: float) -> None:
-        method._told(method.evaluations, method._untold.popleft(), fitness)
+        method._tell_next(method.evaluations, method._pending.popleft(), fitness)
         method.evaluations += 1
         method.done = method.evaluations >= method._last
 

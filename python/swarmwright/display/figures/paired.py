@@ -35,7 +35,7 @@ def draw(comparison: "ControllerComparison") -> "Figure":
     """Return the figure: fitness of A over that of B, and all differences in ascending order."""
     counts = ~np.isnan(comparison.differences)
     first, second = (
-        drawable(evaluation.ranking.counted(evaluation.episodes)[counts])
+        drawable(evaluation.ranking.replace_failures(evaluation.episodes)[counts])
         for evaluation in (comparison.first, comparison.second)
     )
     figure = new_figure(11, 5.2)

@@ -1,6 +1,6 @@
-"""Rankings: the order of candidates, from the fitness of their episodes.
+"""Rankings, which turn the fitness of episodes into the fitness of candidates.
 
-`RANKINGS.names()` lists the kinds that an experiment's `ranking` may have, those of plug-ins included;
+`RANKINGS.names()` lists the kinds of an experiment's `ranking`, including plug-ins;
 `RANKINGS.get("race")` is the class of one. An experiment makes its ranking by `Experiment.new_ranking()`. A
 custom ranking is a class derived from `Ranking`: docs/how-to/plug-ins.md.
 """

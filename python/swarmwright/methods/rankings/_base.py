@@ -1,4 +1,4 @@
-"""What every ranking does."""
+"""The base class of rankings."""
 
 import math
 from abc import ABC, abstractmethod
@@ -16,13 +16,13 @@ from swarmwright.common.plug_in_code import is_plug_in, numbers
 from swarmwright.common.problems import format_value
 
 
-def _failed(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+def _parse_failed(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, str) and value in {"last", "stop"}:
         return value
     if isinstance(value, int | float) and not isinstance(value, bool):
         try:
             number = float(value)
-        except OverflowError:  # of a huge integer
+        except OverflowError:  # huge integer
             number = math.inf
         if math.isfinite(number):
             return number
@@ -35,51 +35,47 @@ class RankingOptions(Options):
     """Options of every ranking."""
 
     kind: str = ""
-    """The name of the ranking; each has its own."""
+    """Name of the ranking."""
     episodes: int = Field(default=1, ge=1, le=100_000)
-    """Episodes per candidate; episode e has the simulation seed parameters.seed (default 0) + e. All
-    candidates of a generation have the same seeds (common random numbers)."""
+    """Episodes per candidate; episode e has the simulation seed parameters.seed (default 0) + e, the same for
+    all candidates of a generation."""
     seeds: Literal["same", "new"] = "same"
-    """same: the episodes of every generation have the same seeds (FREVO's way). new: generation g begins with
-    the seed parameters.seed + g * episodes, so that evolution cannot fit itself to a few episodes."""
+    """same: every generation uses the same seeds, as in FREVO. new: generation g begins with the seed
+    parameters.seed + g * episodes, which prevents overfitting to a few episodes."""
     reevaluate: bool = False
-    """Whether members that stay are evaluated again in every generation. Their fitness is then made of all
-    their episodes since they came, so that one lucky evaluation does not dominate permanently, and the best
-    candidate of the run is that of the last generation. For noisy simulations and `seeds: new`; costs the
-    evaluations of the members that stay. Only for the methods nnga, cea2d, de and pso, and not with the
-    rankings race, multi_fidelity and transferability."""
+    """Whether survivors are evaluated again in every generation, for noisy simulations and `seeds: new`.
+    Their fitness then covers all their episodes, and the run's best candidate is that of the last generation.
+    Only for the methods nnga, cea2d, de and pso, without the rankings race, multi_fidelity and
+    transferability."""
     failed: Annotated[
         Literal["last", "stop"] | float,
-        BeforeValidator(_failed),
+        BeforeValidator(_parse_failed),
         WithJsonSchema({"anyOf": [{"enum": ["last", "stop"]}, {"type": "number"}]}),
     ] = "last"
-    """What a failed episode leads to. last: its candidate fails and ranks below all others, and the run goes
-    on; a generation of which all candidates failed ends it. stop: the run ends, its results are kept, and
-    `swarmwright resume` continues when the cause is fixed. A number: the fitness of a failed episode, which
-    is aggregated with that of the others, in the run and on held-out seeds, so that no mean leaves failures
-    out; take a value that is at most as good as the worst episode that works. Failed evaluations are counted
-    in any case. Not with the methods map_elites and nsga2 and the ranking transferability: they compare
-    metrics, which a failed episode does not have."""
+    """Effect of a failed episode. last: its candidate ranks below all others; the run ends if a whole
+    generation fails. stop: the run ends and can be resumed. A number: the fitness of a failed episode, at
+    most that of the worst working one; not with the methods map_elites and nsga2 and the ranking
+    transferability."""
 
     @property
     def failure_fitness(self) -> float | None:
-        """Fitness of a failed episode; None where it has none."""
+        """Fitness of a failed episode, or None."""
         return None if isinstance(self.failed, str) else self.failed
 
 
 class Ranking(ABC):
-    """Says which episodes a candidate goes through and turns what came out into one fitness per candidate.
+    """Base class of rankings, which choose episodes and aggregate their results to fitness.
 
-    `score` is a template around `_score`: it checks the shapes and keeps failed candidates apart, so that a
-    ranking only ever sees numbers.
+    `score` is a template around `_score` that checks shapes and separates failed candidates, so that a
+    ranking receives only finite numbers.
     """
 
     kind: ClassVar[str]
     """Name in experiment files."""
     options_model: ClassVar[type[RankingOptions]]
-    """Typed options, with `kind` among them."""
+    """Model of the options, including `kind`."""
     default_options: ClassVar[type[RankingOptions]] = RankingOptions
-    """Those of a class in a file (`my_ranking.py:Class`) that has no `options_model`."""
+    """Options model of classes in files (`my_ranking.py:Class`) without an `options_model`."""
 
     def __init__(self, options: RankingOptions) -> None:
         self.options = options
@@ -90,22 +86,22 @@ class Ranking(ABC):
         return self.seeds_of(first, 0 if self.options.seeds == "same" else generation)
 
     def seeds_of(self, first: int, number: int) -> list[int]:
-        """Return the seeds of each number from 0 on, which have none in common; see `seeds`."""
+        """Return disjoint sets of seeds for numbers from 0 on; see `seeds`."""
         begin = first + number * self.options.episodes
         return [begin + episode for episode in range(self.options.episodes)]
 
     def score(self, episodes: NDArray[np.float64], genomes: NDArray[np.float32] | None = None) -> Fitness:
         """Return (candidates,) fitness of (candidates, episodes) results.
 
-        A candidate of which any episode failed (NaN or infinite), or whose aggregate overflows, has failed:
-        NaN; where `failed` is a number, that is the fitness of a failed episode. With `reevaluate`, what is
-        known of the genomes from the last call counts, too.
+        A candidate with a failed episode (NaN or infinite), or whose aggregate overflows, gets NaN; if
+        `failed` is a number, it replaces the fitness of failed episodes. With `reevaluate`, earlier episodes
+        of the genomes count, too.
 
         Args:
             episodes: results, (candidates, episodes).
-            genomes: (candidates, genome_size); needed with `reevaluate` only.
+            genomes: (candidates, genome_size), only for `reevaluate`.
         """
-        episodes = self.counted(episodes)
+        episodes = self.replace_failures(episodes)
         scores = np.full(len(episodes), np.nan)
         if self.options.reevaluate and genomes is not None:
             rows = self._with_past(episodes.tolist(), genomes)
@@ -116,18 +112,18 @@ class Ranking(ABC):
         if worked.any():
             with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
                 if rows is not None:
-                    made = self._score(list(compress(rows, worked)))
+                    fitness = self._score(list(compress(rows, worked)))
                 else:
-                    made = self._score_array(episodes if worked.all() else episodes[worked])
+                    fitness = self._score_array(episodes if worked.all() else episodes[worked])
             if is_plug_in(type(self)):
-                made = self._made(made, int(np.count_nonzero(worked)))
+                fitness = self._check_scores(fitness, int(np.count_nonzero(worked)))
             # Adding 0.0 turns -0.0 into 0.0: equal fitness has one representation.
-            scores[worked] = made + 0.0
+            scores[worked] = fitness + 0.0
         scores[~np.isfinite(scores)] = np.nan
         return scores
 
-    def counted(self, episodes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return results in which failed episodes have the fitness `failed`, where that is a number.
+    def replace_failures(self, episodes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Replace the fitness of failed episodes by `failed`, if that is a number.
 
         Args:
             episodes: results of any shape, NaN or infinite where an episode failed.
@@ -136,10 +132,10 @@ class Ranking(ABC):
         return episodes if value is None else np.where(np.isfinite(episodes), episodes, value)
 
     def samples(self, episodes: Sequence[float]) -> Fitness:
-        """Return independent fitness values of one candidate, from more episodes than a ranking takes.
+        """Return independent fitness values of one candidate, from more episodes than a ranking uses.
 
-        Their mean estimates what the candidate's fitness is on other seeds. By default the score of each
-        `options.episodes` in a row, a rest left out.
+        Their mean estimates the candidate's fitness on other seeds. By default, the scores of consecutive
+        groups of `options.episodes`, without a remainder.
 
         Args:
             episodes: results, finite, of one candidate.
@@ -149,21 +145,21 @@ class Ranking(ABC):
         return self.score(np.array(episodes[: count * size], dtype=np.float64).reshape(count, size))
 
     def _with_past(self, rows: list[list[float]], genomes: NDArray[np.float32]) -> list[list[float]]:
-        """Return all episodes of each genome: of one that was there before, the past, too."""
+        """Return all episodes of each genome, including those of earlier generations."""
         keys = [genome.tobytes() for genome in genomes]
         whole = [[*self._past.get(key, ()), *row] for key, row in zip(keys, rows, strict=True)]
         self._past = dict(zip(keys, whole, strict=True))
         return whole
 
     def _score_array(self, episodes: NDArray[np.float64]) -> Fitness:
-        """Return (candidates,) fitness of (candidates, episodes) finite results, one candidate at least.
+        """Return (candidates,) fitness of (candidates, episodes) finite results of at least one candidate.
 
-        By default that of `_score`; a ranking that works on arrays is faster with large populations.
+        Calls `_score` by default; override it to work on arrays, which is faster for large populations.
         """
-        return np.asarray(self._made(self._score(episodes.tolist()), len(episodes)), dtype=np.float64)
+        return np.asarray(self._check_scores(self._score(episodes.tolist()), len(episodes)), dtype=np.float64)
 
-    def _made(self, scores: Fitness, candidates: int) -> Fitness:
-        """Return what the ranking made of results. Raises PlugInError when it is something else."""
+    def _check_scores(self, scores: Fitness, candidates: int) -> Fitness:
+        """Check the scores of a plug-in. Raises PlugInError for other values."""
         by_array = type(self)._score_array is not Ranking._score_array
         method = "_score_array" if by_array else "_score"
         return numbers(
@@ -172,4 +168,4 @@ class Ranking(ABC):
 
     @abstractmethod
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
-        """Return (candidates,) fitness of each one's results: finite, at least one, not all equally many."""
+        """Return (candidates,) fitness from the finite results of each candidate; lengths vary."""

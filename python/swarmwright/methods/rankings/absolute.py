@@ -17,11 +17,10 @@ class AbsoluteOptions(RankingOptions):
 
     kind: Literal["absolute"] = "absolute"
     aggregate: Literal["mean", "sum", "median", "worst", "quantile", "cvar"] = "mean"
-    """How the episodes' fitness becomes the candidate's. FREVO's problems use the sum. quantile: what the
-    worst `level` of the episodes does not exceed. cvar (conditional value at risk, expected shortfall): the
-    mean of the worst `level` of the episodes."""
+    """Aggregation of the episodes' fitness. quantile: the `level` quantile. cvar (conditional value at risk):
+    the mean of the worst `level` of the episodes. FREVO's problems use the sum."""
     level: float = Field(default=0.25, gt=0, le=1)
-    """Share of episodes that quantile and cvar look at."""
+    """Share of worst episodes for quantile and cvar."""
 
 
 class Absolute(Ranking):
@@ -37,7 +36,7 @@ class Absolute(Ranking):
     options: AbsoluteOptions
 
     def samples(self, episodes: Sequence[float]) -> Fitness:
-        """Return fitness values of one candidate; of a mean or a sum, every episode makes one."""
+        """Return fitness values of one candidate; one per episode for mean and sum."""
         if self.options.aggregate in {"mean", "sum"}:
             share = self.options.episodes if self.options.aggregate == "sum" else 1
             return np.array(episodes, dtype=np.float64) * share

@@ -1,4 +1,4 @@
-"""Two fidelities: all candidates in a fast simulation, the best of them in a slow one, too."""
+"""Multi-fidelity ranking: all candidates in a fast simulation, the best also in a slow one."""
 
 import math
 from collections import deque
@@ -16,35 +16,33 @@ from swarmwright.methods.rankings.slow_simulation import (
     Rounds,
     SlowOptions,
     SlowRanking,
-    kept_below,
+    compress_below,
     row_means,
 )
 
 _MEMORY = 10
-"""Default of `memory` where all generations have the same seeds."""
+"""Default of `memory` if all generations have the same seeds."""
 
 
 class MultiFidelityOptions(SlowOptions):
-    """All candidates are evaluated in the experiment's simulation, the best of them in a slow one as well."""
+    """All candidates are evaluated in the experiment's simulation, the best also in a slow one."""
 
     kind: Literal["multi_fidelity"] = "multi_fidelity"
     share: float = Field(default=0.1, gt=0, le=1)
-    """Share of a generation that is evaluated in the slow simulation, rounded; at least one candidate."""
+    """Share of a generation to evaluate in the slow simulation, at least one candidate."""
     memory: int | None = Field(default=None, ge=1, le=100_000)
-    """Generations, this one among them, whose differences between slow and fast fitness correct the fast
-    fitness of the other candidates. Default: 10; with `seeds: new` 1, since differences between the two
-    simulations that a seed makes are those of its generation only."""
+    """Generations, including the current one, whose differences between slow and fast fitness correct the
+    fast fitness of other candidates. Default: 10; with `seeds: new` 1."""
 
 
 class MultiFidelity(SlowRanking):
-    """The fitness in a slow simulation where there is one, else the corrected one of the fast simulation.
+    """Fitness in a slow simulation for the best candidates, and corrected fast fitness for the others.
 
-    A share of each generation, the best by their fast fitness, is evaluated in the slow simulation as well,
-    with the same seeds. Their fitness is the mean of these episodes. That of the others is the mean of the
-    fast episodes plus the mean of slow minus fast over all candidates of the last `memory` generations that
-    have both; those for which this is not less than the best slow one of their generation are kept below it,
-    in their order, so that the best of a run was always evaluated in the slow simulation. Where all that are
-    evaluated there fail, the next best ones are, until one does not.
+    A share of each generation, the best by fast fitness, is also evaluated in the slow simulation, with the
+    same seeds. Their fitness is the mean of these episodes. The fitness of the others is the mean of the fast
+    episodes plus the mean of slow minus fast fitness over the last `memory` generations. It is kept below the
+    best slow fitness of the generation, in order, so that the best of a run was always evaluated in the slow
+    simulation. If all evaluations in the slow simulation fail, the next best candidates are evaluated.
 
     Sources: the best are chosen as in the best strategy of individual-based evolution control of Jin, Olhofer
     and Sendhoff, "A framework for evolutionary optimization with approximate fitness functions", IEEE
@@ -62,35 +60,35 @@ class MultiFidelity(SlowRanking):
         self._memory = options.memory or (1 if options.seeds == "new" else _MEMORY)
         self._differences: deque[list[float]] = deque(maxlen=self._memory)
 
-    def expected(self, candidates: int) -> int:
-        """Return how many candidates of a generation are evaluated in the slow simulation."""
+    def count_transfers(self, candidates: int) -> int:
+        """Return the number of candidates to evaluate in the slow simulation."""
         return min(candidates, max(1, math.floor(self.options.share * candidates + 0.5)))
 
     def rounds(self, fast: Episodes, metrics: NDArray[np.float64]) -> Rounds:  # noqa: ARG002 - of another ranking
-        """Choose the best by their fast fitness; see `SlowRanking.rounds`."""
+        """Choose the best by fast fitness; see `SlowRanking.rounds`."""
         approximate = row_means(fast)
         order = best_first(approximate)[: int(np.isfinite(approximate).sum())]
         slow = np.full(len(fast), np.nan)
         measured = np.zeros(len(fast), dtype=np.bool_)
-        count = self.expected(len(fast))
+        count = self.count_transfers(len(fast))
         while len(order) and not np.isfinite(slow).any():
-            who, order = np.sort(order[:count]), order[count:]
-            slow[who] = row_means((yield who))
-            measured[who] = True
+            chosen, order = np.sort(order[:count]), order[count:]
+            slow[chosen] = row_means((yield chosen))
+            measured[chosen] = True
         both = np.isfinite(slow)
         differences = (slow - approximate)[both].tolist()
         fitness = np.where(measured, slow, approximate + self._correction(differences))
         if both.any():
-            fitness[~measured] = kept_below(fitness[~measured], float(slow[both].max()))
+            fitness[~measured] = compress_below(fitness[~measured], float(slow[both].max()))
         fitness[~np.isfinite(fitness)] = np.nan
         return Ranked(fitness + 0.0, differences)
 
     def learn(self, learned: list[float]) -> None:
-        """Keep the differences of a generation."""
+        """Store the differences of a generation."""
         self._differences.append(learned)
 
     def _correction(self, now: list[float]) -> float:
-        """Return the mean difference; now: those of this generation."""
+        """Return the mean difference. now: differences of this generation."""
         before = list(self._differences)[-(self._memory - 1) :] if self._memory > 1 else []
         values = [value for generation in (*before, now) for value in generation]
         return mean(values) if values else 0.0

@@ -1,4 +1,4 @@
-"""A race in each generation: candidates that are clearly worse go through no more episodes."""
+"""Racing within a generation: clearly worse candidates get no more episodes."""
 
 import math
 import sys
@@ -16,114 +16,113 @@ from swarmwright.common.problems import FieldError
 from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 Test = Literal["friedman", "t", "t_holm", "t_bonferroni"]
-"""friedman: by ranks, see `survivors`. t: paired t-tests with the best mean; with Holm's or Bonferroni's
-correction for their number."""
+"""friedman: by ranks, see `survivors`. t: paired t-tests against the best mean, optionally with Holm's or
+Bonferroni's correction."""
 
 Scores = NDArray[np.float64]
 _MOST_EXACT_DIFFERENCES = 50
-"""Below so many differences Wilcoxon's distribution is counted out."""
+"""Number of differences below which Wilcoxon's distribution is exact."""
 _SMALLEST_TERM = 1e-300
-"""Takes the place of smaller denominators of continued fractions."""
+"""Smallest denominator in continued fractions."""
 _MOST_TERMS = 100_000
-"""Terms of a series or a continued fraction."""
-"""Of a series or a continued fraction, at most; a few dozen are enough for usual arguments."""
+"""Upper limit of terms of a series or continued fraction; a few dozen suffice for usual arguments."""
 
 
 def survivors(scores: Scores, test: Test, level: float) -> NDArray[np.bool_]:
-    """Return which candidates are not significantly worse than the best one, (candidates,).
+    """Return which candidates are not significantly worse than the best, (candidates,).
 
-    friedman: with three candidates or more, Friedman's test of all. If it finds a difference, those are
-    dropped whose sum of ranks differs from the best one's by more than Conover's comparison allows. With two,
-    Wilcoxon's signed-rank test; one that is nowhere better and somewhere worse is dropped without a test. t,
-    t_holm, t_bonferroni: a paired, two-sided t-test of each against the one with the best mean.
+    friedman: for three or more candidates, Friedman's test; if it finds a difference, candidates are dropped
+    whose rank sums differ from the best by more than Conover's comparison allows. For two, Wilcoxon's
+    signed-rank test; a candidate that is never better and sometimes worse is dropped without a test. t,
+    t_holm, t_bonferroni: paired, two-sided t-tests against the best mean.
 
-    The best one always stays, as do those that equal it.
+    The best candidate and its equals always stay.
 
     Args:
-        scores: (instances, candidates), finite, more is better, at least one of each.
-        test: which test.
+        scores: (instances, candidates), finite, higher is better, at least one of each.
+        test: the test to use.
         level: of significance, 0 to 1.
     """
     count = scores.shape[1]
     if count < 2:
         return np.ones(count, dtype=np.bool_)
     if test != "friedman":
-        return _by_t(scores, test, level)
-    return _by_ranks(scores, level) if count > 2 else _of_two(scores, level)
+        return _test_by_means(scores, test, level)
+    return _test_by_ranks(scores, level) if count > 2 else _test_pair(scores, level)
 
 
 def ranks_of(scores: Scores) -> Scores:
-    """Return the rank of each candidate in each row, 1 for the best; equal ones share the mean rank."""
+    """Return the rank of each candidate in each row, 1 for the best; ties share the mean rank."""
     ranks = np.empty(scores.shape)
     for row, values in enumerate(scores):
-        _, which, counts = np.unique(-values, return_inverse=True, return_counts=True)
-        ranks[row] = (np.cumsum(counts) - (counts - 1) / 2)[which]
+        _, inverse, counts = np.unique(-values, return_inverse=True, return_counts=True)
+        ranks[row] = (np.cumsum(counts) - (counts - 1) / 2)[inverse]
     return ranks
 
 
 def friedman(ranks: Scores) -> float:
-    """Return the p-value of Friedman's test, corrected for ties; 1 where all are equal in every row.
+    """Return the p-value of Friedman's test, corrected for ties; 1 if all rows are tied.
 
     ranks: (instances, candidates), at least two candidates.
     """
     rows, count = ranks.shape
-    # Ranks are multiples of 1/2, so that these sums are exact.
+    # Ranks are multiples of 1/2, so these sums are exact.
     between = float(((ranks.sum(axis=0) - rows * (count + 1) / 2) ** 2).sum())
     within = float((ranks**2).sum()) - rows * count * (count + 1) ** 2 / 4
     return 1.0 if within <= 0 else chi_squared_tail((count - 1) * between / within, count - 1)
 
 
 def conover(ranks: Scores) -> Scores:
-    """Return the p-value of each candidate's comparison with the one with the least sum of ranks.
+    """Return the p-value of each candidate's comparison with the one of the smallest rank sum.
 
     ranks: (instances, candidates), at least two of each.
     """
     rows, count = ranks.shape
     sums = ranks.sum(axis=0)
     freedom = (rows - 1) * (count - 1)
-    rest = 2 * (rows * float((ranks**2).sum()) - float((sums**2).sum()))
+    remainder = 2 * (rows * float((ranks**2).sum()) - float((sums**2).sum()))
     difference = sums - sums.min()
-    if rest <= 0:  # every row has the same ranks
+    if remainder <= 0:  # every row has the same ranks
         return np.where(difference > 0, 0.0, 1.0)
-    error = math.sqrt(rest / freedom)
+    error = math.sqrt(remainder / freedom)
     return np.array(
         [student_tails(difference_of_means / error, freedom) for difference_of_means in difference.tolist()]
     )
 
 
-def _by_ranks(scores: Scores, level: float) -> NDArray[np.bool_]:
+def _test_by_ranks(scores: Scores, level: float) -> NDArray[np.bool_]:
     ranks = ranks_of(scores)
     if len(ranks) < 2 or friedman(ranks) >= level:
         return np.ones(scores.shape[1], dtype=np.bool_)
     return conover(ranks) >= level
 
 
-def _of_two(scores: Scores, level: float) -> NDArray[np.bool_]:
+def _test_pair(scores: Scores, level: float) -> NDArray[np.bool_]:
     differences = scores[:, 0] - scores[:, 1]
-    found = differences[differences != 0]
-    if not len(found):
+    nonzero = differences[differences != 0]
+    if not len(nonzero):
         return np.ones(2, dtype=np.bool_)
-    if not ((found > 0).all() or (found < 0).all()) and wilcoxon(differences) >= level:
+    if not ((nonzero > 0).all() or (nonzero < 0).all()) and wilcoxon(differences) >= level:
         return np.ones(2, dtype=np.bool_)
-    averages = np.add.outer(found / 2, found / 2)[np.triu_indices(len(found))]
+    averages = np.add.outer(nonzero / 2, nonzero / 2)[np.triu_indices(len(nonzero))]
     first = np.median(averages) > 0
     return np.array([first, not first])
 
 
 def wilcoxon(differences: Scores) -> float:
-    """Return the two-sided p-value of Wilcoxon's signed-rank test; 1 where all differences are 0.
+    """Return the two-sided p-value of Wilcoxon's signed-rank test; 1 if all differences are 0.
 
-    Exact for fewer than 50 differences without zeros and ties, else by the normal distribution, with
-    corrections for ties and for continuity.
+    Exact for fewer than 50 differences without zeros and ties, else a normal approximation with corrections
+    for ties and continuity.
     """
-    found = differences[differences != 0]
-    count = len(found)
+    nonzero = differences[differences != 0]
+    count = len(nonzero)
     if not count:
         return 1.0
-    ranks = ranks_of(-np.abs(found)[np.newaxis])[0]
-    positive = float(ranks[found > 0].sum())
+    ranks = ranks_of(-np.abs(nonzero)[np.newaxis])[0]
+    positive = float(ranks[nonzero > 0].sum())
     if count == len(differences) < _MOST_EXACT_DIFFERENCES and len(set(ranks.tolist())) == count:
-        return _signed_rank_tails(positive, count)
+        return _compute_signed_rank_tails(positive, count)
     ties = np.unique(ranks, return_counts=True)[1].astype(np.float64)
     variance = count * (count + 1) * (2 * count + 1) / 24 - float((ties**3 - ties).sum()) / 48
     away = positive - count * (count + 1) / 4
@@ -132,33 +131,33 @@ def wilcoxon(differences: Scores) -> float:
     return math.erfc(max(abs(away) - 0.5, 0.0) / math.sqrt(2 * variance)) if away else 1.0
 
 
-def _signed_rank_tails(positive: float, count: int) -> float:
+def _compute_signed_rank_tails(positive: float, count: int) -> float:
     """Return twice the smaller tail of the exact distribution of the sum of positive ranks."""
     ways = [1]
     for rank in range(1, count + 1):  # each rank has either sign
         more = [0] * rank
-        ways = [one + other for one, other in zip(ways + more, more + ways, strict=True)]
+        ways = [first + second for first, second in zip(ways + more, more + ways, strict=True)]
     lower = sum(ways[: int(positive) + 1])
     upper = sum(ways[int(positive) :])
     return min(1.0, 2 * min(lower, upper) / float(2**count))
 
 
-def _by_t(scores: Scores, test: Test, level: float) -> NDArray[np.bool_]:
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not compared
+def _test_by_means(scores: Scores, test: Test, level: float) -> NDArray[np.bool_]:
+    with np.errstate(over="ignore", invalid="ignore"):  # overflowing values are not compared
         p = _t_tests(scores)
-    others = len(p) - 1
+    comparisons = len(p) - 1
     if test == "t_bonferroni":
-        p = np.minimum(p * others, 1.0)
+        p = np.minimum(p * comparisons, 1.0)
     elif test == "t_holm":
         order = np.argsort(p, kind="stable")
-        factors = np.maximum(others - np.arange(len(p)), 1)
+        factors = np.maximum(comparisons - np.arange(len(p)), 1)
         p[order] = np.minimum(np.maximum.accumulate(p[order] * factors), 1.0)
-    kept: NDArray[np.bool_] = p >= level
-    return kept
+    stays: NDArray[np.bool_] = p >= level
+    return stays
 
 
 def _t_tests(scores: Scores) -> Scores:
-    """Return the p-value of each candidate against the one with the best mean, which has 1 itself."""
+    """Return the p-value of each candidate against the one with the best mean, whose own is 1."""
     rows, count = scores.shape
     means = (scores / rows).sum(axis=0)
     best = int(np.argmax(means))
@@ -188,7 +187,7 @@ def chi_squared_tail(value: float, freedom: int) -> float:
             if term < total * 1e-17:
                 break
         return max(0.0, 1 - front * total)
-    # The continued fraction of the upper one, by Lentz's algorithm.
+    # The continued fraction of the upper function, by Lentz's algorithm.
     b = x + 1 - a
     c, d = 1 / _SMALLEST_TERM, 1 / b
     fraction = d
@@ -208,19 +207,19 @@ def student_tails(t: float, freedom: int) -> float:
     squared = t * t
     if squared == 0 or not math.isfinite(squared):
         return 0.0 if squared else 1.0
-    a, x, rest = freedom / 2, freedom / (freedom + squared), squared / (freedom + squared)
-    # The regularized incomplete beta function of x for a and 1/2; a logarithm near 1 by what is left to it.
-    logarithm = a * (math.log1p(-rest) if rest < 0.5 else math.log(x)) + 0.5 * (
-        math.log1p(-x) if x < 0.5 else math.log(rest)
+    a, x, complement = freedom / 2, freedom / (freedom + squared), squared / (freedom + squared)
+    # The regularized incomplete beta function of x for a and 1/2; log1p keeps precision near 1.
+    logarithm = a * (math.log1p(-complement) if complement < 0.5 else math.log(x)) + 0.5 * (
+        math.log1p(-x) if x < 0.5 else math.log(complement)
     )
     front = math.exp(logarithm + _log_gamma_ratio(a) - 0.5 * math.log(math.pi))
     if x > (a + 1) / (a + 2.5):
-        return max(0.0, 1 - front * _beta_fraction(0.5, a, rest) / 0.5)
+        return max(0.0, 1 - front * _beta_fraction(0.5, a, complement) / 0.5)
     return min(1.0, front * _beta_fraction(a, 0.5, x) / a)
 
 
 def _log_gamma_ratio(a: float) -> float:
-    """Return the logarithm of gamma(a + 1/2) / gamma(a): of large ones the difference would lose digits."""
+    """Return the logarithm of gamma(a + 1/2) / gamma(a), without loss of digits for large values."""
     if a < 30:
         return math.lgamma(a + 0.5) - math.lgamma(a)
     inverse = 1 / a
@@ -247,33 +246,33 @@ def _beta_fraction(a: float, b: float, x: float) -> float:
 
 
 def _nonzero(value: float) -> float:
-    """Return a number that can be divided by."""
+    """Replace numbers too close to zero for division."""
     return value if abs(value) > _SMALLEST_TERM else _SMALLEST_TERM
 
 
 Episodes = NDArray[np.float64]
 _LARGEST_FLOAT = sys.float_info.max
-"""Of binary64: fitness is kept finite."""
+"""Limit that keeps fitness finite."""
 Rounds = Generator[tuple[NDArray[np.intp], slice], Episodes, Fitness]
-"""Yields candidates and the episodes that they go through, takes what came out; returns their fitness."""
+"""Yields candidates and their episodes, receives the results, and returns the fitness."""
 
 
 class RaceOptions(RankingOptions):
-    """Candidates that are significantly worse than the best of their generation get no more episodes.
+    """Candidates significantly worse than the best of their generation get no more episodes.
 
-    Not with `map_elites` and `nsga2`: metrics that they compare would be means over different seeds.
+    Not with `map_elites` and `nsga2`, whose metrics would be means over different seeds.
     """
 
     kind: Literal["race"] = "race"
     episodes: int = Field(default=10, ge=1, le=100_000)
-    """Episodes of a candidate that is not dropped: more than first_test in an experiment."""
+    """Episodes of a candidate that is not dropped, more than first_test."""
     first_test: int = Field(default=5, ge=2, le=100_000)
-    """Episodes of all candidates, after which the first test is made."""
+    """Episodes of all candidates before the first test."""
     each_test: int = Field(default=1, ge=1, le=100_000)
     """Episodes between two tests."""
     test: Test = "friedman"
     """friedman: Friedman's test and Conover's comparisons with the best, by ranks. t, t_holm, t_bonferroni:
-    paired t-tests with the best mean, without or with a correction for their number."""
+    paired t-tests against the best mean, without or with correction."""
     level: float = Field(default=0.05, gt=0, lt=1)
     """Significance level of each test."""
 
@@ -282,23 +281,22 @@ class RaceOptions(RankingOptions):
         if self.reevaluate:
             raise FieldError(
                 "reevaluate",
-                "members that stay have other episodes than new candidates, which cannot race "
-                "with them; leave reevaluate out, or take kind: absolute",
+                "survivors and new candidates have different episodes and cannot race each other; leave "
+                "reevaluate out, or use kind: absolute",
             )
         return self
 
 
 class Race(Ranking):
-    """The mean of a candidate's episodes, of which the clearly worse have fewer.
+    """The mean of a candidate's episodes, with fewer episodes for clearly worse candidates.
 
-    After `first_test` episodes of all candidates, and then every `each_test` ones, those that are
-    significantly worse than the best of the generation are dropped: they go through no more episodes. A
-    candidate of which an episode fails is dropped at once, unless `failed` gives that a fitness.
+    After `first_test` episodes of all candidates, and then after every `each_test` episodes, candidates that
+    are significantly worse than the best of the generation are dropped. A candidate with a failed episode is
+    dropped at once, unless `failed` defines its fitness.
 
-    The fitness of a candidate with all episodes is their mean. For one that was dropped it is the mean of
-    those that it has, plus how much higher the mean of all episodes is than that of the same ones among the
-    candidates that have them all, so that easy seeds do not count; and less than the least fitness of those
-    that were dropped later.
+    The fitness of a candidate with all episodes is their mean. The fitness of a dropped candidate is the mean
+    of its episodes, corrected for easy seeds by the difference between the means of all and of the same
+    episodes among the candidates that have all; and it is kept below that of candidates dropped later.
 
     Source: Birattari, Stützle, Paquete and Varrentrapp, "A racing algorithm for configuring metaheuristics",
     GECCO 2002.
@@ -308,22 +306,22 @@ class Race(Ranking):
     options_model = RaceOptions
     options: RaceOptions
 
-    def ran(self, episodes: Episodes) -> NDArray[np.int64]:
-        """Return how many episodes each candidate of a generation went through, (candidates,).
+    def count_episodes(self, episodes: Episodes) -> NDArray[np.int64]:
+        """Return the number of episodes of each candidate of a generation, (candidates,).
 
         episodes: the results of the whole generation, (candidates, episodes).
         """
-        found = np.zeros(len(episodes), dtype=np.int64)
+        lengths = np.zeros(len(episodes), dtype=np.int64)
         with suppress(StopIteration):
             rounds = self.rounds(len(episodes))
-            who, which = next(rounds)
+            candidates, span = next(rounds)
             while True:
-                found[who] = which.stop
-                who, which = rounds.send(episodes[who, which])
-        return found
+                lengths[candidates] = span.stop
+                candidates, span = rounds.send(episodes[candidates, span])
+        return lengths
 
     def rounds(self, candidates: int) -> Rounds:
-        """Race so many candidates, at least one; see `Rounds`. NaN or infinite: the episode has failed."""
+        """Race at least one candidate; see `Rounds`. NaN or infinite results mark failed episodes."""
         options, count = self.options, self.options.episodes
         episodes = np.full((candidates, count), np.nan)
         alive = np.arange(candidates)
@@ -331,85 +329,87 @@ class Race(Ranking):
         done, failed = 0, np.zeros(candidates, dtype=np.bool_)
         while done < count and len(alive):
             upto = min(options.first_test if not done else done + options.each_test, count)
-            values = self.counted((yield alive, slice(done, upto)))
+            values = self.replace_failures((yield alive, slice(done, upto)))
             episodes[alive, done:upto] = values
             length[alive] = upto
             whole = np.isfinite(values).all(axis=1)
             failed[alive[~whole]] = True
             alive, done = alive[whole], upto
             if done < count and len(alive) > 1:
-                scores = _compared(episodes[alive, :done].T, options.test)
+                scores = _scale(episodes[alive, :done].T, options.test)
                 alive = alive[survivors(scores, options.test, options.level)]
         return self._fitness(episodes, length, failed)
 
     def score(self, episodes: Episodes, genomes: NDArray[np.float32] | None = None) -> Fitness:  # noqa: ARG002
         """Return (candidates,) fitness of (candidates, episodes) results; NaN where a candidate failed.
 
-        Episodes that a candidate does not go through, because it is dropped before, do not count.
+        Episodes of a candidate after it was dropped are ignored.
         """
         if not len(episodes):
             return np.empty(0)
         rounds = self.rounds(len(episodes))
         try:
-            who, which = next(rounds)
+            candidates, span = next(rounds)
             while True:
-                who, which = rounds.send(episodes[who, which])
+                candidates, span = rounds.send(episodes[candidates, span])
         except StopIteration as end:
             fitness: Fitness = end.value
             return fitness
 
     def samples(self, episodes: Sequence[float]) -> Fitness:
-        """Return fitness values of one candidate: every episode makes one."""
+        """Return fitness values of one candidate, one per episode."""
         return np.array(episodes, dtype=np.float64)
 
     def _fitness(self, episodes: Episodes, length: NDArray[np.int64], failed: NDArray[np.bool_]) -> Fitness:
         fitness = np.full(len(episodes), np.nan)
-        # Those that were left may all have failed in the end.
+        # The last remaining candidates may all have failed.
         longest = int(length[~failed].max(initial=0))
         leading = ~failed & (length == longest)
-        with np.errstate(over="ignore"):  # of what is cut off at the largest number
-            reference = _mean(episodes[leading, :longest]) if longest else np.empty(0)
+        with np.errstate(over="ignore"):  # clipped at the largest number
+            reference = _row_means(episodes[leading, :longest]) if longest else np.empty(0)
             least = np.inf
             for upto in sorted(set(length[~failed].tolist()), reverse=True):
                 rows = np.flatnonzero(~failed & (length == upto))
-                own = _mean(episodes[rows, :upto])
+                means = _row_means(episodes[rows, :upto])
                 if leading[rows[0]]:
-                    values = own
+                    values = means
                 else:
                     easier = np.clip(
-                        reference - _mean(episodes[leading, :upto]), -_LARGEST_FLOAT, _LARGEST_FLOAT
+                        reference - _row_means(episodes[leading, :upto]), -_LARGEST_FLOAT, _LARGEST_FLOAT
                     )
-                    values = np.clip(own + _mean(easier[np.newaxis])[0], -_LARGEST_FLOAT, _below(least))
+                    values = np.clip(
+                        means + _row_means(easier[np.newaxis])[0], -_LARGEST_FLOAT, _step_below(least)
+                    )
                 fitness[rows] = values + 0.0
                 least = min(least, float(np.min(values)))
         return fitness
 
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
-        """Return the means: what candidates have that no others raced with."""
-        return np.array([_mean(np.array([row]))[0] for row in episodes])
+        """Return the means of candidates that did not race."""
+        return np.array([_row_means(np.array([row]))[0] for row in episodes])
 
 
-def _below(value: float) -> float:
-    """Return the next smaller number; of the least one, and of what is not finite, the same."""
+def _step_below(value: float) -> float:
+    """Return the next smaller number; the smallest and non-finite numbers stay."""
     return max(math.nextafter(value, -math.inf), -_LARGEST_FLOAT) if math.isfinite(value) else value
 
 
-def _compared(scores: Episodes, test: Test) -> Episodes:
-    """Return scores whose differences are finite, in a t-test their squares, too.
+def _scale(scores: Episodes, test: Test) -> Episodes:
+    """Scale scores so that differences, and squares for t-tests, are finite.
 
-    What a test finds does not depend on a factor, which is a power of two and therefore exact.
+    Tests do not depend on the factor, a power of two, which is exact.
     """
     most = 1000 if test == "friedman" else 400
     exponent = int(np.frexp(np.abs(scores).max())[1])
-    found: Episodes = np.ldexp(scores, most - exponent) if exponent > most else scores
-    return found
+    scaled: Episodes = np.ldexp(scores, most - exponent) if exponent > most else scores
+    return scaled
 
 
-def _mean(rows: Episodes) -> Fitness:
-    """Return the mean of each row, added one after the other."""
+def _row_means(rows: Episodes) -> Fitness:
+    """Return the mean of each row, added in order."""
     with np.errstate(over="ignore", invalid="ignore"):
-        found: Fitness = np.add.accumulate(rows, axis=1)[:, -1] / rows.shape[1]
-    # Where the sum is too large, the mean is not.
-    for row in np.flatnonzero(~np.isfinite(found) & np.isfinite(rows).all(axis=1)):
-        found[row] = statistics.mean(rows[row].tolist())
-    return found
+        means: Fitness = np.add.accumulate(rows, axis=1)[:, -1] / rows.shape[1]
+    # The sum may overflow although the mean does not.
+    for row in np.flatnonzero(~np.isfinite(means) & np.isfinite(rows).all(axis=1)):
+        means[row] = statistics.mean(rows[row].tolist())
+    return means

@@ -1,4 +1,4 @@
-"""What rankings share that evaluate some candidates in a second simulation, slow and closer to reality."""
+"""The common base of rankings with a second, slow and more realistic simulation."""
 
 import math
 from abc import abstractmethod
@@ -14,32 +14,34 @@ from swarmwright.common.problems import FieldError, format_value
 from swarmwright.methods.rankings._base import Ranking, RankingOptions
 
 METRIC = "slow_fitness"
-"""The metric of the record that has the fitness in the slow simulation, NaN where a candidate has none."""
+"""Metric of the record with the fitness in the slow simulation, NaN without one."""
 Episodes = NDArray[np.float64]
 
 _MARGIN_SHARE = 2.0**-30
-"""Share of a limit into which what is above it is moved; its precision leaves as much for differences."""
+"""Share of a limit that serves as margin for values above it."""
 _SMALLEST = 2.0**-900
-"""Limits nearer to zero have the margin of this."""
+"""Smallest magnitude of a limit for its margin."""
 
 
 class Ranked(NamedTuple):
-    """A generation whose candidates were evaluated, some of them in the slow simulation as well."""
+    """The result of ranking a generation."""
 
     fitness: Fitness
     """(candidates,), NaN where a candidate failed."""
     learned: Any
-    """What later generations need to know of it."""
+    """Knowledge for later generations."""
 
 
 Rounds = Generator[NDArray[np.intp], Episodes, Ranked]
-"""Yields candidates for the slow simulation, takes what came out, (candidates, episodes)."""
+"""Yields candidates for the slow simulation and receives their results, (candidates, episodes)."""
 
 
-def _target(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+def _parse_target(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, str | Mapping) and value:
         return value
-    raise ValueError(f"must be a simulation, a file, or keys that differ, not {format_value(value)}")
+    raise ValueError(
+        f"must be a simulation, a file or a mapping of differing keys, not {format_value(value)}"
+    )
 
 
 class SlowOptions(RankingOptions):
@@ -47,20 +49,19 @@ class SlowOptions(RankingOptions):
 
     slow: Annotated[
         Any,
-        BeforeValidator(_target),
+        BeforeValidator(_parse_target),
         WithJsonSchema({"anyOf": [{"type": "string", "minLength": 1}, {"type": "object"}]}),
     ] = Field()
-    """The slow simulation: its name; a file (.yaml, relative to this one) with the keys of the experiment
-    that differ; or such keys, {name: gazebo, simulation: arena-gazebo, servers: 4}. It has the same sensors
-    and actuators. A file is read once and kept in the run."""
+    """The slow simulation, with the same sensors and actuators: its name, the keys that differ from the
+    experiment ({name: gazebo, simulation: arena-gazebo, servers: 4}), or a .yaml file with such keys,
+    relative to this one."""
 
     @model_validator(mode="after")
     def _members(self) -> "SlowOptions":
         if self.reevaluate:
             raise FieldError(
                 "reevaluate",
-                "the fitness of members that stay is of two simulations; leave it out, or take "
-                "kind: absolute",
+                "survivors have fitness from two simulations; leave it out, or use kind: absolute",
             )
         return self
 
@@ -68,7 +69,7 @@ class SlowOptions(RankingOptions):
 class SlowRanking(Ranking):
     """A ranking that evaluates some candidates in a second simulation.
 
-    Episodes there have the same seeds. What is learned of generations is applied to later ones.
+    Its episodes have the same seeds. Knowledge from generations is applied to later ones.
     """
 
     options: SlowOptions
@@ -79,92 +80,94 @@ class SlowRanking(Ranking):
         return ()
 
     @abstractmethod
-    def expected(self, candidates: int) -> int:
-        """Return how many candidates of a generation are evaluated in the slow simulation, most often."""
+    def count_transfers(self, candidates: int) -> int:
+        """Return the usual number of candidates to evaluate in the slow simulation."""
 
     @abstractmethod
     def rounds(self, fast: Episodes, metrics: NDArray[np.float64]) -> Rounds:
-        """Choose candidates of a generation, and rank it; changes nothing of what is known.
+        """Choose candidates of a generation and rank it, without changing the state.
 
         Args:
-            fast: (candidates, episodes) fitness in the experiment's own simulation, NaN where one failed.
-            metrics: (candidates, episodes, metrics) there, those of `descriptor`.
+            fast: (candidates, episodes) fitness in the experiment's simulation, NaN for failed episodes.
+            metrics: (candidates, episodes, metrics) of the experiment's simulation, those of `descriptor`.
         """
 
     @abstractmethod
     def learn(self, learned: Any) -> None:  # noqa: ANN401 - the ranking's own
-        """Take over what is known after a generation."""
+        """Store the knowledge from a generation."""
 
-    def ranked(self, fast: Episodes, slow: Episodes, metrics: NDArray[np.float64]) -> Fitness:
-        """Return the fitness of a generation that was evaluated, and learn of it.
+    def rank(self, fast: Episodes, slow: Episodes, metrics: NDArray[np.float64]) -> Fitness:
+        """Return the fitness of an evaluated generation, and learn from it.
 
-        slow: (candidates, episodes) fitness in the slow simulation, NaN where a candidate was not evaluated;
-        the others as those of `rounds`.
+        slow: (candidates, episodes) fitness in the slow simulation, NaN for candidates without; other
+        arguments as in `rounds`.
         """
-        found = self._passed(fast, slow, metrics)[0]
-        self.learn(found.learned)
-        return found.fitness
+        ranked = self._replay(fast, slow, metrics)[0]
+        self.learn(ranked.learned)
+        return ranked.fitness
 
-    def chosen(self, fast: Episodes, slow: Episodes, metrics: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def find_transferred(
+        self, fast: Episodes, slow: Episodes, metrics: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
         """Return which candidates of a generation were evaluated in the slow simulation, (candidates,).
 
-        Arguments as those of `ranked`, which is called later: it changes what is known.
+        Arguments as in `ranked`; call it before `ranked`, which changes the state.
         """
-        return self._passed(fast, slow, metrics)[1]
+        return self._replay(fast, slow, metrics)[1]
 
-    def _passed(
+    def _replay(
         self, fast: Episodes, slow: Episodes, metrics: NDArray[np.float64]
     ) -> tuple[Ranked, NDArray[np.bool_]]:
-        """Return a generation that was evaluated, and which candidates the slow simulation evaluated."""
-        asked = np.zeros(len(fast), dtype=np.bool_)
-        rounds = self.rounds(self.counted(fast), metrics)
+        """Replay the rounds of an evaluated generation; return it and who the slow simulation evaluated."""
+        transferred = np.zeros(len(fast), dtype=np.bool_)
+        rounds = self.rounds(self.replace_failures(fast), metrics)
         try:
-            who = next(rounds)
+            candidates = next(rounds)
             while True:
-                asked[who] = True
-                who = rounds.send(self.counted(slow[who]))
+                transferred[candidates] = True
+                candidates = rounds.send(self.replace_failures(slow[candidates]))
         except StopIteration as end:
-            found: Ranked = end.value
-            return found, asked
+            ranked: Ranked = end.value
+            return ranked, transferred
 
     def samples(self, episodes: Sequence[float]) -> Fitness:
-        """Return fitness values of one candidate: every episode makes one."""
+        """Return fitness values of one candidate, one per episode."""
         return np.array(episodes, dtype=np.float64)
 
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
-        """Return the means, the fitness in one simulation alone."""
+        """Return the means, the fitness in a single simulation."""
         return np.array([row_means(np.array([row]))[0] for row in episodes])
 
 
 def row_means(rows: Episodes) -> Fitness:
-    """Return the mean of each row, added one after the other; NaN where a value is not finite."""
+    """Return the mean of each row, added in order; NaN if a value is not finite."""
     if not rows.shape[0]:
         return np.empty(0)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
-        found: Fitness = np.add.accumulate(rows, axis=1)[:, -1] / rows.shape[1] + 0.0
-    found[~np.isfinite(found)] = np.nan
-    return found
+        means: Fitness = np.add.accumulate(rows, axis=1)[:, -1] / rows.shape[1] + 0.0
+    means[~np.isfinite(means)] = np.nan
+    return means
 
 
-def kept_below(values: Fitness, limit: float) -> Fitness:
-    """Return values in the same order, all less than a finite limit; NaN stays.
+def compress_below(values: Fitness, limit: float) -> Fitness:
+    """Compress values below a finite limit, in the same order; NaN stays.
 
-    Those above it, and those just below, are moved into a margin of 2^-30 of the limit, by the logarithm of
-    how far they are above its lower end. So those of several generations with the same limit are in order,
-    too, and the best of them changes as it would without a limit.
+    Values above the limit or just below it are moved into a margin of 2^-30 of the limit, by the logarithm of
+    their distance from its lower end. Values of several generations with the same limit are therefore also
+    in order.
     """
     margin = max(abs(limit), _SMALLEST) * _MARGIN_SHARE
     end = limit - margin
     moved = values > end
-    distinct, places = np.unique(values[moved], return_inverse=True)
+    distinct, indices = np.unique(values[moved], return_inverse=True)
     with np.errstate(over="ignore"):  # infinity is far enough
         above = distinct - end
-    # The bits of a positive number, read as an integer, are its logarithm, linear between powers of two.
+    # The bits of a positive float, read as an integer, approximate its logarithm.
     levels = end + margin * (above.view(np.int64) / 2.0**63)
     last = end
     for index, level in enumerate(levels.tolist()):
         last = max(level, math.nextafter(last, math.inf))
         levels[index] = last
-    found = values.copy()
-    found[moved] = np.minimum(levels, math.nextafter(limit, -math.inf))[places]
-    return found
+    compressed = values.copy()
+    compressed[moved] = np.minimum(levels, math.nextafter(limit, -math.inf))[indices]
+    return compressed

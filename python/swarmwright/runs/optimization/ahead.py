@@ -141,7 +141,7 @@ class Ahead(Strategy):
         def tell() -> GenerationResult:
             if failed:
                 loop.check(fitness, results)
-            method.passed(fitness)
+            method.count_generation(fitness)
             return loop.record_generation(
                 genomes, seeds, results, fitness, outcome=outcome, figures=figures, digests=digests
             )
@@ -181,7 +181,7 @@ def replay_search(loop: Loop, stored: GenerationResult) -> bool:
     same = same and loop.ranking.seeds(loop.first_seed, method.generation) == stored.seeds
     if not same or not method.search.retell(stored.genomes, fitness):
         return False
-    method.passed(fitness)
+    method.count_generation(fitness)
     loop.account.add(fitness, *_engine.outcome(fitness))
     return True
 

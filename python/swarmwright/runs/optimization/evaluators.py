@@ -110,7 +110,9 @@ class RaceEvaluator(Evaluator):
     def failed_episodes(self, results: Results) -> NDArray[np.bool_]:
         """Return which of the episodes that were run failed, (candidates, episodes)."""
         failed = super().failed_episodes(results)
-        return failed & (np.arange(failed.shape[1]) < self._race.ran(results.fitness)[:, np.newaxis])
+        return failed & (
+            np.arange(failed.shape[1]) < self._race.count_episodes(results.fitness)[:, np.newaxis]
+        )
 
 
 class TwoSimulationsEvaluator(Evaluator):
@@ -138,7 +140,7 @@ class TwoSimulationsEvaluator(Evaluator):
         """Evaluate a generation; the last metric is the fitness in the slow simulation, NaN without one."""
         assert isinstance(backend, TwoSimulations)
         ranking, count, episodes = self._slow, len(controllers.weights), len(seeds)
-        whole = (count + ranking.expected(count)) * episodes
+        whole = (count + ranking.count_transfers(count)) * episodes
         done = 0
 
         def progress(part: int, _: int, waiting_for: str) -> None:
@@ -148,7 +150,7 @@ class TwoSimulationsEvaluator(Evaluator):
         slow = np.full((count, episodes), np.nan)
         journal = Journal()
         journal.extend(fast.journal)
-        rounds = ranking.rounds(ranking.counted(fast.fitness), fast.metrics[:, :, self._descriptor])
+        rounds = ranking.rounds(ranking.replace_failures(fast.fitness), fast.metrics[:, :, self._descriptor])
         done = count * episodes
         try:
             rows = next(rounds)
@@ -158,7 +160,7 @@ class TwoSimulationsEvaluator(Evaluator):
                 done += len(rows) * episodes
                 slow[rows] = results.fitness
                 journal.extend(_prefix_warnings(results.journal, backend.name).renumber(rows.tolist()))
-                rows = rounds.send(ranking.counted(results.fitness))
+                rows = rounds.send(ranking.replace_failures(results.fitness))
         except StopIteration:
             on_progress(whole, whole, "")
         metrics = np.concatenate([fast.metrics, slow[:, :, np.newaxis]], axis=2)
@@ -167,13 +169,13 @@ class TwoSimulationsEvaluator(Evaluator):
     def failed_candidates(self, results: Results) -> NDArray[np.bool_]:
         """Return which candidates failed in an episode of either simulation."""
         slow, descriptor = results.metrics[:, :, -1], results.metrics[:, :, self._descriptor]
-        chosen = self._slow.chosen(results.fitness, slow, descriptor)
+        chosen = self._slow.find_transferred(results.fitness, slow, descriptor)
         return super().failed_candidates(results) | (chosen & ~np.isfinite(slow).all(axis=1))
 
     def fitness(self, results: Results, genomes: Genomes) -> Fitness:  # noqa: ARG002 - of the base class
         """Return the ranking's fitness from both simulations; see `Evaluator.fitness`."""
         descriptor = results.metrics[:, :, self._descriptor]
-        return self._slow.ranked(results.fitness, results.metrics[:, :, -1], descriptor)
+        return self._slow.rank(results.fitness, results.metrics[:, :, -1], descriptor)
 
 
 def create_evaluator(ranking: Ranking, experiment: Experiment) -> Evaluator:

@@ -83,7 +83,7 @@ class Generational(Strategy):
         genomes = method.ask()
         self._new_candidates = len(genomes)
         if ranking.options.reevaluate:
-            genomes = np.concatenate([genomes, method.kept()])
+            genomes = np.concatenate([genomes, method.survivors()])
         if is_plug_in(type(representation)):  # its operators may return a wrong shape
             size = None, representation.genome_size
             expected = "genomes, (candidates, genome_size), made by operators of the representation"
@@ -109,7 +109,7 @@ class Generational(Strategy):
         metrics = means(results.metrics[:new, :, loop.needed]) if loop.needed else None
         method.tell(fitness[:new], reevaluated, metrics)
         if method.by_instance:
-            fitness = method.told_means
+            fitness = method.instance_means
         return loop.record_generation(
             genomes if sample is None else sample, seeds, results, fitness, failed=failed
         )

@@ -349,7 +349,7 @@ def check_plug_ins(method: Method, ranking: Ranking, representation: Representat
     _check_constructor(
         representation, "options", "super().__init__(options, sensors=sensors, actuators=actuators)"
     )
-    _check_constructor(method, "_untold", "super().__init__(options, representation, seed=seed)")
+    _check_constructor(method, "_pending", "super().__init__(options, representation, seed=seed)")
     _check_constructor(ranking, "_past", "super().__init__(options)")
     if is_plug_in(type(representation)):
         size = count(representation, "genome_size", representation.genome_size, "the number of genes")

@@ -86,11 +86,11 @@ class Transferred(ComparedByValue):
         return int(np.isnan(self.source_episodes).sum())
 
     def _samples(self, episodes: Values) -> list[float]:
-        counted = self.ranking.counted(episodes)
+        counted = self.ranking.replace_failures(episodes)
         return list(self.ranking.samples(counted[np.isfinite(counted)].tolist()))
 
     def _together(self, one: Values, other: Values) -> tuple[list[float], list[float]]:
         """Return the fitness of the seeds that count in both."""
-        one, other = self.ranking.counted(one), self.ranking.counted(other)
+        one, other = self.ranking.replace_failures(one), self.ranking.replace_failures(other)
         both = np.isfinite(one) & np.isfinite(other)
         return self._samples(one[both]), self._samples(other[both])

@@ -79,8 +79,8 @@ def test_earlier_generations_correct_as_well(memory: int, expected: float) -> No
     """Each has one candidate of both; it loses -1, 1 and 3, in this order."""
     one = ranking(share=0.5, memory=memory)
     for gain in (-1.0, 1.0):
-        one.ranked(np.array([[9.0], [0.0]]), np.array([[9.0 + gain], [np.nan]]), np.empty((2, 1, 0)))
-    fitness = one.ranked(np.array([[9.0], [0.0]]), np.array([[12.0], [np.nan]]), np.empty((2, 1, 0)))
+        one.rank(np.array([[9.0], [0.0]]), np.array([[9.0 + gain], [np.nan]]), np.empty((2, 1, 0)))
+    fitness = one.rank(np.array([[9.0], [0.0]]), np.array([[12.0], [np.nan]]), np.empty((2, 1, 0)))
     assert fitness.tolist() == [12.0, expected]
 
 
@@ -91,7 +91,7 @@ def test_with_new_seeds_only_the_own_generation_corrects(seeds: str) -> None:
     fast = np.array([[4.0], [3.0], [2.0], [1.0]])
     for difference in (2.0, -2.0, 2.0, -2.0):
         slow = np.array([[4.0 + difference], [np.nan], [np.nan], [np.nan]])
-        fitness = one.ranked(fast, slow, none)
+        fitness = one.rank(fast, slow, none)
         if seeds == "new":
             assert fitness.tolist() == (fast[:, 0] + difference).tolist()
     assert (fitness[1] == 3.0 - 2.0) == (seeds == "new")
@@ -116,7 +116,7 @@ def test_the_best_was_always_evaluated_there(
         measured = sorted(index for part in who for index in part)
         stored = np.full_like(slow, np.nan)
         stored[measured] = slow[measured]
-        again = one.ranked(fast, stored, np.empty((count, episodes, 0)))
+        again = one.rank(fast, stored, np.empty((count, episodes, 0)))
         assert again.tobytes() == fitness.tobytes(), "of what is stored comes the same"
         working = np.isfinite(fast).all(axis=1)
         assert set(measured) <= set(np.flatnonzero(working).tolist())
@@ -125,7 +125,7 @@ def test_the_best_was_always_evaluated_there(
             best = int(np.nanargmax(fitness))
             assert best in measured
             assert fitness[best] == pytest.approx(slow[best].mean(), abs=1e-6)
-        first = min(one.expected(count), int(working.sum()))
+        first = min(one.count_transfers(count), int(working.sum()))
         assert len(measured) >= first
         if who:
             assert len(who[0]) == first
@@ -140,9 +140,9 @@ def test_the_best_was_always_evaluated_there(
         ({"share": 0}, "greater than 0"),
         ({"share": 1.5}, "less than or equal to 1"),
         ({"memory": 0}, "greater than or equal to 1"),
-        ({"slow": 3}, "must be a simulation, a file, or keys that differ"),
-        ({"slow": ""}, "must be a simulation, a file, or keys that differ"),
-        ({"reevaluate": True}, "of two simulations"),
+        ({"slow": 3}, "must be a simulation, a file or a mapping of differing keys"),
+        ({"slow": ""}, "must be a simulation, a file or a mapping of differing keys"),
+        ({"reevaluate": True}, "from two simulations"),
     ],
 )
 def test_mistakes(options: dict[str, object], said: str) -> None:

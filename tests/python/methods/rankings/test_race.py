@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swarmwright.methods.rankings.race import Race, RaceOptions, _below, survivors
+from swarmwright.methods.rankings.race import Race, RaceOptions, _step_below, survivors
 from swarmwright.testing import check_ranking
 
 
@@ -122,13 +122,13 @@ def test_who_was_dropped_has_not_the_fitness_of_one_that_was_not() -> None:
     kept = np.array([[3.0, 2, 3, 2, 3, 3], [2.0, 3, 2, 3, 2, -90]])
     for scale in (1.0, 1e-320, 1e300):
         values = np.concatenate([kept, np.repeat([[0.0], [-1.0]], 6, axis=1)]) * scale
-        assert ranking.ran(values).tolist() == [6, 6, 5, 5]
+        assert ranking.count_episodes(values).tolist() == [6, 6, 5, 5]
         fitness = ranking.score(values)
         assert fitness[0] > fitness[1] > fitness[2:].max()
-    assert _below(0.0) == -5e-324
-    assert _below(-sys.float_info.max) == -sys.float_info.max
-    assert _below(np.inf) == np.inf
-    assert _below(-np.inf) == -np.inf
+    assert _step_below(0.0) == -5e-324
+    assert _step_below(-sys.float_info.max) == -sys.float_info.max
+    assert _step_below(np.inf) == np.inf
+    assert _step_below(-np.inf) == -np.inf
 
 
 @pytest.mark.parametrize("test", ["friedman", "t", "t_holm", "t_bonferroni"])
@@ -143,6 +143,9 @@ def test_huge_fitness_is_no_failure(test: str, count: int) -> None:
     fitness = ranking.score(apart)
     assert np.isfinite(fitness).all()
     assert fitness[:count].min() > fitness[count:].max()
-    assert ranking.ran(apart)[count:].tolist() == ranking.ran(apart * 2.0**-700)[count:].tolist()
+    assert (
+        ranking.count_episodes(apart)[count:].tolist()
+        == ranking.count_episodes(apart * 2.0**-700)[count:].tolist()
+    )
     failing = np.where(np.arange(8) == 1, np.nan, huge)
     assert np.isnan(ranking.score(failing)).all()

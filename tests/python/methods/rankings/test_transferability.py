@@ -68,8 +68,8 @@ def test_the_law_by_hand() -> None:
 
 def test_a_candidate_with_a_known_behaviour_has_its_disparity() -> None:
     one = ranking(transfers=1, threshold=0.0)
-    one.ranked(column(9), column(4), column(1)[:, :, np.newaxis])
-    one.ranked(column(9), column(8), column(2)[:, :, np.newaxis])
+    one.rank(column(9), column(4), column(1)[:, :, np.newaxis])
+    one.rank(column(9), column(8), column(2)[:, :, np.newaxis])
     metrics = column(1, 2, 3)[:, :, np.newaxis]
     _, ranked = chosen(one, column(3, 2, 9), column(0, 0, 8.5), metrics)
     assert ranked.fitness.tolist() == [3 - 5, 2 - 1, 8.5]
@@ -104,7 +104,7 @@ def test_evolution_goes_on_between_two_transfers() -> None:
         values = sphere(method.ask().astype(np.float64))
         least = min(least, float(values.min()))
         fast = -values[:, np.newaxis]
-        method.tell(one.ranked(fast, fast, np.empty((len(fast), 1, 0))))
+        method.tell(one.rank(fast, fast, np.empty((len(fast), 1, 0))))
     assert method.starts == 1
     assert least < 1e-6
 
@@ -150,7 +150,7 @@ def test_the_best_of_a_run_was_evaluated_in_both(
         assert len(measured) == len(set(measured))
         stored = np.full_like(slow, np.nan)
         stored[measured] = slow[measured]
-        assert again.ranked(fast, stored, metrics).tobytes() == ranked.fitness.tobytes()
+        assert again.rank(fast, stored, metrics).tobytes() == ranked.fitness.tobytes()
         assert np.isnan(ranked.fitness[~np.isfinite(fast).all(axis=1)]).all()
         if not np.isfinite(ranked.fitness).any():
             continue

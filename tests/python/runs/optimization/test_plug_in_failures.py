@@ -52,10 +52,10 @@ class Draw(Method):
         self._scores = fitness
         helper(self.generation)
 
-    def _next(self, index):
+    def _ask_next(self, index):
         return self.initial_of(index)
 
-    def _told(self, index, genome, fitness):
+    def _tell_next(self, index, genome, fitness):
         self._scores = np.array([fitness])
 
 
@@ -268,12 +268,16 @@ def test_what_is_returned_is_checked(
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("return self.initial_of(index)", "return self.initial_of(index)[:3]", r"Draw\._next .*shape \(3,\)"),
+        (
+            "return self.initial_of(index)",
+            "return self.initial_of(index)[:3]",
+            r"Draw\._ask_next .*shape \(3,\)",
+        ),
         ("generation_size = 4", "generation_size = 0", r"Draw\.generation_size: is 0, expected .*integer"),
         (
             "np.array([fitness])",
             "[1] / 2",
-            r"Draw\._told: TypeError: unsupported operand .*\(owned\.py:\d+\)",
+            r"Draw\._tell_next: TypeError: unsupported operand .*\(owned\.py:\d+\)",
         ),
     ],
 )

@@ -295,7 +295,11 @@ def test_failures_in_a_race_have_their_episode(tmp_path: Path) -> None:
     [
         ({"kind": "racing"}, {"kind": "race"}, r"ranking\.kind: racing races its candidates itself"),
         ({"operation": "steady_state"}, {"kind": "race"}, r"ranking\.kind: in steady state no gen"),
-        ({}, {"kind": "race", "reevaluate": True}, "reevaluate: members that stay have other episodes"),
+        (
+            {},
+            {"kind": "race", "reevaluate": True},
+            "reevaluate: survivors and new candidates have different episodes",
+        ),
         ({"kind": "racing"}, {"reevaluate": True}, r"ranking\.reevaluate: racing keeps no members"),
         ({"kind": "racing", "operation": "steady_state"}, {}, "it tests candidates together"),
     ],
@@ -334,7 +338,7 @@ def test_candidates_that_were_dropped_do_not_hide_that_the_ranking_failed() -> N
     ranking = Race(RaceOptions(episodes=6, first_test=3))
     evaluator = RaceEvaluator(ranking)
     episodes = np.add.outer([4.0, 3.0, 2.0, 1.0], np.zeros(6))
-    episodes[ranking.ran(episodes)[:, np.newaxis] <= np.arange(6)] = np.nan
+    episodes[ranking.count_episodes(episodes)[:, np.newaxis] <= np.arange(6)] = np.nan
     assert np.isnan(episodes).any()
     metrics = np.empty((4, 6, 0))
     assert "all of their episodes succeeded" in evaluator.explain_failure(

@@ -248,7 +248,7 @@ def test_the_first_episode_is_saved(tmp_path: Path) -> None:
         episodes.save(tmp_path / "rule.txt")
     with pytest.raises(InputError, match="cannot be written"):
         episodes.save(tmp_path / "none" / "rule.png")
-    with pytest.raises(InputError, match=r"Walk has nothing to show: give it a method scene\(\)"):
+    with pytest.raises(InputError, match=r"Walk has nothing to display; add a method scene\(\)"):
         Episodes(Walk, watch=True)
 
 
