@@ -9,7 +9,7 @@ from swarmwright.conformance.optimizer._tool import Tool
 from swarmwright.conformance.rules import Skip
 from swarmwright.servers.broker.client import Failure
 
-TAKEN = "protocol.md, Who is taken, and when"
+TAKEN = "protocol.md, Reservation of servers"
 
 
 def named(record: Record) -> str:

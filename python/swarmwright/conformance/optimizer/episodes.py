@@ -206,7 +206,7 @@ def not_retained(tool: Tool) -> None:
 @rule(
     "O2.5",
     "Servers are reused, but not during their episode.",
-    where="protocol.md, Who is taken, and when",
+    where="protocol.md, Reservation of servers",
     fix="wait for the fitness before the next control for a server",
     needs=["O2.1"],
     seconds=600,

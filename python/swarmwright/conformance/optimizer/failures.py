@@ -26,7 +26,7 @@ class TakenByOthers(Actor):
 @rule(
     "O5.1",
     "If a server answered but does not begin, another one gets the episode.",
-    where="protocol.md, Who is taken, and when",
+    where="protocol.md, Reservation of servers",
     fix="measure the time since control; without a sensor message, look for another server",
     needs=["O3.1"],
     seconds=600,
@@ -55,7 +55,7 @@ class FallsSilent(Actor):
 @rule(
     "O5.2",
     "If a server falls silent during an episode, another one gets the episode.",
-    where="protocol.md, Who is taken, and when",
+    where="protocol.md, Reservation of servers",
     fix="measure the time since the last answer; evaluate the candidate elsewhere",
     needs=["O3.1"],
     seconds=600,

@@ -180,7 +180,7 @@ def _request(server: Server) -> Json | None:
 @rule(
     "S11.5",
     "An episode whose connection broke does not block the server: control with run: false frees it.",
-    where="protocol.md, Who is taken, and when",
+    where="protocol.md, Reservation of servers",
     fix="drop the episode when the connection breaks, or accept its end afterwards",
     needs=["S11.1", "S2.9"],
     seconds=40,

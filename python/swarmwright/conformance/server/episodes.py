@@ -182,7 +182,7 @@ def one_fitness(server: Server) -> None:
 @rule(
     "S2.7",
     "After the fitness it is free for every tool, unless the tool named itself.",
-    where="protocol.md, Who is taken, and when",
+    where="protocol.md, Reservation of servers",
     fix="answer discovery again as soon as the fitness is published",
     d61="5.2.3; 7.2.2",
     needs=["S2.6"],
@@ -236,7 +236,7 @@ def is_ended(server: Server) -> None:
 @rule(
     "S2.10",
     "Control with run: false after parameters, before any episode, frees the server.",
-    where="protocol.md, Who is taken, and when",
+    where="protocol.md, Reservation of servers",
     fix="treat a configured server like a running one: run: false with its hash frees it",
     needs=["S2.9"],
 )
@@ -332,7 +332,7 @@ def bare_control(server: Server) -> None:
 @rule(
     "S2.15",
     "Control that names another simulation starts nothing.",
-    where="protocol.md, Who is taken, and when",
+    where="protocol.md, Reservation of servers",
     fix="compare simulation in control, if present, with your titles: the tool may mean another server "
     "with your ID",
     needs=["S2.3"],

@@ -12,7 +12,7 @@ from swarmwright.conformance.server.episodes import begun
 from swarmwright.servers.broker.client import TO_TOOL, Failure, Message
 
 LONGEST_REASON = 2000
-TAKEN = "protocol.md, Who is taken, and when"
+TAKEN = "protocol.md, Reservation of servers"
 HOLD_S = 5.0
 """Seconds for which parameters without control, and a tool that named itself, keep a server."""
 TURN_S = 5.0
@@ -352,7 +352,7 @@ def takes_turns(server: Server) -> str:
 @rule(
     "S6.14",
     "Control that arrives before its parameters waits for them for 1 s.",
-    where="protocol.md, Who is taken, and when; protocol.md, Order",
+    where="protocol.md, Reservation of servers; protocol.md, Order",
     fix="keep control without parameters for 1 s: brokers may reorder messages of two topics",
     needs=["S2.11"],
 )
