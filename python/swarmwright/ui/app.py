@@ -6,10 +6,11 @@ import json
 import threading
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Collection, Mapping
+from dataclasses import asdict
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TypeVar
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -19,11 +20,12 @@ from starlette.responses import FileResponse, HTMLResponse, Response, StreamingR
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from swarmwright import Run, SwarmwrightError, compare
+from swarmwright import Run, SwarmwrightError, compare, templates
 from swarmwright.common.errors import InputError
 from swarmwright.ui import details
 from swarmwright.ui.guard import PLAYER_POLICY, Guard
 from swarmwright.ui.index import RunIndex, as_values
+from swarmwright.ui.jobs import Jobs
 
 STATIC = Path(__file__).parent / "static"
 REFRESH_S = 0.5
@@ -34,6 +36,9 @@ REPLAY_BYTES = 64 << 20
 """Pages of replays that are kept."""
 MOST_COMPARED = 500
 MOST_DIGITS = 20
+REQUEST_BYTES = 2 << 20
+CHANGES = ("check", "start", "stop", "resume", "delete")
+T = TypeVar("T")
 MOST_OPENED = 20
 """Runs that are kept open."""
 Answer = Callable[[Request], Any]
@@ -44,10 +49,13 @@ class Window:
 
     Args:
         folder: whose runs are shown.
+        read_only: start nothing.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, read_only: bool = False) -> None:
         self.index = RunIndex(folder)
+        self.jobs = Jobs(folder)
+        self._read_only = read_only
         self._opened: OrderedDict[str, tuple[object, Run]] = OrderedDict()
         self._replays: OrderedDict[tuple[object, ...], str] = OrderedDict()
         self._lock = threading.Lock()
@@ -58,6 +66,8 @@ class Window:
     async def watch(self) -> None:
         """Look for changes until cancelled."""
         while True:
+            if not self._read_only:
+                await run_in_threadpool(self.jobs.advance)
             if await run_in_threadpool(self.index.refresh):
                 async with self._changed:
                     self._changed.notify_all()
@@ -126,6 +136,50 @@ class Window:
         point = [number(request, name) for name in ("number", "fitness", "width", "height")]
         return details.nearest(self.run(request), *point)
 
+    def experiment(self, request: Request) -> dict[str, Any]:
+        """Return a template, or the experiment of a run, as YAML."""
+        if "run" in request.query_params:
+            file = self.run(request).path / "experiment.yaml"
+            try:
+                return {"text": file.read_text("utf-8")}
+            except (OSError, UnicodeDecodeError) as error:
+                raise InputError(f"{file}: cannot be read: {error}") from None
+        name, _, mission = request.query_params.get("template", "minisim").partition(":")
+        return {"text": templates.arena(mission) if mission else templates.text(name)}
+
+    def templates(self, _request: Request) -> dict[str, Any]:
+        """Return the names of the templates; those of missions are `arena:MISSION`."""
+        missions = [f"arena:{mission}" for mission in templates.missions()]
+        return {"names": [*(name for name in templates.names() if name != "arena"), *missions]}
+
+    def change(self, name: str, values: dict[str, Any]) -> dict[str, Any]:
+        """Do what a request to change something asks for; return the answer."""
+        if name == "check":
+            return {"problems": self.jobs.check(field(values, "text", str))}
+        if name == "start":
+            text = field(values, "text", str)
+            wrong = self.jobs.check(text)
+            if wrong:
+                return {"problems": wrong}
+            seeds = [index(seed) for seed in field(values, "seeds", list)]
+            return {"jobs": [asdict(job) for job in self.jobs.start(text, field(values, "name", str), seeds)]}
+        if name == "stop":
+            return {"jobs": [asdict(self.jobs.stop(field(values, "job", str)))]}
+        runs = [field({"runs": run}, "runs", str) for run in field(values, "runs", list)]
+        for run in runs:
+            self.index.path(run)
+        if not 1 <= len(runs) <= MOST_COMPARED:
+            raise InputError(f"runs: choose 1 to {MOST_COMPARED} runs, not {len(runs)}")
+        if name == "delete":
+            return {"jobs": [asdict(self.jobs.delete(runs))]}
+        generations = values.get("generations")
+        return {
+            "jobs": [
+                asdict(self.jobs.resume(run, None if generations is None else index(generations)))
+                for run in runs
+            ]
+        }
+
     def compare(self, request: Request) -> dict[str, Any]:
         """Return the comparison of several runs: its text, values and figure."""
         names = request.query_params.getlist("run")
@@ -187,7 +241,7 @@ def create_app(
         hosts: names by which it is reached, beside those of loopback.
         read_only: refuse what changes something.
     """
-    window = Window(folder)
+    window = Window(folder, read_only=read_only)
 
     async def replay(request: Request) -> Response:
         try:
@@ -221,6 +275,9 @@ def create_app(
         "run": lambda request: details.describe(window.run(request)),
         "density": window.density,
         "nearest": window.nearest,
+        "templates": window.templates,
+        "experiment": window.experiment,
+        "jobs": lambda _request: {"jobs": [asdict(job) for job in window.jobs.all()]},
         "journal": lambda request: details.journal(window.run(request)),
     }
     return Starlette(
@@ -228,6 +285,7 @@ def create_app(
             Route("/", start),
             Route("/api/events", events),
             *(Route(f"/api/{name}", endpoint(compute)) for name, compute in answers.items()),
+            *(Route(f"/api/{name}", changing(window, name), methods=["POST"]) for name in CHANGES),
             Route("/replay", replay),
             Mount("/static", StaticFiles(directory=STATIC)),
         ],
@@ -246,6 +304,50 @@ def endpoint(compute: Answer) -> Callable[[Request], Any]:
             return json_response({"error": str(error)}, 422)
 
     return respond
+
+
+def changing(window: Window, name: str) -> Callable[[Request], Any]:
+    """Return an endpoint that takes an object of JSON and changes something."""
+
+    async def respond(request: Request) -> Response:
+        if request.headers.get("content-type", "").partition(";")[0] != "application/json":
+            return json_response({"error": "the request must be application/json"}, 415)
+        body = bytearray()
+        async for part in request.stream():
+            body += part
+            if len(body) > REQUEST_BYTES:
+                return json_response({"error": "the request is larger than 2 MiB"}, 413)
+        try:
+            values = json.loads(body)
+            if not isinstance(values, dict):
+                raise InputError("the request must be an object of JSON")
+            return json_response(await run_in_threadpool(window.change, name, values))
+        except SwarmwrightError as error:
+            return json_response({"error": str(error)}, 422)
+        except (ValueError, RecursionError):
+            return json_response({"error": "the request is not valid JSON"}, 400)
+
+    return respond
+
+
+def field(values: dict[str, Any], name: str, kind: type[T]) -> T:
+    """Return a value of a request. Raises InputError when it is missing or of another type."""
+    value = values.get(name)
+    if not isinstance(value, kind):
+        raise InputError(f"{name}: must be {'a list' if kind is list else 'text'}")
+    if kind is str:
+        try:
+            str(value).encode()
+        except UnicodeEncodeError:
+            raise InputError(f"{name}: is not valid Unicode") from None
+    return value
+
+
+def index(value: Any) -> int:  # noqa: ANN401 - JSON
+    """Return a whole number of a request. Raises InputError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise InputError(f"{str(value)[:50]!r}: must be a whole number")
+    return value
 
 
 def message_page(text: str) -> str:

@@ -30,8 +30,8 @@ def app(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Starlette:
     """Return an application whose list is complete from the start: nothing runs the watcher here."""
     refresh = Window.__init__
 
-    def complete(self: Window, folder: Path) -> None:
-        refresh(self, folder)
+    def complete(self: Window, folder: Path, *, read_only: bool = False) -> None:
+        refresh(self, folder, read_only=read_only)
         self.index.refresh()
 
     monkeypatch.setattr(Window, "__init__", complete)

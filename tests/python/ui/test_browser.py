@@ -133,6 +133,29 @@ def test_a_run_is_watched_while_it_goes_on(browser: Chrome, tmp_path: Path) -> N
         eventually(lambda: find(browser, ".state").text == "killed", "that it was killed is said")
 
 
+def test_an_experiment_is_written_checked_and_started(browser: Chrome, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    with window(tmp_path / "runs") as address:
+        browser.get(address)
+        find(browser, "header a[href='#/new']").click()
+        editor = find(browser, "textarea")
+        eventually(lambda: "Nothing is wrong" in page_text(browser), "the template is right")
+        editor.clear()
+        editor.send_keys("simulation: minisim\nservers: in-process\nmethod: {population: -1, generations: 3}")
+        eventually(lambda: "must be at least 2, not -1" in page_text(browser), "the mistake is told")
+        assert not find(browser, "button[type=submit]").is_enabled()
+        editor.clear()
+        editor.send_keys("simulation: minisim\nservers: in-process\nmethod: {population: 9, generations: 3}")
+        eventually(lambda: "Nothing is wrong" in page_text(browser), "it is repaired")
+        name = find(browser, "input[aria-label=Name]")
+        name.clear()
+        name.send_keys("mine")
+        find(browser, "button[type=submit]").click()
+        eventually(lambda: "optimize mine.yaml" in page_text(browser), "the job is listed")
+        eventually(lambda: find(browser, ".job .state").text == "done", "it is done")
+    assert swarmwright.Run.open(tmp_path / "runs" / "mine").generations == 3
+
+
 def test_the_page_comes_back_with_the_server(browser: Chrome, folder: Path) -> None:
     with window(folder, "--read-only") as address:
         browser.get(address)

@@ -56,6 +56,14 @@ export async function ask(path, parameters = {}) {
   return body;
 }
 
+/** Asks the server to change something. */
+export async function change(name, values) {
+  const response = await fetch(`api/${name}`, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(values) });
+  const body = (response.headers.get("content-type") ?? "").includes("json") ? await response.json() : { error: await response.text() };
+  if (!response.ok) throw new Error(body.error);
+  return body;
+}
+
 export function color(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }

@@ -1,6 +1,8 @@
-// The address says what is shown: #/ the list, #/run/ID, #/compare?run=ID&run=ID.
+// The address says what is shown: #/ the list, #/run/ID, #/compare?run=ID&run=ID, #/new, #/jobs.
 import { ask, h } from "./dom.js";
 import { showComparison } from "./compare.js";
+import { showJobs } from "./jobs.js";
+import { showNew } from "./new.js";
 import { showRun } from "./run.js";
 import { showRuns } from "./runs.js";
 import { store } from "./store.js";
@@ -13,6 +15,8 @@ let leave = () => {};
 const routes = [
   [/^$/, (_match, query) => showRuns(view, query)],
   [/^run\/(.+)$/, (match, query) => showRun(view, decodeURIComponent(match[1]), query)],
+  [/^new$/, (_match, query) => showNew(view, query)],
+  [/^jobs$/, () => showJobs(view)],
   [/^compare$/, (_match, query) => showComparison(view, query)],
 ];
 
@@ -55,6 +59,7 @@ addEventListener("hashchange", route);
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || /INPUT|SELECT|TEXTAREA/.test(event.target.tagName)) return;
   if (event.key === "d") switchTheme();
+  if (event.key === "n" && !store.window.read_only) location.hash = "#/new";
   if (event.key === "Escape" && location.hash.length > 2) location.hash = "#/";
   if (event.key === "/") {
     document.querySelector("input[type=search]")?.focus();
@@ -67,4 +72,5 @@ store.onConnection((isConnected) => {
 });
 store.connect();
 store.window = await ask("window").catch(() => ({ folder: "", read_only: true }));
+for (const link of document.querySelectorAll(".changes")) link.hidden = store.window.read_only;
 route();

@@ -1,5 +1,5 @@
 // The page of a run: its curve with every evaluation, replays by click, experiment, servers, journal.
-import { ask, color, date, duration, figure, h, problem } from "./dom.js";
+import { ask, change, date, duration, figure, h, problem } from "./dom.js";
 import { LearningCurve } from "./curve.js";
 import { store } from "./store.js";
 
@@ -57,7 +57,22 @@ export function showRun(view, id) {
   h("button", { type: "submit" }, "Watch"),
   h("button", { type: "button", click: () => { panes.replaceChildren(); chosen.replaceChildren(); } }, "Close"));
 
-  view.append(head, chart, h("p", { class: "hint" }, "Every evaluation is a point: click one to watch it, shift-click to watch it beside the others. Drag to zoom, double-click to see all."),
+  const generations = h("input", { type: "number", min: 1, step: 1, "aria-label": "generations in all", placeholder: "generations" });
+  const message = h("span", { role: "status" });
+  const actions = store.window.read_only ? null : h("div", { class: "tools" },
+    h("a", { class: "button", href: `#/new?run=${encodeURIComponent(id)}` }, "New from this"),
+    h("button", { type: "button", click: resume }, "Resume"), h("label", {}, "up to ", generations), message);
+
+  async function resume() {
+    try {
+      await change("resume", { runs: [id], generations: generations.value === "" ? null : Number(generations.value) });
+      message.replaceChildren("in the queue: ", h("a", { href: "#/jobs" }, "Jobs"));
+    } catch (error) {
+      message.replaceChildren(problem(error));
+    }
+  }
+
+  view.append(head, actions ?? "", chart, h("p", { class: "hint" }, "Every evaluation is a point: click one to watch it, shift-click to watch it beside the others. Drag to zoom, double-click to see all."),
     form, chosen, panes, tabs);
 
   function number(name) {

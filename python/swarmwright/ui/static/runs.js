@@ -1,5 +1,5 @@
 // The list of runs: filter, sort, select several.
-import { color, date, duration, figure, h } from "./dom.js";
+import { change, color, date, duration, figure, h, problem } from "./dom.js";
 import { store } from "./store.js";
 
 const COLUMNS = [
@@ -119,6 +119,7 @@ export function showRuns(view, query) {
   const compare = h("button", { type: "button", click: () => {
     location.hash = `#/compare?${new URLSearchParams([...selected].map((id) => ["run", id]))}`;
   } }, "Compare");
+  const remove = h("button", { type: "button", class: "changes", click: deleteSelected }, "Delete");
   const all = h("input", { type: "checkbox", "aria-label": "Select all that are shown", change: () => {
     for (const row of shown()) all.checked ? selected.add(row.id) : selected.delete(row.id);
     draw();
@@ -134,8 +135,22 @@ export function showRuns(view, query) {
   }, column.title)));
   const body = h("tbody");
   const empty = h("p", { class: "empty" });
+  const message = h("div");
+
+  async function deleteSelected() {
+    const names = [...selected];
+    const few = names.slice(0, 5).join(", ") + (names.length > 5 ? ` and ${names.length - 5} more` : "");
+    if (!confirm(`Delete ${names.length === 1 ? "the run" : `${names.length} runs`} ${few}? Their records cannot be brought back.`)) return;
+    try {
+      await change("delete", { runs: names });
+      message.replaceChildren(h("p", { class: "hint" }, "Deleting… ", h("a", { href: "#/jobs" }, "Jobs")));
+    } catch (error) {
+      message.replaceChildren(problem(error));
+    }
+  }
   view.append(
-    h("div", { class: "tools" }, search, compare, count),
+    h("div", { class: "tools" }, search, compare, store.window.read_only ? null : remove, count),
+    message,
     h("div", { class: "wide" }, h("table", { class: "runs" }, h("thead", {}, h("tr", {}, h("th", {}, all), heads)), body)),
     empty,
   );
@@ -171,7 +186,7 @@ export function showRuns(view, query) {
 
   function tools() {
     for (const id of selected) if (!store.rows.has(id)) selected.delete(id);
-    compare.disabled = selected.size === 0;
+    compare.disabled = remove.disabled = selected.size === 0;
     compare.textContent = selected.size ? `Compare ${selected.size}` : "Compare";
   }
 

@@ -1,0 +1,284 @@
+"""Commands that the window starts: runs, resumed runs, deletions.
+
+Each is a command that a person could type. Its session is its own, so that it survives the window; SIGINT
+ends it as Ctrl-C does; what it prints is in a file. `.swarmwright/jobs` below the folder has all that is
+known of it, so that a window that starts later goes on with the queue.
+"""
+
+import contextlib
+import fcntl
+import json
+import os
+import re
+import secrets
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from swarmwright import InputError
+
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+MOST_SEEDS = 200
+MOST_JOBS = 500
+"""Jobs that are kept; the oldest ones that have ended are forgotten."""
+OUTPUT_BYTES = 20_000
+"""Of the end of what a job has printed."""
+CHECK_S = 20.0
+EXPERIMENT_BYTES = 1 << 20
+# The shell stays to write down the exit status, which nobody learns when the window is gone.
+SHELL = ("/bin/sh", "-c", 'status=$0; trap : INT; "$@"; echo $? > "$status"')
+CHECK = """
+import sys
+from swarmwright import Experiment, InputError
+try:
+    Experiment.load(sys.argv[1])
+except InputError as error:
+    print(error)
+"""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A command of the queue."""
+
+    id: str
+    arguments: list[str]
+    """Of `swarmwright`."""
+    run: str
+    """The run that it works on, below the folder; empty for several."""
+    created: float
+    state: str = "waiting"
+    """waiting, running, done, failed, or stopped: by SIGINT, or before its turn."""
+    status: int | None = None
+    """Exit status, once it has ended."""
+    output: str = ""
+
+
+class Jobs:
+    """The queue of a folder; as many of it run at once as there are processors.
+
+    Args:
+        folder: of the runs.
+        slots: jobs at once; default: one for each processor.
+    """
+
+    def __init__(self, folder: Path, slots: int | None = None) -> None:
+        self.folder = folder
+        self._jobs = folder / ".swarmwright" / "jobs"
+        self._slots = slots or len(os.sched_getaffinity(0))
+        self._children: list[subprocess.Popen[bytes]] = []
+        """Those that this window started, to be reaped."""
+
+    def all(self) -> list[Job]:
+        """Return the jobs, the newest first."""
+        with contextlib.suppress(OSError):
+            names = sorted((path.name for path in self._jobs.iterdir() if path.is_dir()), reverse=True)
+            return [job for job in map(self._read, names) if job is not None]
+        return []
+
+    def check(self, text: str) -> list[dict[str, Any]]:
+        """Return what is wrong with an experiment, as `optimize` says it: the line or None, the message.
+
+        It is loaded in a process of its own, in the folder, since it may name code.
+        """
+        try:
+            size = len(text.encode())
+        except UnicodeEncodeError as error:
+            return [{"line": None, "message": f"is not valid Unicode: {error.reason}"}]
+        if size > EXPERIMENT_BYTES:
+            return [{"line": None, "message": "is larger than 1 MiB"}]
+        file = self.folder / f".check-{secrets.token_hex(8)}.yaml"
+        try:
+            file.write_text(text, encoding="utf-8")
+            loaded = subprocess.run(
+                [sys.executable, "-c", CHECK, file.name], cwd=self.folder, capture_output=True, text=True,
+                timeout=CHECK_S, check=False, stdin=subprocess.DEVNULL,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return [{"line": None, "message": f"took more than {CHECK_S:.0f} s to load"}]
+        except OSError as error:
+            return [{"line": None, "message": f"cannot be checked: {error}"}]
+        finally:
+            file.unlink(missing_ok=True)
+        said = loaded.stdout.strip() or ("" if loaded.returncode == 0 else loaded.stderr.strip()[-2000:])
+        return list(problems(said, file.name))
+
+    def start(self, text: str, name: str, seeds: list[int]) -> list[Job]:
+        """Write an experiment into the folder, and put a run of each seed into the queue.
+
+        Args:
+            text: of the experiment.
+            name: of its file, `name.yaml`, and of the runs, `name-seed`.
+            seeds: of the runs, from 0 on; none for that of the experiment.
+
+        Raises InputError when the name is taken or no name, or a seed is out of range.
+        """
+        if NAME.fullmatch(name) is None:
+            raise InputError(
+                f"name: {name[:100]!r}: use letters, digits, '_', '-' and '.', at most 100, and no '.' first"
+            )
+        if len(seeds) > MOST_SEEDS or any(not 0 <= seed < 2**63 for seed in seeds):
+            raise InputError(f"seeds: at most {MOST_SEEDS}, each from 0 to {2**63 - 1}")
+        runs = {f"{name}-{seed}": ["--seed", str(seed)] for seed in seeds} or {name: []}
+        taken = [run for run in runs if (self.folder / run).exists()]
+        if taken:
+            raise InputError(f"name: {taken[0]} exists already in {self.folder}; choose another name")
+        file = self.folder / f"{name}.yaml"
+        try:
+            with file.open("x", encoding="utf-8") as stream:
+                stream.write(text)
+        except FileExistsError:
+            if file.read_text("utf-8", errors="replace") != text:
+                raise InputError(f"name: {file} exists already; choose another name") from None
+        except OSError as error:
+            raise InputError(f"name: {file} cannot be written: {error.strerror}") from None
+        return [
+            self._add(["optimize", file.name, *options, "--out", run], run) for run, options in runs.items()
+        ]
+
+    def resume(self, run: str, generations: int | None) -> Job:
+        """Put a run into the queue that was interrupted, or that goes on to more generations."""
+        options = [] if generations is None else ["--generations", str(generations)]
+        return self._add(["resume", *options, "--", run], run)
+
+    def delete(self, runs: list[str]) -> Job:
+        """Delete runs, as `runs delete` does it: files that Swarmwright did not write stay."""
+        return self._add(["runs", "delete", "--yes", "--", *runs], runs[0] if len(runs) == 1 else "")
+
+    def stop(self, job: str) -> Job:
+        """Interrupt a job, which keeps what it has; one that waits leaves the queue.
+
+        Raises InputError when there is no such job.
+        """
+        known = self._read(job)
+        if known is None:
+            raise InputError(f"{job[:100]}: there is no such job")
+        with self._locked():
+            known = self._read(job) or known
+            process = self._process(job)
+            if known.state == "running" and process is not None:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process, signal.SIGINT)
+                (self._jobs / job / "stopped").touch()
+            elif known.state == "waiting":
+                (self._jobs / job / "stopped").touch()
+                (self._jobs / job / "status").write_text("130\n")
+        return self._read(job) or known
+
+    def advance(self) -> None:
+        """Start jobs that wait, as many as there are free slots."""
+        if not self._jobs.is_dir():
+            return
+        with self._locked():
+            self._children = [child for child in self._children if child.poll() is None]
+            jobs = self.all()
+            free = self._slots - sum(job.state == "running" for job in jobs)
+            for job in [job for job in reversed(jobs) if job.state == "waiting"][: max(free, 0)]:
+                self._run(job)
+            for job in jobs[MOST_JOBS:]:
+                if job.state not in {"waiting", "running"}:
+                    shutil.rmtree(self._jobs / job.id, ignore_errors=True)
+
+    def _add(self, arguments: list[str], run: str) -> Job:
+        job = Job(f"{time.time_ns():020d}-{secrets.token_hex(4)}", arguments, run, time.time())
+        folder = self._jobs / job.id
+        try:
+            folder.mkdir(parents=True, mode=0o700)
+            (folder / "job.json.new").write_text(json.dumps(asdict(job)), encoding="utf-8")
+            (folder / "job.json.new").rename(folder / "job.json")
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+        return job
+
+    def _run(self, job: Job) -> None:
+        folder = (self._jobs / job.id).absolute()
+        command = [sys.executable, "-m", "swarmwright", *job.arguments]
+        with (folder / "output.txt").open("wb") as output:
+            output.write(f"$ swarmwright {shlex.join(job.arguments)}\n".encode())
+            output.flush()
+            process = subprocess.Popen(
+                [*SHELL, str(folder / "status"), *command], cwd=self.folder, stdin=subprocess.DEVNULL,
+                stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
+            )  # fmt: skip
+        self._children.append(process)
+        (folder / "process").write_text(f"{process.pid} {started(process.pid)}\n")
+
+    def _read(self, name: str) -> Job | None:
+        folder = self._jobs / name
+        if "/" in name or name.startswith("."):
+            return None
+        try:
+            stored = json.loads((folder / "job.json").read_text("utf-8"))
+            job = Job(**stored)
+        except (OSError, ValueError, TypeError):
+            return None
+        status = self._status(folder)
+        if status is not None:
+            state = "done" if status == 0 else "stopped" if (folder / "stopped").exists() else "failed"
+        elif (folder / "process").exists():
+            state = "running" if self._process(name) is not None else "failed"
+            if state == "failed":  # between the two looks it may have ended
+                status = self._status(folder)
+                state = "done" if status == 0 else state
+        else:
+            state = "waiting"
+        output = tail(folder / "output.txt")
+        return Job(job.id, job.arguments, job.run, job.created, state, status, output)
+
+    @staticmethod
+    def _status(folder: Path) -> int | None:
+        try:
+            return int((folder / "status").read_text())
+        except (OSError, ValueError):
+            return None
+
+    def _process(self, name: str) -> int | None:
+        """Return the id of a job's process while it is there; another one may have its number later."""
+        try:
+            process, _, moment = (self._jobs / name / "process").read_text().strip().partition(" ")
+        except OSError:
+            return None
+        return int(process) if process.isdecimal() and started(int(process)) == moment else None
+
+    @contextlib.contextmanager
+    def _locked(self) -> Iterator[None]:
+        self._jobs.mkdir(parents=True, exist_ok=True)
+        with (self._jobs / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+
+
+def started(process: int) -> str:
+    """Return when a process was started, in ticks since the computer was; empty where it has ended."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return ""
+    return "" if fields[0] == "Z" else fields[19]
+
+
+def tail(file: Path) -> str:
+    """Return the end of what a job has printed."""
+    try:
+        with file.open("rb") as stream:
+            stream.seek(max(0, file.stat().st_size - OUTPUT_BYTES))
+            return stream.read(OUTPUT_BYTES).decode(errors="replace")
+    except OSError:
+        return ""
+
+
+def problems(said: str, file: str) -> Iterator[dict[str, Any]]:
+    """Yield the lines of an error of `Experiment.load`, each with its line in the file if it has one."""
+    for line in said.splitlines():
+        found = re.match(rf"\s*(?:\S*/)?{re.escape(file)}:(\d+): (.*)", line)
+        if found:
+            yield {"line": int(found[1]), "message": found[2]}
+        elif line.strip():
+            yield {"line": None, "message": line.strip().replace(f"{file}: ", "").replace(file, "the file")}

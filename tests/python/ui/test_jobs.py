@@ -1,0 +1,212 @@
+"""What the window starts runs, stops and survives it, and nothing else is started."""
+
+import contextlib
+import json
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.applications import Starlette
+
+from swarmwright import InputError, Run
+from swarmwright.ui.app import create_app
+from swarmwright.ui.jobs import Job, Jobs, problems
+from tests.python.ui.client import Answer, call
+
+SMALL = "simulation: minisim\nservers: in-process\nmethod: {population: 10, generations: 3}\n"
+ENDLESS = "simulation: minisim\nservers: in-process\nmethod: {population: 100, generations: 10000000}\n"
+
+
+@pytest.fixture
+def jobs(tmp_path: Path) -> Iterator[Jobs]:
+    jobs = Jobs(tmp_path, slots=1)
+    yield jobs
+    for child in jobs._children:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)
+        child.wait(10)
+
+
+def until(jobs: Jobs, holds: Callable[[list[Job]], bool], seconds: float = 50) -> list[Job]:
+    """Go on with the queue, as the window does, until the jobs are as they should be."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        jobs.advance()
+        now = jobs.all()
+        if holds(now):
+            return now
+        time.sleep(0.1)
+    pytest.fail(f"still so: {[(job.state, job.output) for job in jobs.all()]}")
+
+
+@pytest.mark.slow
+def test_runs_are_queued_and_done_one_after_the_other(jobs: Jobs) -> None:
+    jobs.start(SMALL, "small", [1, 2])
+    most = 0
+
+    def are_done(now: list[Job]) -> bool:
+        nonlocal most
+        most = max(most, sum(job.state == "running" for job in now))
+        return all(job.state == "done" for job in now)
+
+    until(jobs, are_done)
+    assert most == 1
+    assert [Run(jobs.folder / f"small-{seed}").experiment.seed for seed in (1, 2)] == [1, 2]
+    jobs.resume("small-1", 5)
+    until(jobs, lambda now: now[0].state == "done")
+    assert Run(jobs.folder / "small-1").generations == 5
+    jobs.delete(["small-2"])
+    until(jobs, lambda now: now[0].state == "done")
+    assert not (jobs.folder / "small-2").exists()
+
+
+@pytest.mark.slow
+def test_a_job_is_interrupted_keeps_its_results_and_survives_its_window(jobs: Jobs) -> None:
+    [job] = jobs.start(ENDLESS, "endless", [])
+    until(jobs, lambda now: now[0].state == "running" and (jobs.folder / "endless" / "run.sqlite").exists())
+    later = Jobs(jobs.folder, slots=1)  # of a window that was started after the first one had gone
+    [waiting] = later.start(SMALL, "small", [])
+    later.advance()
+    assert [other.state for other in later.all()] == ["waiting", "running"]
+    assert later.stop(waiting.id).state == "stopped"
+    time.sleep(1.0)  # a generation is finished, so that there is something to keep
+    later.stop(job.id)
+    until(later, lambda now: now[-1].state == "stopped")
+    run = Run(jobs.folder / "endless")
+    assert run.state == "interrupted"
+    assert run.generations > 0
+
+
+@pytest.mark.slow
+def test_a_job_that_is_killed_has_failed(jobs: Jobs) -> None:
+    [job] = jobs.start(ENDLESS, "endless", [])
+    until(jobs, lambda now: now[0].state == "running")
+    process = (jobs.folder / ".swarmwright" / "jobs" / job.id / "process").read_text().split()[0]
+    os.killpg(int(process), signal.SIGKILL)
+    until(jobs, lambda now: now[0].state == "failed")
+
+
+@pytest.mark.slow
+def test_what_is_wrong_with_an_experiment_is_told_with_its_line(jobs: Jobs) -> None:
+    assert jobs.check(SMALL) == []
+    [wrong] = jobs.check("simulation: minisim\nmethod: {population: -3}\n")
+    assert wrong == {"line": 2, "message": "method.population: must be at least 2, not -3"}
+    assert jobs.check("simulation: [\n")[0]["line"] is not None
+    assert jobs.check("simulation: ../../nothing.py:Class\n")
+    assert jobs.check("\ud800" + SMALL)
+    assert jobs.check("x" * (1 << 21)) == [{"line": None, "message": "is larger than 1 MiB"}]
+    assert not [*jobs.folder.glob(".check*")]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", "../out", "a/b", "-rf", ".hidden", "a b", "x" * 101, "a\0", "$(id)", "ü", "a\n", "--out=/tmp/x"],
+)
+def test_names_that_are_no_names_are_refused(jobs: Jobs, name: str) -> None:
+    with pytest.raises(InputError, match="name: "):
+        jobs.start(SMALL, name, [])
+    assert [*jobs.folder.iterdir()] == []
+
+
+def test_names_that_are_taken_are_refused(jobs: Jobs) -> None:
+    (jobs.folder / "taken").mkdir()
+    with pytest.raises(InputError, match="name: taken exists already"):
+        jobs.start(SMALL, "taken", [])
+    (jobs.folder / "other.yaml").write_text("something else")
+    with pytest.raises(InputError, match=r"other\.yaml exists already"):
+        jobs.start(SMALL, "other", [])
+    assert (jobs.folder / "other.yaml").read_text() == "something else"
+    (jobs.folder / "link.yaml").symlink_to(jobs.folder / "elsewhere.yaml")
+    with pytest.raises((InputError, FileNotFoundError)):
+        jobs.start(SMALL, "link", [])
+    assert not (jobs.folder / "elsewhere.yaml").exists()
+
+
+@pytest.mark.parametrize("seeds", [[-1], [2**63], [*range(201)]])
+def test_seeds_out_of_range_are_refused(jobs: Jobs, seeds: list[int]) -> None:
+    with pytest.raises(InputError, match="seeds: at most 200"):
+        jobs.start(SMALL, "small", seeds)
+
+
+@pytest.mark.parametrize("job", ["", "..", "../..", "nothing", "a/b"])
+def test_only_jobs_of_the_queue_are_stopped(jobs: Jobs, job: str) -> None:
+    with pytest.raises(InputError, match="there is no such job"):
+        jobs.stop(job)
+
+
+@pytest.mark.parametrize(
+    ("file", "content"),
+    [
+        ("job.json", "{"),
+        ("job.json", "[]"),
+        ("job.json", '{"id": 1}'),
+        ("process", "1 2"),
+        ("process", "-1 x"),
+        ("process", ""),
+        ("status", "soon"),
+    ],
+)
+def test_damaged_files_of_a_job_harm_nothing(jobs: Jobs, file: str, content: str) -> None:
+    [job] = jobs.start(SMALL, "small", [])
+    (jobs.folder / ".swarmwright" / "jobs" / job.id / "process").write_text(f"{os.getpid()} 0\n")
+    (jobs.folder / ".swarmwright" / "jobs" / job.id / file).write_text(content)
+    states = [known.state for known in jobs.all()]
+    assert states in ([], ["failed"]), "a process that has the number of another one is not taken for it"
+
+
+def test_lines_without_a_number_are_told_as_they_are() -> None:
+    said = "a/.x.yaml:3: method: wrong\n  .x.yaml:4: seed: too\n.x.yaml: cannot be read\n\nwhatever"
+    assert [*problems(said, ".x.yaml")] == [
+        {"line": 3, "message": "method: wrong"},
+        {"line": 4, "message": "seed: too"},
+        {"line": None, "message": "cannot be read"},
+        {"line": None, "message": "whatever"},
+    ]
+
+
+@pytest.fixture
+def app(tmp_path: Path) -> Starlette:
+    return create_app(tmp_path, token=None)
+
+
+def post(app: Starlette, name: str, values: Any, kind: str = "application/json") -> Answer:
+    body = values if isinstance(values, bytes) else json.dumps(values).encode()
+    return call(app, f"/api/{name}", method="POST", headers={"content-type": kind}, body=body)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "status", "message"),
+    [
+        ("start", b"{", 400, "not valid JSON"),
+        ("start", b"[" * 100_000, 400, "not valid JSON"),
+        ("start", b"\xff", 400, "not valid JSON"),
+        ("start", [], 422, "must be an object"),
+        ("start", {}, 422, "text: must be text"),
+        ("stop", {"job": 3}, 422, "job: must be text"),
+        ("stop", {"job": "../x"}, 422, "there is no such job"),
+        ("delete", {"runs": []}, 422, "choose 1 to 500 runs"),
+        ("delete", {"runs": ["../elsewhere"]}, 422, "there is no such run"),
+        ("delete", {"runs": [["a"]]}, 422, None),
+        ("resume", {"runs": "all"}, 422, "runs: must be a list"),
+        ("check", {"text": "x", "more": "y" * (3 << 20)}, 413, "larger than 2 MiB"),
+    ],
+)
+def test_wrong_requests_start_nothing(
+    app: Starlette, tmp_path: Path, name: str, values: Any, status: int, message: str | None
+) -> None:
+    answer = post(app, name, values)
+    assert answer.status == status
+    assert message is None or message in answer.values["error"]
+    assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize(
+    "kind", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data", "x"]
+)
+def test_forms_of_other_pages_cannot_ask(app: Starlette, kind: str) -> None:
+    assert post(app, "stop", {"job": "x"}, kind).status == 415
+    assert call(app, "/api/stop").status == 405
