@@ -31,7 +31,7 @@ from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError
 from swarmwright.common.problems import format_value
 from swarmwright.common.values import sort_key
-from swarmwright.runs.failures import failed_within
+from swarmwright.runs.failures import count_failed_evaluations
 from swarmwright.runs.metric_curves import MetricCurves, Names, select_names
 from swarmwright.runs.post_evaluation import EPISODES
 from swarmwright.runs.run import Run
@@ -717,7 +717,7 @@ def _group(one: RunGroup, found: Sequence[tuple[float, int]], without: Sequence[
     final = np.array([value for value, _ in found], dtype=np.float64)
     counts = tuple(count for _, count in found)
     episodes = tuple(map(episodes_of, one.runs, counts))
-    failed = tuple(map(failed_within, one.runs, counts))
+    failed = tuple(map(count_failed_evaluations, one.runs, counts))
     lacking = tuple(run for run in without if run.label == one.label)
     return Group(one.label, one.differs, one.runs, final, counts, episodes, failed, lacking)
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from swarmwright.common.formatting import format_count
 from swarmwright.methods.rankings.race import RaceOptions
-from swarmwright.runs.failures import taken as taken_by
-from swarmwright.runs.failures import taken_in
+from swarmwright.runs.failures import count_episodes, iterate_episode_counts
 from swarmwright.runs.instances import by_instance
 from swarmwright.runs.run import Run
 
@@ -77,7 +76,7 @@ def _by_generation(run: Run) -> tuple[_Numbers, _Numbers]:
     if run not in _known:
         counts, taken = np.zeros((2, run.generations), np.int64)
         if run.experiment.ranking.failure_fitness is not None:
-            for one in taken_by(run):
+            for one in iterate_episode_counts(run):
                 counts[one.generation], taken[one.generation] = len(one.episodes), one.episodes.sum()
         else:
             for part in run._store.rows():
@@ -94,7 +93,7 @@ def _taken_in(run: Run, generation: int) -> _Numbers:
     found = [
         _taken(row.episodes, row.fitness)
         if ranking.options.failure_fitness is None
-        else taken_in(row, ranking).episodes
+        else count_episodes(row, ranking).episodes
         for row in run._store.read_generation(generation)
     ]
     return np.concatenate(found) if found else np.zeros(0, np.int64)

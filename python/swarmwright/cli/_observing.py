@@ -18,7 +18,7 @@ from swarmwright.common.untrusted import escape_line
 
 if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
-    from swarmwright.runs.monitoring.prometheus import ServeFigures, ToolFigures
+    from swarmwright.runs.monitoring.prometheus import ServerMetrics, ToolMetrics
     from swarmwright.servers.evaluation.reports import Report
 
 
@@ -140,7 +140,7 @@ class Observing:
 class ToolObserver:
     """Writes the progress of an optimization to the log and the metrics."""
 
-    def __init__(self, log: Log, figures: "ToolFigures | None") -> None:
+    def __init__(self, log: Log, figures: "ToolMetrics | None") -> None:
         self.log = log
         self._figures = figures
 
@@ -188,25 +188,25 @@ def observe_run(output: Output, observing: Observing) -> Iterator[ToolObserver]:
         if log:
             stack.enter_context(listening(log.report))
         if observing.metrics is not None:
-            from swarmwright.runs.monitoring.prometheus import ToolFigures, offered
+            from swarmwright.runs.monitoring.prometheus import ToolMetrics, serve_metrics
 
-            figures = ToolFigures()
-            _say(output, log, stack.enter_context(offered(figures, *observing.metrics)))
+            figures = ToolMetrics()
+            _say(output, log, stack.enter_context(serve_metrics(figures, *observing.metrics)))
             stack.enter_context(listening(figures.report))
         yield ToolObserver(log, figures)
 
 
 @contextmanager
-def observe_servers(output: Output, observing: Observing) -> "Iterator[tuple[Log, ServeFigures | None]]":
+def observe_servers(output: Output, observing: Observing) -> "Iterator[tuple[Log, ServerMetrics | None]]":
     """Open the log and metrics of servers during a `with` block."""
     with ExitStack() as stack:
         log = stack.enter_context(Log(observing.log, observing.log_level, size=observing.log_size))
         figures = None
         if observing.metrics is not None:
-            from swarmwright.runs.monitoring.prometheus import ServeFigures, offered
+            from swarmwright.runs.monitoring.prometheus import ServerMetrics, serve_metrics
 
-            figures = ServeFigures()
-            _say(output, log, stack.enter_context(offered(figures, *observing.metrics)))
+            figures = ServerMetrics()
+            _say(output, log, stack.enter_context(serve_metrics(figures, *observing.metrics)))
         yield log, figures
 
 

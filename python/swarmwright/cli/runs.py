@@ -344,14 +344,14 @@ def diff(first_path: Path, second_path: Path, as_json: bool) -> int:
     """
     from swarmwright import Run
     from swarmwright.analysis.sweep_folders import runs_of
-    from swarmwright.runs.differences import first_difference
+    from swarmwright.runs.differences import find_first_difference
 
     output = Output(as_json=as_json)
     sweeps = runs_of(first_path), runs_of(second_path)
     if sweeps[0] is not None and sweeps[1] is not None:
         return show_differences(output, sweeps[0], sweeps[1])
     first, second = Run.open(first_path), Run.open(second_path)
-    difference = first_difference(first, second)
+    difference = find_first_difference(first, second)
     output.json({"same": difference is None, "difference": difference})
     if difference is None:
         output.text(f"The records are the same, byte for byte: {first.evaluations} evaluations.")
@@ -632,11 +632,11 @@ def show_differences(output: Output, first_sweep: Sequence[Path], second_sweep: 
 def _difference(first: Path, second: Path | None) -> str | None:
     """Describe the difference of two runs; None if their records are the same."""
     from swarmwright import Run
-    from swarmwright.runs.differences import first_difference
+    from swarmwright.runs.differences import find_first_difference
 
     if second is None:
         return "only the first sweep has it"
     missing = [str(run) for run in (first, second) if not run.exists()]
     if missing:
         return f"{' and '.join(missing)}: missing"
-    return first_difference(Run.open(first), Run.open(second))
+    return find_first_difference(Run.open(first), Run.open(second))

@@ -32,7 +32,7 @@ from swarmwright.servers.supervision import News, ServerEnd, ServerEvent, Server
 from swarmwright.servers.supervision import Output as Printed
 
 if TYPE_CHECKING:
-    from swarmwright.runs.monitoring.prometheus import ServeFigures
+    from swarmwright.runs.monitoring.prometheus import ServerMetrics
 
 LARGEST_RANDOM_ID = 2**31 - 1
 """Random ids are short, because people read and type them."""
@@ -256,7 +256,7 @@ class Reporter:
         simulation: str,
         broker: str,
         log: Log | None = None,
-        figures: "ServeFigures | None" = None,
+        figures: "ServerMetrics | None" = None,
     ) -> None:
         self.status = 0
         self._output = output

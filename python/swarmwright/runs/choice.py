@@ -1,4 +1,4 @@
-"""The selection of one candidate of a run, and its record."""
+"""The selection of a candidate of a run."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -11,29 +11,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Choice:
-    """One candidate of a run."""
+    """A candidate of a run."""
 
     generation: int
     candidate: int
-    """Index among the candidates evaluated in that generation."""
+    """Index in that generation."""
     number: int
-    """Of the evaluation in the whole run, from 0."""
+    """Number of the evaluation in the whole run, from 0."""
     fitness: float
-    """As the run's ranking made it of all episodes; NaN when the evaluation failed."""
+    """Fitness from the run's ranking of all episodes; NaN if the evaluation failed."""
     episodes: list[float]
-    """Fitness of each of the episodes that it is made of, with racing on all instances so far; NaN for those
-    that failed or were left out."""
+    """Fitness of each aggregated episode, with racing on all instances so far; NaN for episodes that failed
+    or were skipped."""
     seeds: list[int]
-    """Simulation seed of each of them."""
+    """Simulation seed of each episode."""
     aggregation: str
-    """How they became the fitness, in words; empty where it is that of one episode."""
+    """Description of how the episodes make the fitness; empty if it is that of one episode."""
     specification: dict[str, Any]
     """The controller as plain values."""
 
 
 def choose(run: "Run", generation: int | None = None, candidate: int | None = None) -> Choice:
     """Return a candidate of the run; arguments and errors as in `Run.evaluation`."""
-    from swarmwright.runs.code import restore_experiment  # noqa: PLC0415 - what is shown of a run needs no code
+    from swarmwright.runs.code import restore_experiment  # noqa: PLC0415 - it takes long to import
 
     evaluation = run.evaluation(candidate, generation)
     specification = (

@@ -1,4 +1,4 @@
-"""How different the candidates of a generation are from each other."""
+"""The diversity of the candidates of a generation."""
 
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 def diversity(run: "Run") -> NDArray[np.float64]:
     """Return the diversity of the candidates evaluated in each generation, (generations,).
 
-    For genes that are numbers: the median distance of the candidates to their centroid, each gene in units of
-    its spread in the first generation (median absolute deviation; genes that did not vary there are left out
-    where others did), divided by what the first generation has. So 1 is as diverse as at the beginning, 0 is
-    all alike. For genes that are choices: the share of genes in which two candidates differ, 0 to 1. NaN for
-    a generation of a single candidate.
+    For numeric genes, it is the median distance of the candidates to their centroid, divided by that of the
+    first generation: 1 is as diverse as at the beginning, 0 means that all are equal. Each gene is in units
+    of its spread in the first generation (median absolute deviation); genes that did not vary there are
+    excluded if others did. For genes that are choices, it is the mean share of genes in which two candidates
+    differ, 0 to 1. NaN for a generation of a single candidate.
     """
     record = run.record
     starts = np.searchsorted(record.generation, np.arange(run.generations + 1))
@@ -33,7 +33,7 @@ def diversity(run: "Run") -> NDArray[np.float64]:
 
 
 def _scale(genomes: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the unit of each gene; infinite for one that is left out."""
+    """Return the unit of each gene; infinite for excluded genes."""
     middle = np.median(genomes, axis=0)
     spread = np.median(np.abs(genomes - middle), axis=0).astype(np.float64)
     if not (spread > 0).any():
@@ -50,7 +50,7 @@ def _spread(genomes: NDArray[np.float32], scale: NDArray[np.float64]) -> float:
 
 
 def _disagreement(genomes: NDArray[np.float32]) -> float:
-    """Return in how many genes two different candidates differ, as a share, on average."""
+    """Return the mean share of genes in which two candidates differ."""
     count = len(genomes)
     if count < 2:
         return float("nan")

@@ -14,35 +14,35 @@ if TYPE_CHECKING:
     from swarmwright.servers.rows import GenerationResult
 
 
-class Taken(NamedTuple):
-    """Episodes that the candidates of a generation went through."""
+class EpisodeCounts(NamedTuple):
+    """Numbers of episodes that the candidates of a generation ran."""
 
     generation: int
     episodes: NDArray[np.int64]
-    """(candidates,) how many."""
+    """Number of episodes, (candidates,)."""
     failed: NDArray[np.int64]
-    """(candidates,) how many of these failed."""
+    """Number of failed episodes, (candidates,)."""
 
 
-def taken(run: "Run") -> Iterator[Taken]:
-    """Yield each generation of a run; every evaluation is read."""
+def iterate_episode_counts(run: "Run") -> Iterator[EpisodeCounts]:
+    """Yield the counts of each generation of a run; all evaluations are read."""
     ranking = run.experiment.new_ranking()
-    for evaluated in run._store.generations():
-        yield taken_in(evaluated, ranking)
+    for result in run._store.generations():
+        yield count_episodes(result, ranking)
 
 
-def taken_in(evaluated: "GenerationResult", ranking: "Ranking") -> Taken:
-    """Return the episodes of a generation; ranking: of the run."""
-    failed = ~np.isfinite(evaluated.episodes)
+def count_episodes(result: "GenerationResult", ranking: "Ranking") -> EpisodeCounts:
+    """Count the episodes of a generation; ranking: of the run."""
+    failed = ~np.isfinite(result.episodes)
     lengths = np.full(len(failed), failed.shape[1], np.int64)
     if isinstance(ranking, Race):
-        lengths = ranking.count_episodes(evaluated.episodes)
+        lengths = ranking.count_episodes(result.episodes)
         failed &= np.arange(failed.shape[1]) < lengths[:, np.newaxis]
-    return Taken(evaluated.generation, lengths, failed.sum(axis=1))
+    return EpisodeCounts(result.generation, lengths, failed.sum(axis=1))
 
 
-def failed_within(run: "Run", evaluations: int) -> int:
-    """Return how many of the first so many evaluations of a run failed."""
+def count_failed_evaluations(run: "Run", evaluations: int) -> int:
+    """Return how many of a run's first evaluations failed."""
     count = 0
     begin = 0
     for summary in run.history:
@@ -54,7 +54,7 @@ def failed_within(run: "Run", evaluations: int) -> int:
     if begin == evaluations or not summary.failed:
         return count
     ranking = run.experiment.new_ranking()
-    for evaluated in run._store.read_generation(summary.generation):
-        some = (taken_in(evaluated, ranking).failed > 0) | ~np.isfinite(evaluated.fitness)
-        count += int(np.count_nonzero(some[: evaluations - begin]))
+    for result in run._store.read_generation(summary.generation):
+        failed = (count_episodes(result, ranking).failed > 0) | ~np.isfinite(result.fitness)
+        count += int(np.count_nonzero(failed[: evaluations - begin]))
     return count

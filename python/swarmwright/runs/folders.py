@@ -12,7 +12,7 @@ from swarmwright.runs.store.lock import is_locked
 from swarmwright.simulations.user_code.copying import FOLDER, contains_only_copies, remove
 
 RUNS = Path("runs")
-"""The folder of runs, in the current one."""
+"""Default folder of runs, in the working directory."""
 
 _OURS = (
     "run.sqlite",
@@ -34,15 +34,15 @@ _OURS = (
 
 
 def check_names(experiment: Experiment) -> None:
-    """Raise InputError where a name in an experiment, or that of its file, cannot be written as UTF-8."""
+    """Raise InputError if a name in an experiment, or that of its file, cannot be written as UTF-8."""
     check_utf8("" if experiment.path is None else experiment.path.stem)
     check_utf8(json.dumps(experiment.to_mapping(), ensure_ascii=False, default=str))
 
 
 def default_folder(experiment: Experiment) -> Path:
-    """Make runs/<file stem or simulation>-<seed>, with a number appended if that exists, and return it.
+    """Create runs/<file stem or simulation>-<seed>, with a number appended if it exists, and return it.
 
-    That it is made here gives every process and thread its own. Raises InputError when it cannot be made.
+    Creating it here gives each process and thread its own folder. Raises InputError when that fails.
     """
     name = experiment.path.stem if experiment.path is not None else experiment.label
     safe = (
@@ -52,54 +52,49 @@ def default_folder(experiment: Experiment) -> Path:
     folder, number = base, 1
     try:
         RUNS.mkdir(exist_ok=True)
-        while not _make_folder(folder):
-            number += 1
-            folder = base.with_name(f"{base.name}-{number}")
+        while True:
+            try:
+                folder.mkdir()
+            except FileExistsError:
+                number += 1
+                folder = base.with_name(f"{base.name}-{number}")
+            else:
+                return folder
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be created: {error.strerror}") from error
-    return folder
-
-
-def _make_folder(folder: Path) -> bool:
-    """Make a folder; return False when there is something of its name."""
-    try:
-        folder.mkdir()
-    except FileExistsError:
-        return False
-    return True
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a run has begun in this folder."""
+    """Return whether a run has begun in this folder."""
     return (folder / FILE).exists()
 
 
 def is_replaceable(folder: Path) -> bool:
-    """Whether a folder holds nothing but a run without a finished generation, on which no process works."""
-    # InputError: of a store that is damaged, or of another version; OSError: of a path that cannot be used.
+    """Return whether a folder holds only a run without a finished generation that no process works on."""
+    # InputError: a store that is damaged, or of another version; OSError: an unusable path.
     with suppress(InputError, OSError):
         return (
             is_run(folder)
             and not is_locked(folder)
-            and all(map(_is_of_a_run, folder.iterdir()))
+            and all(map(_is_removable, folder.iterdir()))
             and not StoreReader(folder).history()
         )
     return False
 
 
-def _is_of_a_run(entry: Path) -> bool:
-    """Whether `remove_run` would delete what is in a run folder."""
+def _is_removable(entry: Path) -> bool:
+    """Return whether `remove_run` would delete an entry of a run folder."""
     if entry.name == FOLDER:
         return contains_only_copies(entry.parent)
     return entry.name in _OURS and not entry.is_dir()
 
 
 def remove_run(folder: Path) -> list[str]:
-    """Delete what a run wrote; return the names of what else is in the folder, which stays."""
+    """Delete the files of a run; return the names of other files in the folder, which are kept."""
     remove(folder)
     for name in _OURS:
         (folder / name).unlink(missing_ok=True)
-    left = sorted(entry.name for entry in folder.iterdir())
-    if not left:
+    remaining = sorted(entry.name for entry in folder.iterdir())
+    if not remaining:
         folder.rmdir()
-    return left
+    return remaining

@@ -1,4 +1,4 @@
-"""The evaluations that a candidate's fitness is made of: several with racing, and with `reevaluate`."""
+"""The evaluations that a candidate's fitness aggregates: several with racing and with `reevaluate`."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -16,31 +16,31 @@ if TYPE_CHECKING:
 
 
 def by_instance(experiment: Experiment) -> bool:
-    """Return whether a generation is an instance, and a candidate's fitness the mean of several."""
+    """Return whether a generation is an instance, and a candidate's fitness is the mean of several."""
     return method_of(experiment.method).by_instance
 
 
 def instances(run: "Run", evaluation: Evaluation) -> list[Evaluation]:
-    """Return the evaluations that the fitness of `one` is made of, in their order; it is the last one.
+    """Return the evaluations that the fitness of an evaluation aggregates, in order, itself last.
 
-    With racing those of the same candidate on all instances so far, with `reevaluate` those in the
-    generations without a gap before this one; otherwise it alone.
+    With racing, these are the candidate's evaluations on all instances so far; with `reevaluate`, those in
+    consecutive generations up to this one; otherwise it is the only one.
     """
     if by_instance(run.experiment):
         return run._store.evaluations_of(evaluation)
     if not run.experiment.ranking.reevaluate:
         return [evaluation]
-    found = [evaluation]
+    consecutive = [evaluation]
     for earlier in reversed(run._store.evaluations_of(evaluation)[:-1]):
-        if earlier.generation == found[0].generation - 1:
-            found.insert(0, earlier)
-    return found
+        if earlier.generation == consecutive[0].generation - 1:
+            consecutive.insert(0, earlier)
+    return consecutive
 
 
 def fitness_of(experiment: Experiment, parts: Sequence[Sequence[float]]) -> float | None:
-    """Return the fitness that evaluations with these results make together, see `instances`.
+    """Return the fitness that aggregates evaluations with these results, see `instances`.
 
-    NaN where it has none, and None where the ranking compares candidates, or looks at more than results.
+    NaN if there is none; None if the ranking compares candidates or needs more than the results.
     """
     ranking = experiment.new_ranking()
     if not isinstance(ranking, Absolute):
@@ -53,16 +53,16 @@ def fitness_of(experiment: Experiment, parts: Sequence[Sequence[float]]) -> floa
 
 
 def best_words(experiment: Experiment) -> str:
-    """Return what the best fitness so far of a run is: it can fall where candidates are evaluated again."""
+    """Describe the best fitness so far of a run, which can fall if candidates are re-evaluated."""
     if by_instance(experiment):
         return "candidate that would be returned (most instances)"
     if experiment.ranking.reevaluate:
-        return "candidate that would be returned (evaluated again)"
+        return "candidate that would be returned (re-evaluated)"
     return "best so far"
 
 
 def meaning(experiment: Experiment, count: int) -> str:
-    """Return how `count` evaluations became a candidate's fitness; empty where it is that of one episode."""
+    """Describe how `count` evaluations make a candidate's fitness; empty if it is that of one episode."""
     if by_instance(experiment):
         return f"mean of {count} instance{'s' if count > 1 else ''}"
     episodes = experiment.ranking.episodes * count

@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReplayPage:
-    """An episode to play, pause, step and scrub; made by `Run.replay`. A notebook shows it below the cell."""
+    """An episode to play, pause, step and scrub, from `Run.replay`. A notebook shows it below the cell."""
 
     title: str
-    """What is played, in a line."""
+    """Title with the simulation, the controller and the episode."""
     fitness: float
-    """Of the episode."""
+    """Fitness of the episode."""
     html: str
-    """The page: one HTML document that needs nothing else."""
+    """The page: a self-contained HTML document."""
 
     @classmethod
     def of(cls, run: "Run", *, speed: float = 1.0, **which: Any) -> Self:  # noqa: ANN401 - as `Replay.of` takes it
-        """Play the episode; see `Run.replay`."""
+        """Compute the episode; see `Run.replay`."""
         replay = Replay.of(run, **which)
         recording = replay.recording()
         return cls(
@@ -40,23 +40,23 @@ class ReplayPage:
 
     @check_arguments
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the page, for a browser; `swarmwright replay --save` writes pictures and videos.
+        """Write the page for a browser; `swarmwright replay --save` writes pictures and videos.
 
-        Raises InputError for another ending than .html, and when the file cannot be written.
+        Raises InputError for a suffix other than .html, and when the file cannot be written.
         """
         if Path(path).suffix.lower() not in {".html", ".htm"}:
             raise InputError(
-                f"path: {path}: a page ends with .html; `swarmwright replay --save` writes other formats"
+                f"path: {path}: must end with .html; use `swarmwright replay --save` for other formats"
             )
         write_text(path, self.html)
 
     def _repr_html_(self) -> str:
-        """Return a frame that holds the page, apart from the scripts and styles of the notebook."""
+        """Return a frame that isolates the page from the scripts and styles of the notebook."""
         return (
             f'<iframe title="{html.escape(self.title)}" srcdoc="{html.escape(self.html)}" '
             'sandbox="allow-scripts" width="100%" height="620" style="border: 0"></iframe>'
         )
 
     def __repr__(self) -> str:
-        """Name what is played."""
+        """Return the title and the fitness."""
         return f"<ReplayPage {self.title}, fitness {self.fitness + 0.0:.6g}>"

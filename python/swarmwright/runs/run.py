@@ -22,7 +22,7 @@ from swarmwright.experiment.experiment import Experiment, stored_experiment
 from swarmwright.methods.rankings.race import RaceOptions
 from swarmwright.methods.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.runs.export import write_table
-from swarmwright.runs.failures import taken
+from swarmwright.runs.failures import iterate_episode_counts
 from swarmwright.runs.instances import best_words
 from swarmwright.runs.store import Evaluation, StoreReader
 from swarmwright.runs.store.folder import find_store
@@ -160,7 +160,7 @@ class Run:
         """Number of failed episodes in the record; if there are any, all evaluations are read."""
         if not self.failed_evaluations:
             return 0
-        return sum(int(entry.failed.sum()) for entry in taken(self))
+        return sum(int(entry.failed.sum()) for entry in iterate_episode_counts(self))
 
     @cached_property
     def best(self) -> Best:
@@ -192,7 +192,9 @@ class Run:
             return 0
         if ranking.failure_fitness is None:
             return self._store.episodes_left_out()
-        return self.evaluations * ranking.episodes - sum(int(entry.episodes.sum()) for entry in taken(self))
+        return self.evaluations * ranking.episodes - sum(
+            int(entry.episodes.sum()) for entry in iterate_episode_counts(self)
+        )
 
     @cached_property
     def slow_evaluations(self) -> int:
@@ -230,9 +232,9 @@ class Run:
         One result for each simulation that was available, in the order of `validate`. To evaluate them in
         other simulations, without adding anything to the run, use `swarmwright.transfer(run, ..)`.
         """
-        from swarmwright.runs.transfer.at_end import of_run
+        from swarmwright.runs.transfer.at_end import load_transfers
 
-        return of_run(self) if self.generations else ()
+        return load_transfers(self) if self.generations else ()
 
     @property
     def transfer_is_due(self) -> bool:

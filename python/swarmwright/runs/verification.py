@@ -1,4 +1,4 @@
-"""Verification of a run folder: the store against its digests, and best.json against the store."""
+"""Verify a run folder: the store against its digests, and best.json against the store."""
 
 import json
 from pathlib import Path
@@ -15,28 +15,30 @@ from swarmwright.runs.store.verification import verify as verify_store
 
 _BEST = "best.json"
 _COMPLETE = {"done", "stopped"}
-"""Outcomes of a session after which best.json is of the best candidate; a killed one leaves an old file."""
+"""Outcomes of a session that updates best.json; a killed session leaves an old file."""
 
 
 def verify(folder: Path) -> Verification:
     """Compare everything in a run folder that has a digest, and best.json with the record.
 
-    No code of the run is executed: what only that could compute is among what was not compared.
+    No code of the run is executed; parts that need it are listed in `not_compared`.
 
     Raises InputError as `swarmwright.runs.store.verification.verify`.
     """
-    found = verify_store(folder)
-    if not found.problems:
-        problem = _problem(folder, found.not_compared)
+    verification = verify_store(folder)
+    if not verification.problems:
+        problem = _find_problem(folder, verification.not_compared)
         if problem is not None:
-            found.add(f"{_BEST}: {problem}; `swarmwright resume {folder}` writes it again from the record")
-    return found
+            verification.add(
+                f"{_BEST}: {problem}; `swarmwright resume {folder}` writes it again from the record"
+            )
+    return verification
 
 
-def _problem(folder: Path, not_compared: list[str]) -> str | None:
-    """Return what in best.json is not as the record has it; None where all is, or there is no such file.
+def _find_problem(folder: Path, not_compared: list[str]) -> str | None:
+    """Return how best.json differs from the record; None if it does not, or does not exist.
 
-    not_compared: gets what of it could not be compared.
+    not_compared: parts that could not be compared are added to it.
     """
     file = folder / _BEST
     if not file.exists():
@@ -52,54 +54,55 @@ def _problem(folder: Path, not_compared: list[str]) -> str | None:
         return "has no controller"
     with StoreReader.open_snapshot(folder) as reader:
         run = Run(folder, reader)
-        best, where = reader.best(), tuple(values.get(key) for key in ("generation", "candidate"))
-        if best is None or not all(type(number) is int for number in where):
-            return f"does not name a candidate of the run, but {_named(*where)}"
+        best, position = reader.best(), tuple(values.get(key) for key in ("generation", "candidate"))
+        if best is None or not all(type(number) is int for number in position):
+            return f"does not name a candidate of the run, but {_format_candidate(*position)}"
         try:
-            recorded = reader.evaluation(where[1], where[0])
+            recorded = reader.evaluation(position[1], position[0])
         except InputError:
-            return f"names {_named(*where)}, which the run does not have"
-        if reader.sessions()[-1].outcome in _COMPLETE and where != (best.generation, best.candidate):
-            return f"names {_named(*where)}, the best is {_named(best.generation, best.candidate)}"
-        return _difference(run, recorded, values, controller, not_compared)
+            return f"names {_format_candidate(*position)}, which the run does not have"
+        if reader.sessions()[-1].outcome in _COMPLETE and position != (best.generation, best.candidate):
+            return (
+                f"names {_format_candidate(*position)}, but the best is "
+                f"{_format_candidate(best.generation, best.candidate)}"
+            )
+        return _compare(run, recorded, values, controller, not_compared)
 
 
-def _difference(
+def _compare(
     run: Run,
     recorded: Evaluation,
     values: dict[str, Any],
     controller: dict[str, Any],
     not_compared: list[str],
 ) -> str | None:
-    """Return in words what differs from the evaluation that the file names."""
-    of = _named(recorded.generation, recorded.candidate)
+    """Describe the difference from the evaluation that the file names; None if there is none."""
+    candidate = _format_candidate(recorded.generation, recorded.candidate)
     if values.get("fitness") != recorded.fitness:
-        return f"its fitness is {values.get('fitness')!r}, that of {of} {recorded.fitness!r}"
+        return f"its fitness is {values.get('fitness')!r}, but that of {candidate} is {recorded.fitness!r}"
     genome = shortest(recorded.genome)
     if values.get("genome", genome) != genome:
-        return f"its genome is not that of {of}"
+        return f"its genome is not that of {candidate}"
     weights = controller.get("weights")
     if getattr(run.experiment.controller, "in_files", False):
-        # These files may be anybody's.
+        # These files may be from another user.
         not_compared.append(
-            f"{_BEST}: its weights, which only code of the run decodes from the genome; it was not executed"
+            f"{_BEST}: its weights, which only code of the run can decode from the genome; it was not "
+            "executed"
         )
-        return None if "genome" in values or weights == genome else f"its weights are not those of {of}"
+        return (
+            None if "genome" in values or weights == genome else f"its weights are not those of {candidate}"
+        )
     try:
-        decoded = _decoded(run, recorded)
+        representation = run.experiment.representation()
+        decoded = json.loads(json.dumps(representation.specification(recorded.genome)["weights"]))
     except SwarmwrightError as error:
         not_compared.append(f"{_BEST}: its weights, which cannot be decoded from the genome here: {error}")
         return None
     if "genome" not in values and decoded != genome:
-        return f"has no genome, of which the weights of {of} are decoded"
-    return None if weights == decoded else f"its weights are not those of {of}"
+        return f"has no genome, which the weights of {candidate} are decoded from"
+    return None if weights == decoded else f"its weights are not those of {candidate}"
 
 
-def _decoded(run: Run, recorded: Evaluation) -> Any:  # noqa: ANN401 - JSON
-    """Return the weights that a genome is decoded to. Raises SwarmwrightError where that is not possible."""
-    representation = run.experiment.representation()
-    return json.loads(json.dumps(representation.specification(recorded.genome)["weights"]))
-
-
-def _named(generation: object, candidate: object) -> str:
+def _format_candidate(generation: object, candidate: object) -> str:
     return f"candidate {candidate!r} of generation {generation!r}"

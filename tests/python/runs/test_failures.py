@@ -16,7 +16,7 @@ from swarmwright.cli import run as run_command
 from swarmwright.methods.rankings.absolute import Absolute, AbsoluteOptions
 from swarmwright.methods.rankings.multi_fidelity import MultiFidelity, MultiFidelityOptions
 from swarmwright.methods.rankings.race import Race, RaceOptions
-from swarmwright.runs.failures import failed_within, taken
+from swarmwright.runs.failures import count_failed_evaluations, iterate_episode_counts
 
 
 def experiment(**ranking: Any) -> Experiment:
@@ -54,9 +54,9 @@ def test_failures_of_a_run(left_out: Run) -> None:
     failed = np.isnan(left_out.record.episodes)
     assert left_out.failed_evaluations == np.count_nonzero(failed.any(axis=1)) == 167
     assert left_out.failed_episodes == np.count_nonzero(failed)
-    assert failed_within(left_out, 200) == 167
+    assert count_failed_evaluations(left_out, 200) == 167
     some = int(failed[:50].any(axis=1).sum())  # in the middle of a generation
-    assert failed_within(left_out, 50) == some
+    assert count_failed_evaluations(left_out, 50) == some
     assert "167 of 200" in said("runs", "list", left_out.path.parent)
     shown = said("runs", "show", left_out.path)
     assert f"167 of 200 evaluations failed ({left_out.failed_episodes} failed episodes): they rank" in shown
@@ -152,7 +152,7 @@ def test_comparisons_count_failures(left_out: Run, counted: Run, tmp_path: Path)
 def test_a_race_counts_failures_but_not_what_it_leaves_out(tmp_path: Path) -> None:
     given = replace(experiment(), ranking=RaceOptions(episodes=8, first_test=4, failed=0.0))
     run = optimize(given, out=tmp_path / "run")
-    found = list(taken(run))
+    found = list(iterate_episode_counts(run))
     lengths = np.concatenate([one.episodes for one in found])
     without = np.isnan(run.record.episodes)
     assert (lengths < 8).any()

@@ -48,7 +48,7 @@ def _gene(values: dict[str, Any]) -> None:
 
 
 EDITS: list[tuple[Edit, str]] = [
-    (lambda values: values.update(fitness=99), "its fitness is 99, that of candidate"),
+    (lambda values: values.update(fitness=99), "its fitness is 99, but that of candidate"),
     (lambda values: values.update(candidate=99), "names candidate 99 of generation"),
     (lambda values: values.update(generation="0"), "does not name a candidate of the run"),
     (lambda values: values.pop("generation"), "does not name a candidate of the run"),
@@ -127,7 +127,7 @@ def test_another_candidate_than_the_best(tmp_path: Path) -> None:
 
     edit(run, change)
     (problem,) = verify(run.path).problems
-    assert f"names candidate {other} of generation 0, the best is candidate" in problem.message
+    assert f"names candidate {other} of generation 0, but the best is candidate" in problem.message
     with closing(sqlite3.connect(run.path / "run.sqlite")) as store, store:
         store.execute("UPDATE session SET outcome = NULL")
     assert verify(run.path).problems == [], "a session that was killed leaves the file of an earlier one"

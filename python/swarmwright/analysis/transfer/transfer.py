@@ -18,7 +18,7 @@ from swarmwright.experiment.targets import OtherSimulation, Target, is_same, tar
 from swarmwright.runs.code import resolve_experiment
 from swarmwright.runs.post_evaluation import choose_unseen_seeds
 from swarmwright.runs.run import Run, open_run
-from swarmwright.runs.transfer.at_end import seeds_of
+from swarmwright.runs.transfer.at_end import read_seeds
 from swarmwright.runs.transfer.evaluation import Plan, Work
 from swarmwright.runs.transfer.transferred import Transferred
 from swarmwright.runs.validation import find_leading
@@ -127,10 +127,10 @@ def _plan(run: Run, targets: Sequence[Target], candidates: int, random: int, see
 
 def _transferred(run: Run, plan: Plan, work: Work) -> Iterator[Transferred]:
     """Evaluate the candidates of a run in its own simulation and in all targets."""
-    source = work.here(plan)
+    source = work.evaluate_source(plan)
     ranking = plan.experiment.new_ranking()
     for target, experiments in plan.targets:
-        there = work.there(plan, target, experiments)
+        there = work.evaluate_target(plan, target, experiments)
         yield Transferred(run, target.name, plan.candidates, source, there, ranking)
 
 
@@ -152,10 +152,10 @@ def _same(plans: Sequence[Plan]) -> Iterator[str]:
 def _failed(found: Sequence[Transferred]) -> Iterator[str]:
     """Yield how many episodes failed in each simulation, and how they count."""
     there: dict[str, int] = {}
-    here: dict[str, int] = {}  # those of a run are the same for all of its targets
+    evaluate_source: dict[str, int] = {}  # those of a run are the same for all of its targets
     for transferred in found:
         there[transferred.target] = there.get(transferred.target, 0) + transferred.failed
-        here[str(transferred.run.path)] = transferred.source_failed
+        evaluate_source[str(transferred.run.path)] = transferred.source_failed
     left_out = any(transferred.ranking.options.failure_fitness is None for transferred in found)
     how = (
         "are left out, so the means are those of the episodes that worked and not to be reported; "
@@ -163,7 +163,7 @@ def _failed(found: Sequence[Transferred]) -> Iterator[str]:
         if left_out
         else "count with the fitness that ranking.failed gives them"
     )
-    for where, count in {"the runs' own simulation": sum(here.values()), **there}.items():
+    for where, count in {"the runs' own simulation": sum(evaluate_source.values()), **there}.items():
         if count:
             yield f"{format_count(count, 'episode')} failed in {where} and {how}"
 
@@ -192,4 +192,4 @@ def of_run(run: Run) -> Transfer | None:
         return None
     groups, _ = group([run])
     names = tuple(transferred.target for transferred in found)
-    return Transfer(tuple(seeds_of(run)), names, found, tuple(groups), tuple(_cautions(groups, found)))
+    return Transfer(tuple(read_seeds(run)), names, found, tuple(groups), tuple(_cautions(groups, found)))

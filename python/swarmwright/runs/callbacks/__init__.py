@@ -1,9 +1,9 @@
-"""Reporting the progress of an optimization to other programs.
+"""Report the progress of an optimization to other programs.
 
     with TensorBoard("logs/first") as board:
         swarmwright.optimize(experiment, board)
 
-A callback is called with each `Generation`; several are joined by `together`. The libraries are optional:
+A callback is called with each `Generation`; `together` combines several. The libraries are optional:
 `pip install 'swarmwright[tensorboard]'`, `pip install 'swarmwright[mlflow]'`.
 """
 

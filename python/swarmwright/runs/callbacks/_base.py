@@ -1,4 +1,4 @@
-"""What callbacks have in common."""
+"""The base class of callbacks, and the figures that they report."""
 
 import math
 from abc import ABC, abstractmethod
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
 
 
 class Callback(ABC):
-    """Called after each generation; a context manager that writes what is left when it ends."""
+    """Called after each generation; a context manager that writes the remaining figures when it ends."""
 
     @abstractmethod
     def __call__(self, generation: "Generation") -> None:
-        """Take the figures of a generation."""
+        """Report the figures of a generation."""
 
     @abstractmethod
     def conclude(self, run: "Run") -> None:
-        """Take the finished run, if it finishes. Callers may omit it."""
+        """Report the finished run. Callers may omit it."""
 
     @abstractmethod
     def close(self) -> None:
-        """Write what is left. May be called again."""
+        """Write the remaining figures. May be called again."""
 
     def __enter__(self) -> Self:
         return self
@@ -41,7 +41,7 @@ class Callback(ABC):
 def together(
     *callbacks: "Callable[[Generation], bool | None]",
 ) -> "Callable[[Generation], bool | None]":
-    """Return a callback that calls all of these, in order; it ends the run when any of them does."""
+    """Combine callbacks into one that calls them in order, and ends the run if any of them does."""
     for callback in callbacks:
         function("callbacks", callback, ("generation",))
 
@@ -53,7 +53,7 @@ def together(
 
 
 def figures(generation: "Generation") -> dict[str, float]:
-    """Return the numbers of a generation that make a curve."""
+    """Return the figures of a generation by the names of their curves."""
     return {
         "fitness/best_so_far": generation.best_so_far,
         "fitness/best": generation.best,
@@ -65,16 +65,16 @@ def figures(generation: "Generation") -> dict[str, float]:
     }
 
 
-def held_out(run: "Run") -> dict[str, float]:
-    """Return the fitness of a run's best on held-out seeds, its 95 % interval, and how many episodes failed.
+def held_out_figures(run: "Run") -> dict[str, float]:
+    """Return the fitness of a run's best on held-out seeds, its 95 % interval and its failed episodes.
 
-    Empty without any.
+    Empty without a validation.
     """
-    found = run.unseen
-    if found is None:
+    evaluation = run.unseen
+    if evaluation is None:
         return {}
-    fitness = found.fitness
-    values = {"": fitness.mean, "_low": fitness.low, "_high": fitness.high, "_failed": float(found.failed)}
+    fitness, failed = evaluation.fitness, float(evaluation.failed)
+    values = {"": fitness.mean, "_low": fitness.low, "_high": fitness.high, "_failed": failed}
     return {
         f"fitness/held_out{name}": value
         for name, value in values.items()

@@ -1,4 +1,4 @@
-"""MLflow: a run on a tracking server, with parameters, curves and files."""
+"""The callback for MLflow, which logs parameters, curves and files to a tracking server."""
 
 import logging
 import math
@@ -11,7 +11,7 @@ from swarmwright.common.arguments import check_arguments
 from swarmwright.common.errors import InputError, RunError
 from swarmwright.common.values import flatten
 from swarmwright.runs import picture
-from swarmwright.runs.callbacks._base import Callback, figures, held_out
+from swarmwright.runs.callbacks._base import Callback, figures, held_out_figures
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
@@ -19,25 +19,28 @@ if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
 _log = logging.getLogger("swarmwright")
-_PERIOD = 1.0  # seconds between two messages to the server, however quick generations are
-_MOST_FIGURES = 900  # figures in one message; the server takes 1000
-_MOST_PARAMETERS = 100
-"""Parameters that MLflow takes at a time."""
-_VALUE_CHARACTERS = 6000  # characters of a parameter's value that the server keeps
+_PERIOD_S = 1.0
+"""Least time between messages to the server."""
+_MAX_FIGURES = 900
+"""Largest number of figures in a message; the server accepts 1000."""
+_MAX_PARAMETERS = 100
+"""Largest number of parameters in a message."""
+_VALUE_CHARACTERS = 6000
+"""Largest length of a parameter's value that the server accepts."""
 _FILES = ("experiment.yaml", "best.json", "fitness.png")
 
 
 class MLflow(Callback):
-    """Makes a run on an MLflow tracking server.
+    """Creates a run on an MLflow tracking server.
 
     The experiment's keys become parameters (`method.population`), the figures of each generation become
     metrics with the generation as step, and experiment.yaml, best.json and fitness.png become artifacts.
 
     Args:
-        uri: of the tracking server (http://..) or database (sqlite:///mlflow.db); default: the environment's
-            MLFLOW_TRACKING_URI.
-        experiment: its values become parameters, its file's name the run's name.
-        group: name of MLflow's experiment, under which runs are listed together.
+        uri: of the tracking server (http://..) or database (sqlite:///mlflow.db); by default the environment
+            variable MLFLOW_TRACKING_URI.
+        experiment: its values become parameters, and its file's name becomes the run's name.
+        group: name of the MLflow experiment that lists the runs.
 
     Raises:
         InputError: MLflow is not installed.
@@ -58,19 +61,19 @@ class MLflow(Callback):
         except ImportError:
             raise InputError("MLflow is not installed: pip install 'swarmwright[mlflow]'") from None
         self._error: type[Exception] = MlflowException
-        self._where = uri or os.environ.get("MLFLOW_TRACKING_URI", "its default place")
+        self._server = uri or os.environ.get("MLFLOW_TRACKING_URI", "its default location")
         self._waiting: list[Any] = []
         self._sent = time.monotonic()
         self._ended = False
         try:
             self._client = MlflowClient(tracking_uri=uri)
-            found = self._client.get_experiment_by_name(group)
-            place = found.experiment_id if found else self._client.create_experiment(group)
-            self._run = self._client.create_run(place, run_name=_name(experiment)).info.run_id
+            existing = self._client.get_experiment_by_name(group)
+            group_id = existing.experiment_id if existing else self._client.create_experiment(group)
+            self._run = self._client.create_run(group_id, run_name=_name_run(experiment)).info.run_id
             if experiment is not None:
                 self._describe(experiment)
         except Exception as error:  # its back ends raise various exceptions
-            raise RunError(f"MLflow at {self._where}: {_first_line(error)}") from error
+            raise RunError(f"MLflow at {self._server}: {_first_line(error)}") from error
 
     @property
     def run_id(self) -> str:
@@ -82,11 +85,11 @@ class MLflow(Callback):
 
         values = {key: str(value) for key, value in flatten(experiment.to_mapping()).items()}
         parameters = [Param(name, value[:_VALUE_CHARACTERS]) for name, value in values.items()]
-        for first in range(0, len(parameters), _MOST_PARAMETERS):
-            self._client.log_batch(self._run, params=parameters[first : first + _MOST_PARAMETERS])
+        for first in range(0, len(parameters), _MAX_PARAMETERS):
+            self._client.log_batch(self._run, params=parameters[first : first + _MAX_PARAMETERS])
 
     def __call__(self, generation: "Generation") -> None:
-        """Note the figures; they are sent about once a second."""
+        """Add the figures, which are sent about once a second."""
         from mlflow.entities import Metric
 
         now = time.time_ns() // 1_000_000
@@ -95,30 +98,30 @@ class MLflow(Callback):
             for name, value in figures(generation).items()
             if math.isfinite(value)
         ]
-        if time.monotonic() - self._sent > _PERIOD or len(self._waiting) > _MOST_FIGURES:
+        if time.monotonic() - self._sent > _PERIOD_S or len(self._waiting) > _MAX_FIGURES:
             self._send()
 
     def _send(self) -> None:
-        """Send what has been noted. A temporarily unavailable server does not end the run."""
+        """Send the waiting figures. A temporarily unavailable server does not end the run."""
         while self._waiting:
-            part = self._waiting[:_MOST_FIGURES]
+            part = self._waiting[:_MAX_FIGURES]
             try:
                 self._client.log_batch(self._run, metrics=part)
             except Exception as error:  # noqa: BLE001 - its back ends raise various exceptions
                 _log.warning(
-                    "MLflow at %s: %s; the figures are kept and sent later", self._where, _first_line(error)
+                    "MLflow at %s: %s; the figures are kept and sent later", self._server, _first_line(error)
                 )
                 break
             del self._waiting[: len(part)]
         self._sent = time.monotonic()
 
     def conclude(self, run: "Run") -> None:
-        """Send the fitness on held-out seeds and the files, and how it ended."""
+        """Send the fitness on held-out seeds, the files and the outcome."""
         from mlflow.entities import Metric
 
         now = time.time_ns() // 1_000_000
         self._waiting += [
-            Metric(name, value, now, run.generations - 1) for name, value in held_out(run).items()
+            Metric(name, value, now, run.generations - 1) for name, value in held_out_figures(run).items()
         ]
         self._send()
         picture.wait()
@@ -132,24 +135,22 @@ class MLflow(Callback):
         except Exception as error:  # noqa: BLE001 - its back ends raise various exceptions
             _log.warning(
                 "MLflow at %s: %s; the run itself is complete in %s",
-                self._where,
+                self._server,
                 _first_line(error),
                 run.path,
             )
 
     def close(self) -> None:
-        """Send what is left; a run without a conclusion has failed."""
+        """Send the remaining figures; a run without a conclusion has failed."""
         self._send()
         if not self._ended:
             self._ended = True
-            with suppress(
-                Exception
-            ):  # its back ends raise various exceptions; the user has been warned already
+            with suppress(Exception):  # the user has been warned already
                 self._client.set_terminated(self._run, "FAILED")
 
 
-def _name(experiment: "Experiment | None") -> str | None:
-    """Name a run by its experiment file; one that goes on by its folder, as all have experiment.yaml."""
+def _name_run(experiment: "Experiment | None") -> str | None:
+    """Name a run by its experiment file, or a resumed run by its folder."""
     path = None if experiment is None else experiment.path
     if path is None:
         return None

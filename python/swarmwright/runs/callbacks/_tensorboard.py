@@ -1,4 +1,4 @@
-"""TensorBoard: event files that `tensorboard --logdir` shows."""
+"""The callback for TensorBoard, which writes event files for `tensorboard --logdir`."""
 
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -8,7 +8,7 @@ import numpy as np
 from swarmwright.common.arguments import path_of
 from swarmwright.common.errors import InputError
 from swarmwright.common.yaml import dump
-from swarmwright.runs.callbacks._base import Callback, figures, held_out
+from swarmwright.runs.callbacks._base import Callback, figures, held_out_figures
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
@@ -22,7 +22,7 @@ def require_writer() -> Any:  # noqa: ANN401 - tensorboardX has no types
         from tensorboardX import SummaryWriter
     except ImportError:
         raise InputError(
-            "TensorBoard: its event files are written by tensorboardX: pip install 'swarmwright[tensorboard]'"
+            "TensorBoard: tensorboardX is not installed: pip install 'swarmwright[tensorboard]'"
         ) from None
     return SummaryWriter
 
@@ -31,9 +31,9 @@ class TensorBoard(Callback):
     """Writes the figures of each generation for TensorBoard, a point per generation.
 
     Args:
-        folder: where the event file goes; made when it is not there. One folder per run, under one that
-            `tensorboard --logdir` names, shows runs side by side.
-        experiment: shown as text, if given.
+        folder: for the event file; created if it does not exist. Use a folder per run inside the one passed
+            to `tensorboard --logdir` to see runs side by side.
+        experiment: displayed as text.
 
     Raises:
         InputError: tensorboardX is not installed, or the folder cannot be written.
@@ -57,9 +57,9 @@ class TensorBoard(Callback):
             self._writer.add_scalar(name, value, generation.generation)
 
     def conclude(self, run: "Run") -> None:
-        """Add the fitness of the last population's members as a histogram, and that on held-out seeds."""
+        """Add a histogram of the last generation's fitness, and the fitness on held-out seeds."""
         if run.generations:
-            for name, value in held_out(run).items():
+            for name, value in held_out_figures(run).items():
                 self._writer.add_scalar(name, value, run.generations - 1)
             last = run.record.fitness[run.record.generation == run.generations - 1]
             last = last[np.isfinite(last)]
@@ -67,5 +67,5 @@ class TensorBoard(Callback):
                 self._writer.add_histogram("fitness/last_generation", last, run.generations - 1)
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the remaining figures."""
         self._writer.close()

@@ -1,1 +1,1 @@
-"""Figures of a running process for Prometheus."""
+"""Metrics of a running process for Prometheus."""

@@ -1,6 +1,6 @@
-"""Figures of a run or of servers for Prometheus, https://prometheus.io/docs/instrumenting/exposition_formats.
+"""Metrics of a run or of servers for Prometheus, https://prometheus.io/docs/instrumenting/exposition_formats.
 
-Names follow its conventions: a prefix, base units, `_total` for what only grows.
+Names follow its conventions: a prefix, base units, and `_total` for counters.
 """
 
 import threading
@@ -18,62 +18,62 @@ if TYPE_CHECKING:
     from swarmwright.runs.optimization.generation import Generation
 
 COUNTS = {
-    "server_failures": "Times that a server was lost, fell silent for too long, or sent what cannot be used.",
-    "time_outs": "Of the failures of servers, those in which one was silent for too long.",
-    "benched": "Times that a server had to pause because it failed.",
-    "broker_losses": "Times that the connection to the broker broke.",
-    "retries": "Attempts that were made again.",
-    "failed": "Evaluations that have finally failed.",
-    "quarantined": "Of these, those that took so many servers down that no other one got them.",
-    "backups": "Backup copies of running work that were given to another server.",
-    "late": "Results that arrived after their evaluation had ended; they were refused.",
-    "double": "Results for evaluations that had one already; they were refused.",
-    "foreign": "Messages of an episode that named another simulation; they were refused.",
-    "audits": "Evaluations that were repeated on another server to see whether it finds the same.",
-    "audits_left_out": "Results that count without the audit that was drawn, as no other server was usable.",
-    "disagreements": "Of the audits, those in which two servers did not agree.",
-    "recomputed": "Evaluations that were made again because their server turned out to be wrong.",
+    "server_failures": "Server failures: lost, silent for too long, or unusable results.",
+    "time_outs": "Server failures by silence for too long.",
+    "benched": "Pauses of servers after a failure.",
+    "broker_losses": "Lost connections to the broker.",
+    "retries": "Repeated attempts.",
+    "failed": "Evaluations that failed in all attempts.",
+    "quarantined": "Failed evaluations that were quarantined after they took down several servers.",
+    "backups": "Backups of running work on another server.",
+    "late": "Rejected results that arrived after the end of their evaluation.",
+    "double": "Rejected results of evaluations that already had a result.",
+    "foreign": "Rejected messages of episodes that named another simulation.",
+    "audits": "Evaluations repeated on another server for comparison.",
+    "audits_left_out": "Results accepted without their planned audit because no other server was usable.",
+    "disagreements": "Audits in which two servers disagreed.",
+    "recomputed": "Evaluations repeated because their server was found to be wrong.",
 }
 """Events that the pool counts: descriptions of the counters."""
 
 TRAFFIC = {
-    "sent_bytes": "Bytes sent to the broker, without those of TLS.",
-    "received_bytes": "Bytes received from the broker, without those of TLS.",
+    "sent_bytes": "Bytes sent to the broker, without TLS.",
+    "received_bytes": "Bytes received from the broker, without TLS.",
     "sent_messages": "Messages published.",
     "received_messages": "Messages received.",
 }
 
 
-_NAMED = 10
-"""Servers that have a sample of their own: each new label value is a time series in Prometheus."""
+_NAMED_SERVERS = 10
+"""Largest number of servers with their own sample, since each label value is a time series in Prometheus."""
 
 
-class _Figures:
-    """Numbers that are set by one thread and collected by another."""
+class _Metrics:
+    """Metrics that are set by one thread and collected by another."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._started = time.time()
 
     def collect(self) -> "Iterator[Metric]":
-        """Yield every number; Prometheus' client calls it."""
+        """Yield all metrics; called by the Prometheus client."""
         with self._lock:
             families = list(self._families())
-        yield _gauge("start_time_seconds", "When it was started, seconds since 1970.", self._started)
+        yield _gauge("start_time_seconds", "Start time, seconds since 1970.", self._started)
         yield from families
 
     def _families(self) -> "Iterator[Metric]":
         raise NotImplementedError
 
 
-class ToolFigures(_Figures):
+class ToolMetrics(_Metrics):
     """Metrics of an optimization tool, counted from its reports."""
 
     def __init__(self) -> None:
         super().__init__()
         self._generation: Generation | None = None
         self._candidates = self._failed = 0
-        self._seen = 0  # candidates of the run under way
+        self._run_candidates = 0  # counted candidates of the present run
         self._servers: dict[int, str] = {}
         self._attempts: Counter[tuple[str, str]] = Counter()
         self._evaluations = self._done = self._pending = 0
@@ -84,12 +84,12 @@ class ToolFigures(_Figures):
         self._counts: Mapping[str, int] = {}
 
     def generation(self, generation: "Generation") -> None:
-        """A generation has been evaluated."""
+        """Count an evaluated generation."""
         with self._lock:
-            if generation.evaluations < self._seen:
-                self._seen = 0  # another run of a sweep
-            self._candidates += generation.evaluations - self._seen
-            self._seen = generation.evaluations
+            if generation.evaluations < self._run_candidates:
+                self._run_candidates = 0  # another run of a sweep
+            self._candidates += generation.evaluations - self._run_candidates
+            self._run_candidates = generation.evaluations
             self._failed += generation.failed
             self._generation = generation
 
@@ -98,7 +98,7 @@ class ToolFigures(_Figures):
         with self._lock:
             match report["event"]:
                 case "status":
-                    self._stands(report)
+                    self._update_status(report)
                 case "server" if report["state"] == "left":
                     self._servers.pop(report["server"], None)
                 case "server":
@@ -113,11 +113,11 @@ class ToolFigures(_Figures):
                 case "broker_back":
                     self._connected = 1
 
-    def _stands(self, report: Mapping[str, Any]) -> None:
+    def _update_status(self, report: Mapping[str, Any]) -> None:
         status = report["status"]
         done, total = status["done"], status["total"]
         self._evaluations += done - self._done if done >= self._done else done
-        # Once all have ended the next piece of work counts from 0 again.
+        # After all have ended, the next work counts from 0 again.
         self._done = 0 if done >= total else done
         self._pending = total - done
         self._status = status
@@ -127,43 +127,37 @@ class ToolFigures(_Figures):
     def _families(self) -> "Iterator[Metric]":
         generation = self._generation
         if generation is not None:
-            yield _gauge(
-                "generation", "The last generation that was finished, from 0.", generation.generation
-            )
+            yield _gauge("generation", "The last finished generation, from 0.", generation.generation)
             if generation.generations is not None:
                 yield _gauge("generations", "Generations of the whole run.", generation.generations)
             yield _gauge("best_fitness", "Best fitness since the start of the run.", generation.best_so_far)
             yield _gauge("mean_fitness", "Mean fitness of the population.", generation.mean)
-            yield _gauge("run_seconds", "Since the run was started or resumed.", generation.seconds)
-        yield _counter("candidates", "Candidates that were evaluated.", self._candidates)
-        yield _counter("candidates_failed", "Of these, those whose evaluation failed.", self._failed)
-        yield _counter("evaluations", "Evaluations on servers that have ended.", self._evaluations)
-        yield _gauge("evaluations_pending", "Evaluations asked for that have not ended.", self._pending)
+            yield _gauge("run_seconds", "Seconds since the run started or resumed.", generation.seconds)
+        yield _counter("candidates", "Evaluated candidates.", self._candidates)
+        yield _counter("candidates_failed", "Evaluated candidates that failed.", self._failed)
+        yield _counter("evaluations", "Finished evaluations on servers.", self._evaluations)
+        yield _gauge("evaluations_pending", "Requested evaluations that have not finished.", self._pending)
         yield _labelled_counter(
             "attempts", "Attempts at evaluations, single or in batches.", ("mode", "outcome"), self._attempts
         )
         states = Counter(self._servers.values())
-        benched = sum(used.get("benched") is not None for used in self._status.get("servers", ()))
+        benched = sum(server.get("benched") is not None for server in self._status.get("servers", ()))
         yield _labelled_gauge(
             "servers",
-            "Servers with the simulation, by what they say; benched: those that have a pause.",
+            "Servers with the simulation by state; benched: pausing after a failure.",
             ("state",),
             {**{(state,): states[state] for state in ("ready", "busy", "lost")}, ("benched",): benched},
         )
-        silent = _silent(self._status)
-        yield _gauge(
-            "silence_seconds", "How long the blocking server was silent.", max(silent.values(), default=0)
-        )
+        silence = _measure_silence(self._status)
+        longest = sorted(silence, key=lambda server: -silence[server])[:_NAMED_SERVERS]
+        yield _gauge("silence_seconds", "Silence of the blocking server.", max(silence.values(), default=0))
         yield _labelled_gauge(
             "server_silence_seconds",
-            "How long servers were silent that have work, the blocking ones first; at most ten.",
+            "Silence of servers with work, the longest first; at most ten.",
             ("server",),
-            {
-                (str(server),): silent[server]
-                for server in sorted(silent, key=lambda one: -silent[one])[:_NAMED]
-            },
+            {(str(server),): silence[server] for server in longest},
         )
-        yield _gauge("broker_connected", "Whether there is a connection to the broker.", self._connected)
+        yield _gauge("broker_connected", "1 while connected to the broker, otherwise 0.", self._connected)
         counts = {"benched": self._benched, "broker_losses": self._broker_losses, **self._counts}
         for name, meaning in COUNTS.items():
             if name in counts:
@@ -172,8 +166,8 @@ class ToolFigures(_Figures):
             yield _counter(f"broker_{name}", meaning, self._traffic.get(name, 0))
 
 
-class ServeFigures(_Figures):
-    """Figures of servers that one process started."""
+class ServerMetrics(_Metrics):
+    """Metrics of servers that a process has started."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -181,7 +175,7 @@ class ServeFigures(_Figures):
         self._events: Counter[tuple[str]] = Counter()
 
     def event(self, server: int, event: str) -> None:
-        """Something happened to a server: waiting, ready, busy, lost, warning, failure, error, ended."""
+        """Count an event of a server: waiting, ready, busy, lost, warning, failure, error, ended."""
         with self._lock:
             self._events[(event,)] += 1
             if event in {"ready", "busy", "lost", "ended"}:
@@ -195,15 +189,15 @@ class ServeFigures(_Figures):
             ("state",),
             {(state,): states[state] for state in ("ready", "busy", "lost", "ended")},
         )
-        yield _labelled_counter("server_events", "What happened to servers.", ("event",), self._events)
+        yield _labelled_counter("server_events", "Events of servers.", ("event",), self._events)
 
 
-def _silent(status: Mapping[str, Any]) -> dict[int, float]:
-    """Return how long servers with work have been silent, seconds."""
-    silent: dict[int, float] = {}
+def _measure_silence(status: Mapping[str, Any]) -> dict[int, float]:
+    """Return for how many seconds each server with work has been silent."""
+    silence: dict[int, float] = {}
     for work in status.get("waiting_for", ()):
-        silent[work["server"]] = max(silent.get(work["server"], 0.0), work["silent"])
-    return silent
+        silence[work["server"]] = max(silence.get(work["server"], 0.0), work["silent"])
+    return silence
 
 
 def _gauge(name: str, meaning: str, value: float) -> "Metric":
@@ -241,10 +235,10 @@ def _labelled_counter(
 
 
 @contextmanager
-def offered(figures: _Figures, host: str, port: int) -> Iterator[str]:
-    """Offer figures to Prometheus for the time of a `with` block; yield the URL.
+def serve_metrics(metrics: _Metrics, host: str, port: int) -> Iterator[str]:
+    """Serve metrics to Prometheus within a `with` block; yield the URL.
 
-    Raises InputError when the address cannot be listened on, or prometheus-client is not installed.
+    Raises InputError when it cannot listen on the address, or prometheus-client is not installed.
     """
     try:
         from prometheus_client import CollectorRegistry
@@ -255,16 +249,16 @@ def offered(figures: _Figures, host: str, port: int) -> Iterator[str]:
             "--metrics needs the package prometheus-client: pip install 'swarmwright[metrics]'"
         ) from None
     registry = CollectorRegistry()
-    registry.register(figures)
+    registry.register(metrics)
     try:
         server = MetricsServer(host, port, registry)
     except (OSError, UnicodeError) as error:
-        raise InputError(f"--metrics: {host}:{port} cannot be listened on: {error}") from error
+        raise InputError(f"--metrics: cannot listen on {host}:{port}: {error}") from error
     thread = threading.Thread(target=server.serve_forever, name="metrics", daemon=True)
     thread.start()
-    at = f"[{host}]" if ":" in host else host
+    address = f"[{host}]" if ":" in host else host
     try:
-        yield f"http://{at}:{server.server_port}/metrics"
+        yield f"http://{address}:{server.server_port}/metrics"
     finally:
         server.shutdown()
         server.server_close()

@@ -1,1 +1,1 @@
-"""Evaluation of a run's candidates in other simulations, or in perturbed models of their own."""
+"""Evaluation of a run's candidates in other simulations, or in perturbed models of their simulation."""

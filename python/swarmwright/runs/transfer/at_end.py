@@ -1,8 +1,8 @@
 """The transfer at the end of a run: its best candidates in the other simulations that `validate` names.
 
-What is stored of it is apart from the record: `state`, `seeds`, `numbers` of the evaluations, `candidates`,
-their fitness of each episode in the run's own simulation (`source`) and in each of the `targets` that is
-finished. The state is `due` (targets are missing) or `done`.
+It is stored separately from the record: `state`, `seeds`, `numbers` of the evaluations, `candidates`, and
+their fitness of each episode in the run's own simulation (`source`) and in each finished target (`targets`).
+The state is `due` (targets are missing) or `done`.
 """
 
 import json
@@ -34,7 +34,7 @@ Stored = dict[str, Any]
 
 
 def check(experiment: Experiment, broker: str | None = None) -> None:
-    """Raise InputError where a simulation is nowhere that a run evaluates in beside its own.
+    """Raise InputError if another simulation that a run uses is not available.
 
     broker: as in `optimize`; other simulations may be on it.
     """
@@ -49,12 +49,12 @@ def check(experiment: Experiment, broker: str | None = None) -> None:
 
 
 def allow(experiment: Experiment, run: Run | None = None) -> None:
-    """Trust the classes and commands that an experiment names beside its own, since its user names them.
+    """Trust the classes and commands of other simulations that the user's experiment names.
 
-    run: that goes on with it. What it named before is not its user's, nor is what the file in a run folder
-    names: that has to be trusted already.
+    run: the resumed run. Names in the run or in the file of a run folder may be from another user, and must
+    already be trusted.
 
-    Raises InputError where it is not.
+    Raises InputError for untrusted names.
     """
     named = [_target_as_json(target) for target in ([] if run is None else targets_at_end(run.experiment))]
     received = run is None and experiment.path is not None and (experiment.path.parent / FILE).exists()
@@ -76,8 +76,8 @@ def _codes(experiment: Experiment, targets: Iterable[Target]) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
-class _Planned:
-    """What is evaluated, as far as the record and the experiment tell."""
+class _TransferPlan:
+    """The candidates, seeds and targets to evaluate."""
 
     best: list[Evaluation]
     seeds: list[int]
@@ -86,7 +86,7 @@ class _Planned:
 
     @classmethod
     def of(cls, experiment: Experiment, reader: StoreReader) -> Self | None:
-        """Return None where there is nothing to do."""
+        """Plan the transfer; return None if there is nothing to do."""
         options = experiment.validate
         if not options.transfers or reader.last() is None:
             return None
@@ -98,8 +98,8 @@ class _Planned:
             targets_at_end(experiment),
         )
 
-    def begun(self) -> Stored:
-        """Return what is stored before anything is evaluated."""
+    def create_values(self) -> Stored:
+        """Return the values to store before anything is evaluated."""
         return {
             "state": "due",
             "seeds": self.seeds,
@@ -111,25 +111,25 @@ class _Planned:
         }
 
     def fits(self, stored: Stored | None) -> bool:
-        """Return whether what is stored is of the same candidates and seeds."""
+        """Return whether the stored values have the same candidates and seeds."""
         if stored is None:
             return False
-        begun = self.begun()
-        return all(stored[key] == begun[key] for key in ("seeds", "random", "numbers"))
+        values = self.create_values()
+        return all(stored[key] == values[key] for key in ("seeds", "random", "numbers"))
 
     def missing(self, stored: Stored | None) -> list[Target]:
-        """Return the targets of which nothing is stored."""
-        known = (
+        """Return the targets that are not stored."""
+        finished = (
             [entry["target"] for entry in stored["targets"]]
             if stored is not None and self.fits(stored)
             else []
         )
-        return [target for target in self.targets if _target_as_json(target) not in known]
+        return [target for target in self.targets if _target_as_json(target) not in finished]
 
 
 def is_due(experiment: Experiment, reader: StoreReader) -> bool:
-    """Return whether targets are missing of a run that has ended."""
-    planned = _Planned.of(experiment, reader)
+    """Return whether an ended run lacks targets."""
+    planned = _TransferPlan.of(experiment, reader)
     return planned is not None and bool(planned.missing(reader.transfer()))
 
 
@@ -140,13 +140,13 @@ def transfer_at_end(
     servers: Servers | None = None,
     on_progress: Progress | None = None,
 ) -> None:
-    """Transfer the best candidates of a run that has ended, as its experiment says.
+    """Transfer the best candidates of an ended run to the simulations that its experiment names.
 
-    What is stored is not evaluated again. The run is complete without it: a simulation that cannot be
-    reached is reported as a warning.
+    Stored results are not evaluated again. The run is complete without the transfer; simulations that are
+    not available are reported as warnings.
 
     Args:
-        folder: the run's.
+        folder: of the run.
         broker: as in `optimize`.
         servers: as in `optimize`.
         on_progress: as in `optimize`.
@@ -162,46 +162,46 @@ def transfer_at_end(
 
 
 class _Session:
-    """Evaluates what is missing of the transfer of a run, target by target."""
+    """Evaluates the missing targets of a run's transfer."""
 
     def __init__(self, run: Run, store: StoreWriter, broker: str | None) -> None:
-        planned = _Planned.of(run.experiment, run._store)
+        planned = _TransferPlan.of(run.experiment, run._store)
         assert planned is not None
         self._run, self._store, self._broker, self._planned = run, store, broker, planned
         stored = run._store.transfer()
-        self._stored = stored if stored is not None and planned.fits(stored) else planned.begun()
+        self._stored = stored if stored is not None and planned.fits(stored) else planned.create_values()
 
     def evaluate(self, servers: Servers | None, on_progress: Progress | None) -> None:
-        """Evaluate and store. Raises InputError and RunError where the run's own simulation is not there."""
+        """Evaluate and store. Raises InputError and RunError if the run's own simulation is not available."""
         planned, stored, count = self._planned, self._stored, len(self._planned.seeds)
         experiment = resolve_experiment(self._run, planned.best[0].generation)
         for name in _codes(experiment, planned.targets):
             require_named(name)
-        left = planned.missing(stored)
-        plan = Plan.of(experiment, planned.best, left, random=planned.random, seeds=count)
+        missing = planned.missing(stored)
+        plan = Plan.of(experiment, planned.best, missing, random=planned.random, seeds=count)
         work = Work(planned.seeds, self._broker, servers, on_progress, plan.episodes(count))
         if stored["source"] is None:
             stored["candidates"] = [
                 [candidate.generation, candidate.candidate, candidate.recorded]
                 for candidate in plan.candidates
             ]
-            stored["source"] = encode_numbers(work.here(plan))
+            stored["source"] = encode_numbers(work.evaluate_source(plan))
             self._store.note_transfer(stored)
         else:
-            work.passed(len(plan.candidates) * count)
+            work.skip(len(plan.candidates) * count)
         for target, experiments in plan.targets:
-            self._one(plan, work, target, experiments)
+            self._evaluate_target(plan, work, target, experiments)
         if not planned.missing(stored):
             self._store.note_transfer({**stored, "state": "done"})
 
-    def _one(self, plan: Plan, work: Work, target: Target, experiments: list[Experiment]) -> None:
+    def _evaluate_target(self, plan: Plan, work: Work, target: Target, experiments: list[Experiment]) -> None:
         progress.info(
-            "transferring: %d episodes with held-out seeds of %d candidates in %s",
+            "transfer: running %d episodes with held-out seeds for each of %d candidates in %s",
             len(self._planned.seeds), len(plan.candidates), target.name,
         )  # fmt: skip
         try:
             check_target(target, experiments[0], plan.experiment, self._broker or plan.experiment.broker)
-            episodes = work.there(plan, target, experiments)
+            episodes = work.evaluate_target(plan, target, experiments)
         except (InputError, RunError) as error:
             _warn(self._run.path, error)
             return
@@ -212,7 +212,7 @@ class _Session:
 
 
 def _target_as_json(target: Target) -> Any:  # noqa: ANN401 - plain values
-    """Return what a target is, as JSON has it."""
+    """Return the identity of a target as JSON values."""
     if isinstance(target, PseudoReality):
         values: Any = {
             "ranges": [[list(interval.path), interval.low, interval.high] for interval in target.ranges]
@@ -225,15 +225,15 @@ def _target_as_json(target: Target) -> Any:  # noqa: ANN401 - plain values
 def _warn(folder: Path, error: Exception) -> None:
     logging.getLogger("swarmwright").warning(
         "the best candidates were not transferred: %s; the run itself is finished, and "
-        "`swarmwright resume %s` does it later",
+        "`swarmwright resume %s` repeats the transfer",
         error, folder,
     )  # fmt: skip
 
 
-def of_run(run: Run) -> tuple[Transferred, ...]:
-    """Return the finished transfers of a run, in the order of its experiment.
+def load_transfers(run: Run) -> tuple[Transferred, ...]:
+    """Load the finished transfers of a run, in the order of its experiment.
 
-    None where the run went on, and another candidate is the best.
+    Empty if the run has continued and has another best candidate.
     """
     stored = run._store.transfer()
     if stored is None or stored["source"] is None or stored["numbers"][0] != run.evaluation().number:
@@ -241,19 +241,19 @@ def of_run(run: Run) -> tuple[Transferred, ...]:
     candidates = tuple(Candidate(*candidate) for candidate in stored["candidates"])
     reason = unreadable(run.experiment.ranking)
     if reason is not None:
-        warn_once(f"{run.path}: fitness in other simulations is not shown: {reason}")
+        warn_once(f"{run.path}: fitness in other simulations is unavailable: {reason}")
         return ()
     source, ranking = decode_numbers(stored["source"]), run.experiment.new_ranking()
-    of = {json.dumps(entry["target"]): entry for entry in stored["targets"]}
-    found = (of.get(json.dumps(_target_as_json(target))) for target in targets_at_end(run.experiment))
+    entries = {json.dumps(entry["target"]): entry for entry in stored["targets"]}
+    ordered = (entries.get(json.dumps(_target_as_json(target))) for target in targets_at_end(run.experiment))
     return tuple(
         Transferred(run, entry["name"], candidates, source, decode_numbers(entry["episodes"]), ranking)
-        for entry in found
+        for entry in ordered
         if entry is not None
     )
 
 
-def seeds_of(run: Run) -> list[int]:
-    """Return the seed of each episode of a run's transfer; none where there is none."""
+def read_seeds(run: Run) -> list[int]:
+    """Return the seed of each episode of a run's transfer; empty without a transfer."""
     stored = run._store.transfer()
     return [] if stored is None else list(stored["seeds"])

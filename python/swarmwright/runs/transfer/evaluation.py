@@ -1,4 +1,4 @@
-"""Evaluation of a run's candidates in its own simulation and in others."""
+"""Evaluate a run's candidates in its own simulation and in others."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -23,16 +23,16 @@ from swarmwright.simulations import catalogue
 
 Values = NDArray[np.float64]
 Where = tuple[str | None, Servers | None]
-"""Broker and servers, as `open_backend` takes them."""
+"""Broker and servers for `open_backend`."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is evaluated of one run."""
+    """The candidates and targets of a run to evaluate."""
 
     experiment: Experiment
     targets: list[tuple[Target, list[Experiment]]]
-    """Each with the experiment of all its episodes, or with one for each."""
+    """Each target with the experiment of all its episodes, or with an experiment for each episode."""
     candidates: tuple[Candidate, ...]
     genomes: Genomes
 
@@ -46,16 +46,16 @@ class Plan:
         random: int,
         seeds: int,
     ) -> Self:
-        """Choose candidates and change experiments, before anything is evaluated.
+        """Choose candidates and derive the targets' experiments.
 
         Args:
-            experiment: of the run, with the source that it is evaluated with.
+            experiment: of the run, with the code to use.
             best: the candidates of the run.
-            targets: where they are evaluated as well.
-            random: how many random controllers beside them.
-            seeds: how many episodes.
+            targets: other simulations.
+            random: number of additional random controllers.
+            seeds: number of episodes.
 
-        Raises InputError when an experiment cannot be changed like this.
+        Raises InputError when an experiment cannot be derived.
         """
         chosen = [
             Candidate(evaluation.generation, evaluation.candidate, evaluation.fitness) for evaluation in best
@@ -69,37 +69,43 @@ class Plan:
         return cls(experiment, changed, tuple(chosen), np.concatenate(genomes).astype(np.float32))
 
     def check(self, broker: str | None) -> None:
-        """Raise InputError where a target has no place, or controllers do not fit it."""
+        """Raise InputError if a target is not available, or controllers do not fit it."""
         for target, experiments in self.targets:
             check_target(target, experiments[0], self.experiment, broker)
 
     def episodes(self, seeds: int) -> int:
-        """How many are evaluated."""
+        """Return the number of episodes to evaluate."""
         return (1 + len(self.targets)) * len(self.candidates) * seeds
 
 
-def check_target(target: Target, there: Experiment, here: Experiment, broker: str | None) -> None:
-    """Raise InputError where a target has no place, or the controllers of `here` do not fit it."""
-    if broker is None and there.broker is None and not catalogue.is_local(there.simulation):
+def check_target(
+    target: Target, target_experiment: Experiment, source: Experiment, broker: str | None
+) -> None:
+    """Raise InputError if a target is not available, or the controllers of the source do not fit it."""
+    if (
+        broker is None
+        and target_experiment.broker is None
+        and not catalogue.is_local(target_experiment.simulation)
+    ):
         try:
-            require_here(there)
+            require_here(target_experiment)
         except InputError as error:
             raise InputError(f"{target.name}: {error}") from error
-    problem = unfit(target.name, there, here)
+    problem = unfit(target.name, target_experiment, source)
     if problem is not None:
         raise InputError(problem)
 
 
 class Work:
-    """Evaluations, one after the other, with progress of all.
+    """Sequential evaluations with a common progress.
 
     Args:
         seeds: simulation seed of each episode.
         broker: as in `optimize`, for targets that do not name servers or a broker themselves.
         servers: likewise.
-        prefix: of topics there, instead of the experiments'.
-        on_progress: called with the episodes of all that is evaluated.
-        total: how many these are.
+        prefix: of topics, in place of the experiments'.
+        on_progress: called with the number of finished episodes in total.
+        total: number of episodes of all evaluations.
     """
 
     def __init__(
@@ -117,18 +123,18 @@ class Work:
         self._on_progress, self._total = on_progress, total
         self._done = 0
 
-    def passed(self, episodes: int) -> None:
+    def skip(self, episodes: int) -> None:
         """Count episodes that need not be evaluated."""
         self._done += episodes
 
-    def here(self, plan: Plan) -> Values:
-        """Return (candidates, seeds) fitness in the run's own simulation."""
+    def evaluate_source(self, plan: Plan) -> Values:
+        """Return the fitness in the run's own simulation, (candidates, seeds)."""
         experiment = self._prefixed(plan.experiment)
         where = self._where(experiment)
         return self._fitness(experiment, plan.genomes, self._seeds, where)
 
-    def there(self, plan: Plan, target: Target, experiments: Sequence[Experiment]) -> Values:
-        """Return (candidates, seeds) fitness in a target, NaN where an episode failed.
+    def evaluate_target(self, plan: Plan, target: Target, experiments: Sequence[Experiment]) -> Values:
+        """Return the fitness in a target, (candidates, seeds), NaN for failed episodes.
 
         Raises InputError and RunError with the target's name.
         """
@@ -143,21 +149,22 @@ class Work:
                     self._fitness(experiment, plan.genomes, [seed], where, may_fail=True)
                     for experiment, seed in zip(experiments, self._seeds, strict=True)
                 ]
-            found = np.concatenate(parts, axis=1)
-            if not np.isfinite(found).any():
+            fitness = np.concatenate(parts, axis=1)
+            if not np.isfinite(fitness).any():
                 raise RunError(
-                    "every episode failed; `swarmwright evaluate RUN --episodes 1 --set ..` says why"
+                    "every episode failed; find the reason with `swarmwright evaluate RUN --episodes 1 "
+                    "--set ..`"
                 )
-            return found
+            return fitness
         except (InputError, RunError) as error:
             raise with_message(error, f"{target.name}: {error}") from error
 
     def _prefixed(self, experiment: Experiment) -> Experiment:
-        """Return an experiment with the prefix that was named."""
+        """Return an experiment with the prefix, if there is one."""
         return experiment if self._prefix is None else dataclasses.replace(experiment, prefix=self._prefix)
 
     def _where(self, experiment: Experiment, *, placed: bool = False) -> Where:
-        """Return broker and servers for `open_backend`; placed: the experiment itself says them."""
+        """Return broker and servers for `open_backend`; placed: the experiment itself names them."""
         broker, servers = (None, None) if placed else (self._broker, self._servers)
         if experiment.broker is None and catalogue.is_local(experiment.simulation):
             broker = None
@@ -174,7 +181,7 @@ class Work:
         *,
         may_fail: bool = False,
     ) -> Values:
-        """Return the fitness of episodes, (candidates, seeds)."""
+        """Evaluate genomes; return the fitness of their episodes, (candidates, seeds)."""
         before, count = self._done, len(genomes) * len(seeds)
 
         def on_progress(done: int, _: int, waiting_for: str) -> None:

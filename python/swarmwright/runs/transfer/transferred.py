@@ -1,4 +1,4 @@
-"""The candidates of a run in another simulation, and what they lose there."""
+"""The fitness of a run's candidates in another simulation, and their losses."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -22,15 +22,15 @@ class Candidate:
     """A candidate of a run, or a random one."""
 
     generation: int | None
-    """None: a random controller, which evolution did not see."""
+    """None for a random controller, which is not from the evolution."""
     candidate: int
-    """Index among those of its generation, or among the random ones."""
+    """Index in its generation, or among the random controllers."""
     recorded: float | None
-    """Fitness in the record, by which it was chosen; None of random ones."""
+    """Fitness in the record, by which it was chosen; None for random controllers."""
 
     @property
     def label(self) -> str:
-        """What it is called: generation:candidate, or random and its number."""
+        """Label of the candidate: `generation:candidate`, or `random` and its index."""
         return (
             f"random {self.candidate}" if self.generation is None else f"{self.generation}:{self.candidate}"
         )
@@ -38,16 +38,16 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Transferred(ComparedByValue):
-    """The candidates of one run in one target."""
+    """The candidates of a run in another simulation, the target."""
 
     run: "Run" = field(compare=False)
     target: str
     candidates: tuple[Candidate, ...]
-    """The best of the run first, random ones last."""
+    """The best of the run first, random controllers last."""
     source_episodes: Values
-    """(candidates, seeds) fitness of episodes in the run's own simulation, NaN where one failed."""
+    """Fitness of episodes in the run's own simulation, (candidates, seeds), NaN for failed episodes."""
     target_episodes: Values
-    """(candidates, seeds) fitness of episodes in the target, NaN where one failed."""
+    """Fitness of episodes in the target, (candidates, seeds), NaN for failed episodes."""
     ranking: Ranking = field(repr=False, compare=False)
 
     @cached_property
@@ -62,35 +62,36 @@ class Transferred(ComparedByValue):
 
     @cached_property
     def losses(self) -> list[Estimate]:
-        """Mean fitness that each candidate loses, of pairs with the same seed; negative: it gains."""
+        """Mean loss of fitness of each candidate, paired by seed; negative for a gain."""
         return [
-            estimate([one - other for one, other in zip(*self._together(*row), strict=True)])
+            estimate([before - after for before, after in zip(*self._pair(*row), strict=True)])
             for row in zip(self.source_episodes, self.target_episodes, strict=True)
         ]
 
     @cached_property
     def correlation(self) -> Correlation | None:
-        """Whether candidates keep their order; None of fewer than three."""
+        """Rank correlation of the candidates in both simulations; None for fewer than three candidates."""
         return rank_correlation(
-            *([values.mean for values in of] for of in (self.source_fitness, self.target_fitness))
+            [fitness.mean for fitness in self.source_fitness],
+            [fitness.mean for fitness in self.target_fitness],
         )
 
     @property
     def failed(self) -> int:
-        """Episodes that failed in the target."""
+        """Number of failed episodes in the target."""
         return int(np.isnan(self.target_episodes).sum())
 
     @property
     def source_failed(self) -> int:
-        """Episodes that failed in the run's own simulation."""
+        """Number of failed episodes in the run's own simulation."""
         return int(np.isnan(self.source_episodes).sum())
 
     def _samples(self, episodes: Values) -> list[float]:
         counted = self.ranking.replace_failures(episodes)
         return list(self.ranking.samples(counted[np.isfinite(counted)].tolist()))
 
-    def _together(self, one: Values, other: Values) -> tuple[list[float], list[float]]:
-        """Return the fitness of the seeds that count in both."""
-        one, other = self.ranking.replace_failures(one), self.ranking.replace_failures(other)
-        both = np.isfinite(one) & np.isfinite(other)
-        return self._samples(one[both]), self._samples(other[both])
+    def _pair(self, source: Values, target: Values) -> tuple[list[float], list[float]]:
+        """Return the fitness of the seeds that count in both simulations."""
+        source, target = self.ranking.replace_failures(source), self.ranking.replace_failures(target)
+        both = np.isfinite(source) & np.isfinite(target)
+        return self._samples(source[both]), self._samples(target[both])

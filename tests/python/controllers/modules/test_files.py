@@ -59,7 +59,7 @@ def test_verification_imports_nothing(file: Path, tmp_path: Path, capsys: pytest
     forget()
     assert run_program(["runs", "verify", "run", "--json"]) == 0
     (said,) = json.loads(capsys.readouterr().out)["not_compared"]
-    assert said.startswith("best.json: its weights, which only code of the run decodes from the genome")
+    assert said.startswith("best.json: its weights, which only code of the run can decode from the genome")
     assert not registered._in_files
     values["genome"][0] += 1
     (run.path / "best.json").write_text(json.dumps(values))

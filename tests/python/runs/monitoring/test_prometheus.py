@@ -15,7 +15,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from swarmwright import InputError
 from swarmwright.runs.monitoring import metrics_server
-from swarmwright.runs.monitoring.prometheus import ServeFigures, ToolFigures, offered
+from swarmwright.runs.monitoring.prometheus import ServerMetrics, ToolMetrics, serve_metrics
 from tests.python.cli.test_services import events
 
 LONG = """\
@@ -102,7 +102,7 @@ def status(done: int, total: int) -> dict[str, Any]:
 
 
 def test_evaluations_are_counted_once_over_pieces_of_work() -> None:
-    figures = ToolFigures()
+    figures = ToolMetrics()
     for done, total in [(0, 10), (4, 10), (10, 10), (10, 10), (3, 10), (10, 10), (2, 2), (0, 10)]:
         figures.report(status(done, total))
     families = {family.name: family.samples[0].value for family in figures.collect() if family.samples}
@@ -111,7 +111,7 @@ def test_evaluations_are_counted_once_over_pieces_of_work() -> None:
 
 
 def test_incidents_are_counted() -> None:
-    figures = ToolFigures()
+    figures = ToolMetrics()
     for event in (
         {"event": "server", "server": 1, "state": "busy"},
         {"event": "server", "server": 2, "state": "ready"},
@@ -136,7 +136,7 @@ def test_incidents_are_counted() -> None:
 
 
 def test_silent_servers_are_told_apart() -> None:
-    figures = ToolFigures()
+    figures = ToolMetrics()
     waiting = [{"server": server, "silent": silent} for server, silent in [(3, 9.5), (1, 2.0), (3, 4.0)]]
     waiting += [{"server": 100 + server, "silent": 0.0} for server in range(20)]
     figures.report(
@@ -149,11 +149,11 @@ def test_silent_servers_are_told_apart() -> None:
 
 
 def test_an_address_that_is_taken_is_named() -> None:
-    with offered(ServeFigures(), "127.0.0.1", 0) as url:
+    with serve_metrics(ServerMetrics(), "127.0.0.1", 0) as url:
         port = int(url.split(":")[2].split("/")[0])
         with (
-            pytest.raises(InputError, match=f"127.0.0.1:{port} cannot be listened on"),
-            offered(ServeFigures(), "127.0.0.1", port),
+            pytest.raises(InputError, match=f"cannot listen on 127.0.0.1:{port}"),
+            serve_metrics(ServerMetrics(), "127.0.0.1", port),
         ):
             pass
 
@@ -177,7 +177,7 @@ def test_json_is_not_disturbed(start: Any, embedded_broker: str) -> None:
 def test_idle_connections_keep_no_threads(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(metrics_server, "LONGEST_S", 1.0)
+    monkeypatch.setattr(metrics_server, "MAX_CONNECTION_S", 1.0)
     before = set(threading.enumerate())
 
     def added() -> int:
@@ -185,7 +185,7 @@ def test_idle_connections_keep_no_threads(
         return len(set(threading.enumerate()) - before)
 
     with ExitStack() as stack:
-        url = stack.enter_context(offered(ServeFigures(), "127.0.0.1", 0))
+        url = stack.enter_context(serve_metrics(ServerMetrics(), "127.0.0.1", 0))
         port = int(url.split(":")[2].split("/")[0])
         idle = [stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(100)]
         for connection in idle[::2]:
@@ -193,7 +193,7 @@ def test_idle_connections_keep_no_threads(
         for _ in range(20):
             assert "swarmwright_start_time_seconds" in scraped(url)
             # The server's own thread, and those that are just ending.
-            assert added() <= metrics_server.MOST_CONNECTIONS + 4
+            assert added() <= metrics_server.MAX_CONNECTIONS + 4
         deadline = time.monotonic() + 20
         while added() > 1 and time.monotonic() < deadline:
             time.sleep(0.1)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Experiment, Run, optimize
-from swarmwright.runs.differences import first_difference
+from swarmwright.runs.differences import find_first_difference
 from swarmwright.runs.optimization.resuming import build_divergence_error
 
 EXPERIMENT = Experiment.from_mapping(
@@ -29,8 +29,8 @@ def test_runs_of_other_commits_have_the_same_record(tmp_path: Path, monkeypatch:
     commits = [run.sessions[0].versions.get("swarmwright commit") for run in (one, other, wheel)]
     assert commits == ["a" * 40, f"{'b' * 40}-dirty", None]
     assert one.digest == other.digest == wheel.digest
-    assert first_difference(one, other) is None
-    assert first_difference(one, wheel) is None
+    assert find_first_difference(one, other) is None
+    assert find_first_difference(one, wheel) is None
 
 
 def test_another_commit_is_named_where_a_run_cannot_continue(

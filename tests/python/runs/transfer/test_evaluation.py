@@ -62,11 +62,11 @@ def test_built_in_simulations_need_no_servers_unless_they_are_asked_for(
 ) -> None:
     run = _run(tmp_path, **BUILT_IN)
     options: dict[str, Any] = {"vary": {"parameters.speedDefenders": (0.2, 0.9)}, "candidates": 2, "seeds": 3}
-    here = transfer([run], **options)
+    evaluate_source = transfer([run], **options)
     assert started == []
     on_servers = transfer([run], servers=1, **options)
     assert started == [1, 1], "once for the run's own simulation, once for all sampled models"
-    assert on_servers.to_mapping() == here.to_mapping()
+    assert on_servers.to_mapping() == evaluate_source.to_mapping()
 
 
 def test_the_servers_of_the_experiment_are_started_once_for_all_models(
@@ -81,7 +81,7 @@ def test_worker_processes_are_started_once_for_all_models(tmp_path: Path, starte
     (tmp_path / "falling.py").write_text(FALLING)
     run = _run(tmp_path, simulation=f"{tmp_path}/falling.py:Falling")
     options: dict[str, Any] = {"vary": {"parameters.gain": (1.0, 2.0)}, "candidates": 2, "seeds": 4}
-    here = transfer([run], servers="in-process", **options)
+    evaluate_source = transfer([run], servers="in-process", **options)
     assert started == []
-    assert transfer([run], servers="local", **options).to_mapping() == here.to_mapping()
+    assert transfer([run], servers="local", **options).to_mapping() == evaluate_source.to_mapping()
     assert len(started) == 2
